@@ -1,0 +1,57 @@
+"""Exceptions of smsid. Each carries its evidence and says what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class SmsidError(Exception):
+    """Base of all smsid errors.
+
+    ``message`` says what is wrong and where, ``advice`` how to mend it, ``evidence`` holds the data behind it.
+    """
+
+    def __init__(self, message: str, *, advice: str = "", **evidence: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.advice = advice
+        self.evidence = evidence
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.advice}".strip()
+
+
+class DescriptionError(SmsidError):
+    """The URDF or TOML of a spacecraft is wrong: unknown key, missing frame, unphysical inertia."""
+
+
+class RecordingError(SmsidError):
+    """A recording cannot be read or used: missing channel, NaN, gap, wrong unit, time going backwards."""
+
+
+class ExperimentError(SmsidError):
+    """An experiment cannot be flown, or breaks a limit."""
+
+
+class NotIdentifiableError(SmsidError):
+    """The recording cannot identify what is asked."""
+
+
+class SimulationError(SmsidError):
+    """The simulation cannot go on: not finite, or the step size collapsed."""
+
+
+class MissingDependencyError(SmsidError):
+    """An optional dependency is not installed."""
+
+
+def require(module: str, extra: str) -> Any:
+    """Import ``module`` or raise `MissingDependencyError` with the pip line that is missing."""
+    import importlib
+
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"{module} is not installed.", advice=f"Install it with: pip install 'smsid[{extra}]'", module=module
+        ) from error
