@@ -1,0 +1,291 @@
+"""The error of one measured quantity: delay, misalignment, scale, bias, noise, saturation, quantisation."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from smsid.errors import DescriptionError, RecordingError
+from smsid.sensing._noise import FloatArray, gauss_markov, random_walk, sampling_rate
+from smsid.sensing._resample import resample
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Magnitude = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Triple = tuple[Finite, Finite, Finite]
+
+GAUSS_MARKOV_ALLAN_PEAK = 0.6173642831444414
+"""Peak of the Allan deviation of a first-order Gauss-Markov process, in units of its standard deviation."""
+
+GAUSS_MARKOV_ALLAN_PEAK_TIME = 1.892617778469084
+"""Averaging time of that peak, in correlation times."""
+
+
+class ErrorModel(BaseModel):
+    r"""Error of one measured vector quantity, in the quantity's own unit, along the sensor's own axes.
+
+    What is not given is zero: ``ErrorModel()`` is a perfect sensor. A value is a scalar or one value per axis
+    (last dimension of the data). The errors are applied in this order::
+
+        delay -> misalignment -> scale -> bias (constant + instability + random walk) -> white noise
+              -> saturation -> quantisation
+
+    An attitude is a quaternion; its bias, noise, instability and random walk are rotation vectors [rad] in
+    the sensor's frame, ``q_measured = q * exp(misalignment) * exp(bias + noise)``. Scale, saturation and
+    quantisation have no meaning there and are refused.
+
+    Attributes:
+        noise_density: white noise, two-sided density [unit/sqrt(Hz)]: one sigma per sample is
+            ``noise_density * sqrt(rate)``. It is the coefficient N of IEEE Std 952 (angle or velocity random
+            walk, e.g. rad/s/sqrt(Hz) = rad/sqrt(s)). A data sheet that plots a one-sided density, as those of
+            accelerometers in ug/sqrt(Hz) do, is divided by sqrt(2) first.
+        noise_sigma: white noise, one sigma per sample whatever the rate [unit]. This or ``noise_density``.
+        bias: constant bias [unit].
+        bias_sigma: one sigma of a turn-on bias drawn once per recording, each axis and station apart [unit].
+        bias_instability: floor of the Allan deviation [unit], the number data sheets print as bias (in-run)
+            instability. See below.
+        bias_correlation_time: correlation time T of the in-run bias [s]; goes with ``bias_instability``.
+        random_walk: rate random walk, coefficient K of IEEE Std 952 [unit/sqrt(s)]: the variance of the bias
+            grows as ``random_walk**2 * t``, from zero at the first sample.
+        scale_error: relative scale error [1]; ``1e-4`` reads 100 ppm too much.
+        scale_sigma: one sigma of a scale error drawn once per recording [1].
+        misalignment: rotation vector [rad] from the nominal to the true axes: a vector reads
+            ``exp(misalignment)^T x``. For 3-vectors and attitudes.
+        misalignment_sigma: one sigma per component of a misalignment drawn once per recording [rad].
+        quantisation: step of the output, rounded to nearest [unit].
+        saturation: the output is clipped to ``+-saturation`` [unit] (before rounding to a step).
+        delay: age of what is reported [s]: the sample at ``t`` is the truth at ``t - delay``.
+
+    Bias instability. The in-run bias is a stationary first-order Gauss-Markov process of standard deviation
+    ``s`` and correlation time ``T``. Its Allan variance is (IEEE Std 952, exponentially correlated noise,
+    with q_c^2 T_c = 2 s^2)
+
+    .. math:: \sigma^2(\tau) = \frac{2 s^2 T}{\tau}
+              \left[1 - \frac{T}{2\tau}\left(3 - 4 e^{-\tau/T} + e^{-2\tau/T}\right)\right],
+
+    which peaks at ``tau = 1.893 T`` with ``sigma = 0.6174 s``. The peak is set to the data sheet's floor:
+    ``s = bias_instability / 0.6174`` (`gauss_markov_sigma`). True flicker noise of coefficient B has its floor
+    at ``sqrt(2 ln 2 / pi) B = 0.664 B``: a data sheet that prints B instead of the floor is multiplied by
+    0.664 first.
+
+    Raises:
+        pydantic.ValidationError: unknown key, negative or non-finite value, both noises, or an instability
+            without a correlation time.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    noise_density: Magnitude | tuple[Magnitude, ...] | None = None
+    noise_sigma: Magnitude | tuple[Magnitude, ...] | None = None
+    bias: Finite | tuple[Finite, ...] = 0.0
+    bias_sigma: Magnitude | tuple[Magnitude, ...] = 0.0
+    bias_instability: Magnitude | tuple[Magnitude, ...] = 0.0
+    bias_correlation_time: Positive | None = None
+    random_walk: Magnitude | tuple[Magnitude, ...] = 0.0
+    scale_error: Finite | tuple[Finite, ...] = 0.0
+    scale_sigma: Magnitude | tuple[Magnitude, ...] = 0.0
+    misalignment: Triple = (0.0, 0.0, 0.0)
+    misalignment_sigma: Magnitude | tuple[Magnitude, Magnitude, Magnitude] = 0.0
+    quantisation: Magnitude = 0.0
+    saturation: Positive | None = None
+    delay: Magnitude = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ErrorModel:
+        if self.noise_density is not None and self.noise_sigma is not None:
+            raise ValueError("noise_density and noise_sigma are both given; give one of them")
+        if _any(self.bias_instability) and self.bias_correlation_time is None:
+            raise ValueError("bias_instability needs bias_correlation_time [s]")
+        if self.bias_correlation_time is not None and not _any(self.bias_instability):
+            raise ValueError("bias_correlation_time is given without bias_instability")
+        return self
+
+    @property
+    def gauss_markov_sigma(self) -> FloatArray:
+        """Standard deviation of the in-run bias [unit]: () or (axes,)."""
+        return np.asarray(self.bias_instability, dtype=float) / GAUSS_MARKOV_ALLAN_PEAK
+
+    @property
+    def not_of_attitude(self) -> tuple[str, ...]:
+        """The terms given that have no meaning for an attitude."""
+        return tuple(name for name in _NOT_OF_ATTITUDE if _any(getattr(self, name)))
+
+    @property
+    def misaligned(self) -> bool:
+        """Whether the axes are turned."""
+        return _any(self.misalignment) or _any(self.misalignment_sigma)
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the scale is wrong."""
+        return _any(self.scale_error) or _any(self.scale_sigma)
+
+    def white_sigma(self, rate: float) -> FloatArray:
+        """Return one sigma of the white noise of a sample taken at ``rate`` [Hz]: () or (axes,) [unit].
+
+        Raises:
+            RecordingError: ``rate`` is not positive and finite.
+        """
+        if not (math.isfinite(rate) and rate > 0.0):
+            raise RecordingError(f"The sampling rate is {rate} Hz.", advice="It must be positive.", rate=rate)
+        if self.noise_density is not None:
+            return np.asarray(self.noise_density, dtype=float) * math.sqrt(rate)
+        return np.asarray(self.noise_sigma if self.noise_sigma is not None else 0.0, dtype=float)
+
+    def apply(
+        self,
+        times: ArrayLike,
+        ideal: ArrayLike,
+        rng: np.random.Generator,
+        *,
+        attitude: bool = False,
+        rate: float | None = None,
+        delayed: bool = False,
+    ) -> FloatArray:
+        """Return what the sensor reports.
+
+        Every error term draws from its own child of ``rng``, so switching one off leaves the others as they
+        were, and a longer recording begins with the same samples.
+
+        Args:
+            times: (N,) sampling times [s], increasing.
+            ideal: (N,), (N, axes) or (N, stations, axes) true values [unit]; (N, 4) quaternions x y z w with
+                ``attitude``.
+            rng: source of every draw; it needs a seed sequence (`numpy.random.default_rng` has one).
+            attitude: the values are quaternions.
+            rate: sampling rate [Hz] of ``noise_density``; by default from the median step of ``times``.
+            delayed: ``ideal`` is already the truth at ``t - delay``; otherwise it is interpolated (see
+                `resample`), holding the first value before the start.
+
+        Raises:
+            RecordingError: shapes do not fit, a value is not finite, times do not increase, or the rate is
+                needed and cannot be told from fewer than two samples.
+            DescriptionError: a value per axis does not fit the number of axes, or a term has no meaning here.
+        """
+        t, x = _checked(times, ideal, attitude)
+        draw = dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
+        if self.delay > 0.0 and not delayed:
+            x = resample(t, x, np.maximum(t - self.delay, t[0]), attitude=attitude)
+        shape = (*x.shape[:-1], 3) if attitude else x.shape
+        self._check_axes(shape, attitude)
+
+        x = self._misalign(x, draw["misalignment"], attitude)
+        if self.scaled:
+            scale = _fixed(self.scale_error, self.scale_sigma, shape, draw["scale"])
+            x = x * (1.0 + scale)
+        error = np.zeros(shape) + _fixed(self.bias, self.bias_sigma, shape, draw["bias"])
+        if _any(self.bias_instability) and self.bias_correlation_time is not None:
+            unit = gauss_markov(t, self.bias_correlation_time, shape, draw["markov"])
+            error += self.gauss_markov_sigma * unit
+        if _any(self.random_walk):
+            error += np.asarray(self.random_walk) * random_walk(t, shape, draw["walk"])
+        if _any(self.noise_density) or _any(self.noise_sigma):
+            if rate is None and self.noise_density is not None:
+                rate = sampling_rate(t)
+            error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)
+        if attitude:
+            return _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
+        y = x + error
+        if self.saturation is not None:
+            y = np.clip(y, -self.saturation, self.saturation)
+        if self.quantisation > 0.0:
+            y = np.round(y / self.quantisation) * self.quantisation
+        return y
+
+    def _misalign(self, x: FloatArray, rng: np.random.Generator, attitude: bool) -> FloatArray:
+        if not self.misaligned:
+            return x
+        turns = _fixed(self.misalignment, self.misalignment_sigma, (*x.shape[:-1], 3), rng)
+        if attitude:
+            return _compose(x, Rotation.from_rotvec(turns))
+        matrix = Rotation.from_rotvec(np.reshape(turns, (-1, 3))).as_matrix().reshape(*turns.shape[:-1], 3, 3)
+        return np.einsum("...ji,...j->...i", matrix, x)
+
+    def _check_axes(self, shape: tuple[int, ...], attitude: bool) -> None:
+        axes = shape[-1] if len(shape) > 1 else 1
+        for name in _PER_AXIS:
+            value = getattr(self, name)
+            if isinstance(value, tuple) and (len(value) != axes or len(shape) == 1):
+                raise DescriptionError(
+                    f"{name} has {len(value)} values for a quantity of {axes} axes.",
+                    advice="Give one number, or one per axis.",
+                    key=name,
+                    values=value,
+                    axes=axes,
+                )
+        if self.misaligned and axes != 3:
+            raise DescriptionError(
+                f"misalignment is given for a quantity of {axes} axes.",
+                advice="Only a 3-vector or an attitude can be misaligned.",
+                axes=axes,
+            )
+        if attitude and self.not_of_attitude:
+            raise DescriptionError(
+                f"An attitude has no {', '.join(self.not_of_attitude)}.",
+                advice="Use noise, bias and misalignment, which are rotation vectors [rad].",
+                keys=self.not_of_attitude,
+            )
+
+
+_TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white")
+_NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation", "quantisation")
+_PER_AXIS = (
+    "noise_density",
+    "noise_sigma",
+    "bias",
+    "bias_sigma",
+    "bias_instability",
+    "random_walk",
+    "scale_error",
+    "scale_sigma",
+)
+
+
+def _any(value: Any) -> bool:
+    return value is not None and bool(np.any(np.asarray(value, dtype=float) != 0.0))
+
+
+def _fixed(value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+    """Return ``value`` plus a draw of ``sigma``, constant in time: the shape without its first dimension."""
+    fixed = np.broadcast_to(np.asarray(value, dtype=float), shape[1:])
+    if not _any(sigma):
+        return fixed
+    return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
+
+
+def _compose(quaternions: FloatArray, turn: Rotation) -> FloatArray:
+    turned = (Rotation.from_quat(quaternions) * turn).as_quat()
+    # A quaternion and its negative are the same attitude; keep the input's, so the channel is smooth.
+    sign = np.where(np.sum(turned * quaternions, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return sign * turned
+
+
+def _checked(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatArray, FloatArray]:
+    t: NDArray[np.float64] = np.asarray(times, dtype=float)
+    x: NDArray[np.float64] = np.array(ideal, dtype=float)
+    if t.ndim != 1 or t.size == 0 or x.ndim == 0 or x.shape[0] != t.size:
+        raise RecordingError(
+            f"Times of shape {t.shape} do not fit values of shape {x.shape}.",
+            advice="Give (N,) times and (N, ...) values.",
+            times=t.shape,
+            values=x.shape,
+        )
+    if attitude and (x.ndim != 2 or x.shape[1] != 4):
+        raise RecordingError(
+            f"An attitude has shape (N, 4), not {x.shape}.", advice="Quaternions are x y z w.", values=x.shape
+        )
+    bad = np.flatnonzero(~np.isfinite(x).reshape(t.size, -1).all(axis=1))
+    if bad.size:
+        raise RecordingError(
+            f"{bad.size} of {t.size} samples are not finite, the first at t = {t[bad[0]]} s.",
+            advice="Remove them before applying sensor errors.",
+            samples=bad,
+        )
+    if not np.isfinite(t).all() or np.any(np.diff(t) <= 0.0):
+        raise RecordingError("Times are not finite and increasing.", advice="Sort them and drop repeats.")
+    return t, x

@@ -1,0 +1,210 @@
+"""A sensor: what it measures, where it sits, how often and how badly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from smsid.errors import DescriptionError
+from smsid.sensing._noise import FloatArray
+from smsid.sensing.error_model import ErrorModel, Magnitude, Positive, Triple
+from smsid.sensing.presets import preset as _preset
+
+Kind = Literal["pose", "imu", "encoder", "tachometer", "accelerometers"]
+Station = Annotated[int, Field(ge=0, strict=True)]
+
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "pose": ("position", "attitude", "velocity"),
+    "imu": ("acceleration", "angular_rate"),
+    "encoder": ("joint_position", "joint_velocity"),
+    "tachometer": ("wheel_rate",),
+    "accelerometers": ("acceleration",),
+}
+"""What each kind of sensor measures (section 3 of the design gives units, frames and shapes)."""
+
+RESERVED = ("command", "truth")
+"""Sources that are no sensor's."""
+
+_BODY = ("acceleration", "angular_rate")
+_PER_JOINT = ("joint_position", "joint_velocity", "wheel_rate")
+
+
+class Sensor(BaseModel):
+    """One sensor of the spacecraft; its ``name`` is the source of its channels, ``<name>.<quantity>``.
+
+    A star tracker is a ``pose`` sensor with ``quantities = ["attitude"]``.
+
+    Attributes:
+        name: source of the channels; letters, digits, ``_`` and ``-``.
+        kind: ``pose`` (position, attitude, velocity), ``imu`` (acceleration, angular_rate), ``encoder``
+            (joint_position, joint_velocity), ``tachometer`` (wheel_rate), or ``accelerometers`` on an
+            appendage (acceleration at its stations).
+        rate: samples per second [Hz].
+        position: of the sensor in the bus frame [m]; what it measures is the motion of this point.
+        orientation: roll, pitch, yaw [rad] (URDF's: fixed axes x, y, z) of the sensor in the bus frame.
+            Channels are in the bus frame all the same; the errors act along the sensor's own axes.
+        appendage: name of the appendage that carries the accelerometers.
+        stations: where on the appendage: indices of its stations (integers), or distances from its root [m]
+            (numbers with a point). All its stations when not given.
+        quantities: which of the kind's quantities are measured; all when not given.
+        errors: error model by quantity; a quantity without one is measured perfectly.
+        preset: name of a preset (`preset_names`) that supplies ``rate``, ``errors``, perhaps ``quantities``.
+            Keys given here override it one by one, down to the keys of each error model.
+
+    Raises:
+        pydantic.ValidationError: unknown key, missing rate, or fields that do not fit the kind.
+        DescriptionError: unknown preset (with the closest names), or one for another kind.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+    kind: Kind
+    rate: Positive
+    position: Triple = (0.0, 0.0, 0.0)
+    orientation: Triple = (0.0, 0.0, 0.0)
+    appendage: str | None = None
+    stations: (
+        Annotated[tuple[Station, ...], Field(min_length=1)]
+        | Annotated[tuple[Magnitude, ...], Field(min_length=1)]
+        | None
+    ) = None
+    quantities: tuple[str, ...] = ()
+    errors: dict[str, ErrorModel] = Field(default_factory=dict)
+    preset: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        fields = dict(data)
+        if fields.get("preset") is not None:
+            fields = _overlay(_preset(fields["preset"], fields.get("kind")), fields)
+        if not fields.get("quantities"):
+            fields["quantities"] = QUANTITIES.get(str(fields.get("kind")), ())
+        return fields
+
+    @model_validator(mode="after")
+    def _fits_kind(self) -> Sensor:
+        if self.name in RESERVED:
+            raise ValueError(f"'{self.name}' is not free as the name of a sensor")
+        allowed = QUANTITIES[self.kind]
+        strange = [q for q in self.quantities if q not in allowed]
+        if strange or len(set(self.quantities)) != len(self.quantities):
+            raise ValueError(
+                f"quantities of a sensor of kind {self.kind} are of {', '.join(allowed)}, each once"
+            )
+        for quantity, model in self.errors.items():
+            if quantity not in self.quantities:
+                raise ValueError(
+                    f"errors are given for '{quantity}', which '{self.name}' does not measure; it measures "
+                    f"{', '.join(self.quantities)}"
+                )
+            if quantity in _PER_JOINT and model.misaligned:
+                raise ValueError(f"misalignment has no meaning for {quantity}")
+            if quantity == "attitude" and model.not_of_attitude:
+                raise ValueError(f"{', '.join(model.not_of_attitude)} has no meaning for an attitude")
+        if self.kind == "accelerometers" and self.appendage is None:
+            raise ValueError(f"accelerometers '{self.name}' need the name of their appendage")
+        if self.kind != "accelerometers" and (self.appendage is not None or self.stations is not None):
+            raise ValueError(f"appendage and stations belong to kind accelerometers, not {self.kind}")
+        if self.stations is not None and len(set(self.stations)) != len(self.stations):
+            raise ValueError("stations repeat")
+        return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels it records, ``<name>.<quantity>``."""
+        return tuple(f"{self.name}.{q}" for q in self.quantities)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) matrix that takes sensor axes to bus axes."""
+        return Rotation.from_euler("xyz", self.orientation).as_matrix()
+
+    def error(self, quantity: str) -> ErrorModel:
+        """Return the error model of a quantity; a perfect one when none is given.
+
+        Raises:
+            DescriptionError: the sensor does not measure it.
+        """
+        if quantity not in self.quantities:
+            raise DescriptionError(
+                f"The sensor '{self.name}' does not measure {quantity}.",
+                advice=f"It measures {', '.join(self.quantities)}.",
+                sensor=self.name,
+                quantity=quantity,
+            )
+        return self.errors.get(quantity, ErrorModel())
+
+    def measure(
+        self,
+        quantity: str,
+        times: ArrayLike,
+        ideal: ArrayLike,
+        rng: np.random.Generator,
+        *,
+        delayed: bool = False,
+    ) -> FloatArray:
+        """Return what the sensor reports of one quantity.
+
+        Body vectors are turned to the sensor's axes, given its errors, and turned back; an attitude is that of
+        the sensor while the errors act.
+
+        Args:
+            quantity: one of ``quantities``.
+            times: (N,) sampling times [s].
+            ideal: (N, ...) true values, shape, frame and unit of the quantity; body vectors are in the bus
+                frame, at the sensor's position.
+            rng: source of every draw.
+            delayed: ``ideal`` is already the truth at ``t - delay``.
+
+        Raises:
+            DescriptionError: the sensor does not measure it, or an error term does not fit its shape.
+            RecordingError: times or values are unusable (see `ErrorModel.apply`).
+        """
+        model = self.error(quantity)
+        attitude = quantity == "attitude"
+        turned = any(self.orientation) and (attitude or quantity in _BODY)
+        x = np.asarray(ideal, dtype=float)
+        t = np.asarray(times, dtype=float)
+        rate = None if t.size > 1 else self.rate
+        if not turned:
+            return model.apply(t, x, rng, attitude=attitude, rate=rate, delayed=delayed)
+        if attitude:
+            mount = Rotation.from_euler("xyz", self.orientation)
+            sensed = model.apply(
+                t, (Rotation.from_quat(x) * mount).as_quat(), rng, attitude=True, rate=rate, delayed=delayed
+            )
+            measured = (Rotation.from_quat(sensed) * mount.inv()).as_quat()
+            return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
+        to_bus = self.rotation
+        return model.apply(t, x @ to_bus, rng, rate=rate, delayed=delayed) @ to_bus.T
+
+
+def _overlay(base: dict[str, Any], explicit: dict[str, Any]) -> dict[str, Any]:
+    """Return the preset's fields with the explicit ones on top, error models merged key by key."""
+    merged = {**base, **{k: v for k, v in explicit.items() if v is not None}}
+    errors = dict(explicit.get("errors") or {})
+    quantities = explicit.get("quantities") or base.get("quantities")
+    for quantity, supplied in base["errors"].items():
+        given = errors.get(quantity)
+        if quantities and quantity not in quantities and given is None:
+            continue
+        if given is None:
+            errors[quantity] = supplied
+        elif isinstance(given, Mapping):
+            kept = dict(supplied)
+            # Noise by density and noise by sigma exclude each other: what is given displaces the other.
+            for one, other in (("noise_sigma", "noise_density"), ("noise_density", "noise_sigma")):
+                if given.get(one) is not None:
+                    kept.pop(other, None)
+            errors[quantity] = {**kept, **given}
+    merged["errors"] = errors
+    return merged
