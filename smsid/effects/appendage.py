@@ -1,0 +1,252 @@
+"""Flexible appendages: bending modes as joints, from beam data or from finite-element modal data.
+
+A mass-normalised mode with translational participation L_t (3,) and rotational participation L_r (3,) about the
+root is a screw: the point mass |L_t|^2 sits where L_r = r x L_t and slides along L_t. Reproduces (5), (7), (9)
+and (13): linear momentum and first moments exactly, the inertia to first order for bending of a straight beam.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from smsid.effects.base import Effect, Vector3, physical, register
+from smsid.effects.beam import Cantilever
+from smsid.errors import DescriptionError
+from smsid.parameter import Parameter
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+class Mode(BaseModel):
+    """One mass-normalised mode as a finite-element program delivers it.
+
+    ``frequency`` [Hz], ``damping`` ratio, ``translation`` L_t [kg^.5] and ``rotation`` L_r about the root
+    [kg^.5 m] in appendage axes, ``shape`` at the appendage's stations (stations, 3) [kg^-.5].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frequency: float = Field(gt=0.0)
+    damping: float = Field(ge=0.0)
+    translation: Vector3
+    rotation: Vector3
+    shape: tuple[Vector3, ...] = ()
+
+
+class _Appendage(Effect):
+    """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
+
+    frame: str | None = None
+    position: Vector3
+    rpy: Vector3 = (0.0, 0.0, 0.0)
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Pose of the appendage's root axes in the frame it is mounted on."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy), np.asarray(self.position))
+
+    def modal_data(self) -> tuple[Mode, ...]:
+        """Return the modes."""
+        raise NotImplementedError
+
+    def rigid_inertia(self) -> pin.Inertia:
+        """Return the rigid-body inertia in appendage axes, about the root."""
+        raise NotImplementedError
+
+    def station_positions(self) -> np.ndarray:
+        """Return the stations in appendage axes, (stations, 3) [m]."""
+        raise NotImplementedError
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add a joint per mode, and the rigid remainder to the body that carries the appendage."""
+        rigid = self.rigid_inertia()
+        remainder = rigid.toDynamicParameters()
+        joints, scales = [], []
+        for k, mode in enumerate(self.modal_data(), start=1):
+            joint_model, inertia, placement, scale = _mode_joint(mode, rigid)
+            name = f"{self.name}.mode{k}"
+            joint = assembly.add_joint(self.frame, joint_model, self.placement * placement, name)
+            assembly.add_inertia(joint, inertia)
+            remainder = remainder - placement.act(inertia).toDynamicParameters()
+            # coordinate s = delta / scale carries the modal mass scale^2
+            omega = 2 * np.pi * mode.frequency
+            assembly.add_springs(
+                joint, (scale**2 * omega**2,), (2 * mode.damping * omega * scale**2,)
+            )
+            joints.append(joint)
+            scales.append(scale)
+        assembly.add_remainder(self.frame, remainder, self.placement)
+        assembly.note_appendage(self, joints, scales)
+
+
+def _mode_joint(mode: Mode, rigid: pin.Inertia) -> tuple[pin.JointModel, pin.Inertia, pin.SE3, float]:
+    """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``."""
+    lt, lr = np.asarray(mode.translation), np.asarray(mode.rotation)
+    size = np.linalg.norm(lt)
+    lever = rigid.inertia.trace() ** 0.5 / rigid.mass**0.5
+    if size * lever < 1e-9 * np.linalg.norm(lr) or size == 0.0:
+        moment = np.linalg.norm(lr)
+        if moment == 0.0:
+            raise DescriptionError(
+                "A mode without translational and rotational participation moves nothing.",
+                advice="Remove the mode, or give its participation factors.",
+            )
+        axis = lr / moment
+        inertia = pin.Inertia(0.0, np.zeros(3), moment**2 * np.outer(axis, axis))
+        return pin.JointModelRevoluteUnaligned(axis), inertia, pin.SE3.Identity(), float(moment)
+    n = lt / size
+    placement = pin.SE3(np.eye(3), np.cross(lt, lr) / size**2)
+    twist = float(lr @ n)
+    if abs(twist) <= 1e-9 * size * lever:
+        inertia = pin.Inertia(float(size**2), np.zeros(3), np.zeros((3, 3)))
+        return pin.JointModelPrismaticUnaligned(n), inertia, placement, float(size)
+    # share the modal energy between translation and twist in the ratio of the effective mass fractions
+    about = rigid.inertia + rigid.mass * _point(rigid.lever - placement.translation)
+    translation_share = size**2 / rigid.mass
+    twist_share = twist**2 / float(n @ about @ n)
+    w = translation_share / (translation_share + twist_share)
+    mass, spin = size**2 / w, twist**2 / (1.0 - w)
+    s_rate, angle_rate = w / size, (1.0 - w) / twist  # per unit delta rate
+    inertia = pin.Inertia(float(mass), np.zeros(3), spin * np.outer(n, n))
+    joint = pin.JointModelHelicalUnaligned(n, float(s_rate / angle_rate))
+    return joint, inertia, placement, float(1.0 / angle_rate)
+
+
+def _point(r: np.ndarray) -> np.ndarray:
+    return (r @ r) * np.eye(3) - np.outer(r, r)
+
+
+@register
+class BeamAppendage(_Appendage):
+    """A rectangular plate bending as a cantilever: along its x axis, deflecting along its z axis.
+
+    ``stations`` are distances from the clamp where sensors sit [m].
+    """
+
+    summary: ClassVar[str] = "flexible panel: Euler-Bernoulli cantilever plate"
+    kind: Literal["beam_appendage"] = "beam_appendage"
+    length: float = physical("m", lower=0.0, gt=0.0)
+    width: float = physical("m", lower=0.0, gt=0.0)
+    thickness: float = physical("m", lower=0.0, gt=0.0)
+    density: float = physical("kg/m^3", lower=0.0, gt=0.0)
+    youngs_modulus: float = physical("Pa", lower=0.0, gt=0.0)
+    damping: float = physical("1", lower=0.0, ge=0.0)
+    modes: Annotated[int, Field(ge=1, le=20)] = 3
+    stations: tuple[float, ...] = ()
+
+    @property
+    def mass(self) -> float:
+        """Mass of the plate [kg]."""
+        return self.density * self.length * self.width * self.thickness
+
+    @property
+    def linear_density(self) -> float:
+        """Mass per length [kg/m], the rho of (27)."""
+        return self.mass / self.length
+
+    @property
+    def cantilever(self) -> Cantilever:
+        """The beam's dimensionless modes."""
+        return Cantilever.with_modes(self.length, self.modes)
+
+    def modal_data(self) -> tuple[Mode, ...]:
+        """Return the bending modes of the cantilever, mass-normalised."""
+        beam = self.cantilever
+        stiffness = self.youngs_modulus * self.width * self.thickness**3 / 12.0
+        omega = beam.angular_frequencies(stiffness, self.linear_density)
+        root_mass = np.sqrt(self.mass)
+        lt, first = root_mass * beam.mean_shape, root_mass * beam.mean_moment
+        shapes = beam.shape(np.asarray(self.stations)) / root_mass
+        return tuple(
+            Mode(
+                frequency=float(omega[k] / (2 * np.pi)),
+                damping=self.damping,
+                translation=(0.0, 0.0, float(lt[k])),
+                rotation=(0.0, -float(first[k]), 0.0),  # x e_x cross e_z = -x e_y
+                shape=tuple((0.0, 0.0, float(s[k])) for s in shapes),
+            )
+            for k in range(self.modes)
+        )
+
+    def rigid_inertia(self) -> pin.Inertia:
+        """Return the plate's inertia about the root (pin.Inertia: about its own CM, lever to it)."""
+        size = np.array([self.length, self.width, self.thickness]) ** 2
+        moments = self.mass / 12.0 * (size.sum() - size)
+        return pin.Inertia(self.mass, np.array([self.length / 2, 0.0, 0.0]), np.diag(moments))
+
+    def station_positions(self) -> np.ndarray:
+        """Return the stations in appendage axes, (stations, 3) [m]."""
+        return np.array([[x, 0.0, 0.0] for x in self.stations]).reshape(-1, 3)
+
+
+@register
+class ModalAppendage(_Appendage):
+    """An appendage given by modal data of a finite-element program.
+
+    ``center_of_mass`` and ``inertia`` (xx, xy, yy, xz, yz, zz) about the root, in appendage axes; ``stations``
+    are sensor positions in appendage axes [m], at which every mode gives its shape.
+    """
+
+    summary: ClassVar[str] = "flexible appendage from finite-element modal data"
+    kind: Literal["modal_appendage"] = "modal_appendage"
+    mass: float = physical("kg", lower=0.0, gt=0.0)
+    center_of_mass: Vector3
+    inertia: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
+    mode: tuple[Mode, ...] = ()
+    stations: tuple[Vector3, ...] = ()
+
+    @model_validator(mode="after")
+    def _shapes_match_stations(self) -> ModalAppendage:
+        for k, mode in enumerate(self.mode, start=1):
+            if len(mode.shape) != len(self.stations):
+                raise ValueError(
+                    f"mode {k} of '{self.name}' gives its shape at {len(mode.shape)} points, "
+                    f"the appendage has {len(self.stations)} stations"
+                )
+        return self
+
+    def modal_data(self) -> tuple[Mode, ...]:
+        """Return the modes."""
+        return self.mode
+
+    def rigid_inertia(self) -> pin.Inertia:
+        """Return the rigid inertia (about its CM, lever from the root)."""
+        xx, xy, yy, xz, yz, zz = self.inertia
+        about_root = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        lever = np.asarray(self.center_of_mass)
+        return pin.Inertia(self.mass, lever, about_root - self.mass * _point(lever))
+
+    def station_positions(self) -> np.ndarray:
+        """Return the stations in appendage axes, (stations, 3) [m]."""
+        return np.asarray(self.stations, dtype=float).reshape(-1, 3)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return mass, and frequency and damping of every mode."""
+        found = list(super().parameters())
+        for k, mode in enumerate(self.mode, start=1):
+            for field, unit in (("frequency", "Hz"), ("damping", "1")):
+                key = f"mode{k}.{field}"
+                found.append(
+                    Parameter(f"{self.name}.{key}", getattr(mode, field), unit, 0.0, sigma=self.prior.get(key))
+                )
+        return tuple(found)
+
+    def with_values(self, values) -> ModalAppendage:  # type: ignore[no-untyped-def]
+        """Return the appendage with the named parameters replaced."""
+        plain, modes = {}, list(self.mode)
+        for name, value in values.items():
+            part = name.removeprefix(f"{self.name}.").split(".")
+            if len(part) == 2 and part[0].startswith("mode") and part[0][4:].isdigit():
+                k = int(part[0][4:]) - 1
+                if not 0 <= k < len(modes) or part[1] not in ("frequency", "damping"):
+                    raise DescriptionError(f"Effect '{self.name}' has no parameter '{name}'.")
+                modes[k] = modes[k].model_copy(update={part[1]: float(value)})
+            else:
+                plain[name] = value
+        changed = super().with_values(plain)
+        return changed.model_copy(update={"mode": tuple(modes)})  # type: ignore[return-value]

@@ -1,0 +1,152 @@
+"""The one interface of every effect: anything a spacecraft may have beyond rigid links."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from smsid.errors import DescriptionError
+from smsid.parameter import Parameter
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+
+
+def physical(unit: str, *, lower: float = -math.inf, upper: float = math.inf, **kwargs: Any) -> Any:
+    """Declare a field of an `Effect` as a physical parameter (scalar or 3-vector) with unit and bounds."""
+    return Field(json_schema_extra={"unit": unit, "lower": lower, "upper": upper}, **kwargs)
+
+
+class Effect(BaseModel):
+    """An effect with its physical parameters.
+
+    Subclasses declare their parameters as fields made with `physical`, and override what they do:
+
+    - `attach` adds joints, inertia, springs or nonlinear forces to the model (see `Assembly`),
+    - ``command`` and ``measure`` hooks are added by the families that act on inputs and sensors.
+
+    ``prior`` gives standard deviations by parameter name (without the effect's own name).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    summary: ClassVar[str] = ""
+    kind: str
+    name: str
+    prior: dict[str, float] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _within_bounds(self) -> Effect:
+        for p in self.parameters():
+            if not p.lower <= p.value <= p.upper:
+                raise ValueError(f"{p.name} = {p.value} {p.unit} is outside [{p.lower}, {p.upper}]")
+        unknown = set(self.prior) - {p.name.removeprefix(f"{self.name}.") for p in self.parameters()}
+        if unknown:
+            raise ValueError(f"prior names no parameter of '{self.name}': {', '.join(sorted(unknown))}")
+        return self
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the physical parameters, named ``<effect>.<field>`` or ``<effect>.<field>.<axis>``."""
+        found: list[Parameter] = []
+        for field, info in type(self).model_fields.items():
+            extra = info.json_schema_extra
+            if not isinstance(extra, dict) or "unit" not in extra:
+                continue
+            value = getattr(self, field)
+            if value is None:
+                continue
+            for suffix, number in _flatten(value):
+                key = f"{field}{suffix}"
+                found.append(
+                    Parameter(
+                        name=f"{self.name}.{key}",
+                        value=number,
+                        unit=str(extra["unit"]),
+                        lower=float(extra["lower"]),  # type: ignore[arg-type]
+                        upper=float(extra["upper"]),  # type: ignore[arg-type]
+                        sigma=self.prior.get(key),
+                    )
+                )
+        return tuple(found)
+
+    def with_values(self, values: Mapping[str, float]) -> Effect:
+        """Return the effect with the named parameters replaced; names as in `parameters`.
+
+        Raises `DescriptionError` for a name the effect does not have.
+        """
+        known = {p.name for p in self.parameters()}
+        for name in values:
+            if name not in known:
+                raise DescriptionError(
+                    f"Effect '{self.name}' has no parameter '{name}'.",
+                    advice=f"It has: {', '.join(sorted(known))}.",
+                )
+        update: dict[str, Any] = {}
+        for name, value in values.items():
+            field, _, axis = name.removeprefix(f"{self.name}.").partition(".")
+            if axis:
+                vector = list(update.get(field, getattr(self, field)))
+                vector["xyz".index(axis)] = float(value)
+                update[field] = tuple(vector)
+            else:
+                update[field] = float(value)
+        return type(self).model_validate({**self.model_dump(), **update})
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the effect to the model being assembled."""
+
+
+E = TypeVar("E", bound=type[Effect])
+_CATALOGUE: dict[str, type[Effect]] = {}
+
+
+def register(cls: E) -> E:
+    """Class decorator: put an effect into the catalogue under the default of its ``kind``."""
+    kind = cls.model_fields["kind"].default
+    if not isinstance(kind, str):
+        raise TypeError(f"{cls.__name__} needs `kind: Literal['...'] = '...'`")
+    _CATALOGUE[kind] = cls
+    return cls
+
+
+def catalogue() -> dict[str, type[Effect]]:
+    """Return the catalogue by kind, with those that other packages offer at entry point ``smsid.effects``."""
+    import smsid.effects  # the families register themselves on import
+
+    for entry in metadata.entry_points(group="smsid.effects"):
+        if entry.name not in _CATALOGUE:
+            register(entry.load())
+    return dict(_CATALOGUE)
+
+
+def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
+    """Turn one ``[[effect]]`` table into an `Effect`; raises `DescriptionError` for an unknown kind."""
+    if isinstance(table, Effect):
+        return table
+    kinds = catalogue()
+    kind = str(table.get("kind", ""))
+    if kind not in kinds:
+        near = difflib.get_close_matches(kind, kinds, n=1)
+        hint = f" Did you mean '{near[0]}'?" if near else ""
+        raise DescriptionError(
+            f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(sorted(kinds))}."
+        )
+    return kinds[kind].model_validate(dict(table))
+
+
+def _flatten(value: Any) -> list[tuple[str, float]]:
+    if isinstance(value, tuple):
+        return [(f".{axis}", float(x)) for axis, x in zip("xyz", value, strict=True)]
+    return [("", float(np.float64(value)))]
+
+
+ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
+"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place."""

@@ -1,0 +1,63 @@
+"""Euler-Bernoulli cantilever: frequencies, mode shapes and participation factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+
+def clamped_free_roots(count: int) -> np.ndarray:
+    """Return the first ``count`` roots beta L of ``cos(x) cosh(x) = -1``."""
+
+    def characteristic(x: float) -> float:
+        return np.cos(x) + 1.0 / np.cosh(x)
+
+    centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
+    return np.array([brentq(characteristic, c - 1.0, c + 1.0, xtol=1e-15, rtol=1e-15) for c in centres])
+
+
+@dataclass(frozen=True)
+class Cantilever:
+    """A uniform clamped-free beam of length L [m].
+
+    Mode shapes are normalised so that ``integral_0^L shape^2 dx = L``; dividing by ``sqrt(mass)`` makes them
+    mass-normalised.
+    """
+
+    length: float
+    roots: np.ndarray
+
+    @classmethod
+    def with_modes(cls, length: float, count: int) -> Cantilever:
+        """Return the beam with its first ``count`` bending modes."""
+        return cls(length, clamped_free_roots(count))
+
+    @property
+    def _sigma(self) -> np.ndarray:
+        x = self.roots
+        return (np.cosh(x) + np.cos(x)) / (np.sinh(x) + np.sin(x))
+
+    def angular_frequencies(self, bending_stiffness: float, linear_density: float) -> np.ndarray:
+        """Return the natural frequencies [rad/s] from EI [N m^2] and the linear density [kg/m]."""
+        return (self.roots / self.length) ** 2 * np.sqrt(bending_stiffness / linear_density)
+
+    def shape(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the mode shapes at stations x [m] from the clamp: (..., modes), dimensionless."""
+        beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
+        # cosh - s sinh written with exponentials: no cancellation for the higher modes
+        s = self._sigma
+        grow = 0.5 * (1.0 - s) * np.exp(beta_x)
+        decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
+        return grow + decay - np.cos(beta_x) + s * np.sin(beta_x)
+
+    @property
+    def mean_shape(self) -> np.ndarray:
+        """Return ``(1/L) integral shape dx``: participation L_t = sqrt(mass) times this, (modes,)."""
+        return 2.0 * self._sigma / self.roots
+
+    @property
+    def mean_moment(self) -> np.ndarray:
+        """Return ``(1/L) integral x shape dx`` [m]: L_r about the clamp = sqrt(mass) times this, (modes,)."""
+        return 2.0 * self.length / self.roots**2

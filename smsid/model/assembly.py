@@ -1,0 +1,157 @@
+"""Putting a Pinocchio model together: mounted arms, wheels, and the joints that effects add."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.effects.base import ForceTerm
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.effects.appendage import _Appendage
+
+
+@dataclass(frozen=True)
+class AppendageJoints:
+    """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate."""
+
+    appendage: _Appendage
+    parent: int
+    placement: pin.SE3  # root axes in the parent joint's frame
+    joints: tuple[int, ...]
+    scale: np.ndarray
+
+
+@dataclass
+class Assembly:
+    """A Pinocchio model under construction. Effects use its methods, never the model's own."""
+
+    model: pin.Model
+    base: int  # joint that carries the bus: 1 for a free-flyer, 0 when welded
+    springs: list[tuple[int, float, float]] = field(default_factory=list)  # (joint, stiffness, damping) per DoF
+    forces: list[ForceTerm] = field(default_factory=list)
+    slosh: dict[str, int] = field(default_factory=dict)
+    appendages: list[AppendageJoints] = field(default_factory=list)
+
+    def frame(self, name: str | None) -> tuple[int, pin.SE3]:
+        """Return the joint that carries a frame (default: the bus) and the frame's placement on it.
+
+        Raises `DescriptionError` if there is no such frame.
+        """
+        if name is None:
+            return self.base, pin.SE3.Identity()
+        if not self.model.existFrame(name):
+            known = [f.name for f in self.model.frames]
+            near = difflib.get_close_matches(name, known, n=1)
+            raise DescriptionError(
+                f"There is no frame '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+                advice=f"Frames of the model: {', '.join(known)}.",
+                frame=name,
+            )
+        frame = self.model.frames[self.model.getFrameId(name)]
+        return frame.parentJoint, frame.placement
+
+    def joint_id(self, name: str) -> int:
+        """Return the index of a joint; raises `DescriptionError` if there is none."""
+        if not self.model.existJointName(name):
+            known = list(self.model.names)[1:]
+            near = difflib.get_close_matches(name, known, n=1)
+            raise DescriptionError(
+                f"There is no joint '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+                advice=f"Joints of the model: {', '.join(known)}.",
+                joint=name,
+            )
+        return self.model.getJointId(name)
+
+    def add_joint(self, frame: str | None, joint: pin.JointModel, placement: pin.SE3, name: str) -> int:
+        """Add a joint at a placement in a named frame; returns its index. The frame of the joint gets its name."""
+        if self.model.existJointName(name):
+            raise DescriptionError(f"Two joints are named '{name}'.", advice="Rename the effect or wheel.")
+        parent, offset = self.frame(frame)
+        index = self.model.addJoint(parent, joint, offset * placement, name)
+        self.model.addJointFrame(index)
+        return index
+
+    def add_inertia(self, joint: int, inertia: pin.Inertia) -> None:
+        """Add a body's inertia, given in the joint's frame."""
+        self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+
+    def add_remainder(self, frame: str | None, theta: np.ndarray, placement: pin.SE3) -> None:
+        """Add inertial parameters (10,) (see `pin.Inertia.toDynamicParameters`) that may be indefinite.
+
+        They are given in axes at ``placement`` of the frame; what must be physical is the sum.
+        """
+        joint, offset = self.frame(frame)
+        if joint == 0:
+            return
+        total = self.model.inertias[joint].toDynamicParameters() + move_parameters(offset * placement, theta)
+        self.model.inertias[joint] = inertia_from_parameters(total, self.model.names[joint])
+
+    def add_springs(self, joint: int, stiffness: Sequence[float], damping: Sequence[float]) -> None:
+        """Add linear springs and dampers to a joint, one pair per degree of freedom."""
+        for k, d in zip(stiffness, damping, strict=True):
+            self.springs.append((joint, float(k), float(d)))
+
+    def add_force(self, term: ForceTerm) -> None:
+        """Add a nonlinear generalised force."""
+        self.forces.append(term)
+
+    def note_slosh(self, name: str, joint: int) -> None:
+        """Remember which joint is a slosh mass."""
+        self.slosh[name] = joint
+
+    def note_appendage(self, appendage: _Appendage, joints: Sequence[int], scale: Sequence[float]) -> None:
+        """Remember which joints are the modes of an appendage."""
+        parent, offset = self.frame(appendage.frame)
+        self.appendages.append(
+            AppendageJoints(appendage, parent, offset * appendage.placement, tuple(joints), np.asarray(scale))
+        )
+
+
+def move_parameters(placement: pin.SE3, theta: np.ndarray) -> np.ndarray:
+    """Return inertial parameters (10,) expressed in the parent axes of ``placement``; linear in theta."""
+    rotation, shift = placement.rotation, placement.translation
+    first = rotation @ theta[1:4]
+    about = rotation @ parameters_to_matrix(theta) @ rotation.T
+    mass = theta[0]
+    # parallel axis, written so that an indefinite theta needs no centre of mass
+    cross = np.outer(first, shift) + np.outer(shift, first)
+    matrix = about + (2 * first @ shift) * np.eye(3) - cross
+    matrix = matrix + mass * ((shift @ shift) * np.eye(3) - np.outer(shift, shift))
+    return np.concatenate([[mass], first + mass * shift, matrix_to_parameters(matrix)])
+
+
+def parameters_to_matrix(theta: np.ndarray) -> np.ndarray:
+    """Return the inertia matrix (3, 3) of parameters (m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)."""
+    xx, xy, yy, xz, yz, zz = theta[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def matrix_to_parameters(matrix: np.ndarray) -> np.ndarray:
+    """Return (Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of an inertia matrix."""
+    return np.array([matrix[0, 0], matrix[0, 1], matrix[1, 1], matrix[0, 2], matrix[1, 2], matrix[2, 2]])
+
+
+def pseudo_inertia(theta: np.ndarray) -> np.ndarray:
+    """Return the pseudo-inertia (4, 4) of parameters (10,); positive definite exactly for a physical body."""
+    matrix = parameters_to_matrix(theta)
+    sigma = 0.5 * np.trace(matrix) * np.eye(3) - matrix
+    return np.block([[sigma, theta[1:4, None]], [theta[None, 1:4], theta[:1, None]]])
+
+
+def inertia_from_parameters(theta: np.ndarray, name: str) -> pin.Inertia:
+    """Return the `pin.Inertia` of parameters (10,); raises `DescriptionError` if no body can have them."""
+    if theta[0] <= 0.0 or np.linalg.eigvalsh(pseudo_inertia(theta))[0] < -1e-9 * np.abs(theta).max():
+        raise DescriptionError(
+            f"The inertia left to body '{name}' is not physical (mass {theta[0]:.6g} kg).",
+            advice="What wheels and appendages take from it is more than it has: check their mass, participation "
+            "factors and spin inertia, and `inertia_in_bus`.",
+            parameters=theta,
+        )
+    return pin.Inertia.FromDynamicParameters(theta)

@@ -1,0 +1,160 @@
+"""The spacecraft as one Pinocchio model, with names for what its joints are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.description.schema import Description
+from smsid.effects.base import ForceTerm
+from smsid.model.assembly import AppendageJoints
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """Joints of one role: names and where they are in q and v. One degree of freedom each."""
+
+    names: tuple[str, ...]
+    joints: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+
+    @classmethod
+    def of(cls, model: pin.Model, joints: Sequence[int]) -> JointGroup:
+        """Return the group of these joint indices."""
+        return cls(
+            tuple(model.names[j] for j in joints),
+            np.array(joints, dtype=int),
+            np.array([model.joints[j].idx_q for j in joints], dtype=int),
+            np.array([model.joints[j].idx_v for j in joints], dtype=int),
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class SloshJoint:
+    """A slosh mass: its name, where it is in q and v (3 each), and c_s in the bus frame (3,) [m]."""
+
+    name: str
+    joint: int
+    q: slice
+    v: slice
+    position: np.ndarray
+
+
+@dataclass(frozen=True)
+class SpacecraftModel:
+    """A spacecraft ready to compute with.
+
+    ``pin`` is the Pinocchio model; q = (p, quaternion xyzw, joints), v = (v_body, omega_body, joint rates) of the
+    bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and ``damping``.
+    Not safe to share between threads: ``data`` is scratch space.
+    """
+
+    description: Description
+    pin: pin.Model
+    visual: pin.GeometryModel | None
+    data: pin.Data
+    free: bool
+    arms: dict[str, JointGroup]
+    arm_joints: JointGroup
+    wheels: JointGroup
+    slosh: tuple[SloshJoint, ...]
+    appendages: tuple[AppendageJoints, ...]
+    modes: JointGroup
+    mode_scale: np.ndarray
+    spring_q: np.ndarray
+    spring_v: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    forces: tuple[ForceTerm, ...]
+    home: np.ndarray
+    thrust_point: np.ndarray
+
+    @property
+    def nq(self) -> int:
+        """Length of q."""
+        return self.pin.nq
+
+    @property
+    def nv(self) -> int:
+        """Length of v."""
+        return self.pin.nv
+
+    @property
+    def mass(self) -> float:
+        """Total mass M [kg], everything that moves included."""
+        return float(sum(inertia.mass for inertia in self.pin.inertias))
+
+    def passive_forces(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the generalised forces (nv,) of springs, dampers and nonlinear effects."""
+        tau = np.zeros(self.nv)
+        self.add_passive_forces(t, q, v, tau)
+        return tau
+
+    def add_passive_forces(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+        """Add the forces of springs, dampers and nonlinear effects to tau (nv,), in place."""
+        tau[self.spring_v] -= self.stiffness * q[self.spring_q] + self.damping * v[self.spring_v]
+        for term in self.forces:
+            term(t, q, v, tau)
+
+    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return vdot (nv,) under applied generalised forces tau (nv,), equations (10)-(15)."""
+        total = tau.copy()
+        self.add_passive_forces(t, q, v, total)
+        return pin.aba(self.pin, self.data, q, v, total)
+
+    def body_force(self, force: np.ndarray, torque: np.ndarray, point: np.ndarray | None = None) -> np.ndarray:
+        """Return the generalised force (nv,) of a force at a point of the bus and a torque, in body axes."""
+        tau = np.zeros(self.nv)
+        tau[0:3] = force
+        tau[3:6] = torque + np.cross(self.thrust_point if point is None else point, force)
+        return tau
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return (p, h) (6,): linear momentum (7) and angular momentum (8) about the inertial origin.
+
+        In inertial axes [N s, N m s].
+        """
+        h = pin.computeCentroidalMomentum(self.pin, self.data, q, v)
+        com = self.data.com[0]
+        return np.concatenate([h.linear, h.angular + np.cross(com, h.linear)])
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Return kinetic plus potential energy (gravity and springs) [J]; nonlinear effects are not counted."""
+        kinetic = pin.computeKineticEnergy(self.pin, self.data, q, v)
+        gravity = pin.computePotentialEnergy(self.pin, self.data, q)
+        return float(kinetic + gravity + 0.5 * self.stiffness @ q[self.spring_q] ** 2)
+
+    def joint_angles(self, q: np.ndarray) -> np.ndarray:
+        """Return the angles of the arm joints from q (..., nq): (..., joints) [rad]."""
+        return group_angles(self.pin, self.arm_joints, q)
+
+    def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Return a copy of q (nq,) with the arm joints at these angles."""
+        return set_group_angles(self.pin, self.arm_joints, q, angles)
+
+
+def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarray:
+    """Return the angles of a group of joints, also those stored as (cos, sin)."""
+    q = np.asarray(q)
+    out = np.empty((*q.shape[:-1], len(group)))
+    for i, (j, k) in enumerate(zip(group.joints, group.q, strict=True)):
+        out[..., i] = q[..., k] if model.joints[int(j)].nq == 1 else np.arctan2(q[..., k + 1], q[..., k])
+    return out
+
+
+def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return a copy of q (nq,) with a group's joints at these angles."""
+    out = np.array(q, dtype=float)
+    for j, k, angle in zip(group.joints, group.q, angles, strict=True):
+        if model.joints[int(j)].nq == 1:
+            out[k] = angle
+        else:
+            out[k : k + 2] = np.cos(angle), np.sin(angle)
+    return out

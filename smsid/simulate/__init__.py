@@ -1,0 +1,23 @@
+"""Simulation: adaptive with dense output, and fixed-step for closed loops."""
+
+from smsid.simulate.inputs import Inputs, JointMotion
+from smsid.simulate.integrate import Tolerance, simulate
+from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
+from smsid.simulate.trajectory import Audit, States, Trajectory
+
+__all__ = [
+    "Audit",
+    "Constant",
+    "Fourier",
+    "Inputs",
+    "JointMotion",
+    "Sampled",
+    "Signal",
+    "Stacked",
+    "States",
+    "Steps",
+    "Sum",
+    "Tolerance",
+    "Trajectory",
+    "simulate",
+]

@@ -1,0 +1,65 @@
+"""The state derivative: forward dynamics, or hybrid dynamics where some motion is prescribed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.simulate.inputs import Inputs, Prescribed
+
+
+class Dynamics:
+    """Right-hand side of (10)-(15) under given inputs."""
+
+    def __init__(self, model: SpacecraftModel, inputs: Inputs) -> None:
+        inputs.check(model)
+        self.model = model
+        self.inputs = inputs
+        self.applied = inputs.applied(model)
+        self.prescribed = Prescribed.of(model, inputs)
+
+    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return vdot (nv,). q and v must already satisfy what is prescribed."""
+        m = self.model
+        tau = np.array(self.applied(t))
+        m.add_passive_forces(t, q, v, tau)
+        if not self.prescribed:
+            return pin.aba(m.pin, m.data, q, v, tau)
+        return self._hybrid(t, q, v, tau)[0]
+
+    def acceleration_and_reaction(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return vdot (nv,) and the generalised force (nv,) that enforces what is prescribed."""
+        m = self.model
+        tau = np.array(self.applied(t))
+        m.add_passive_forces(t, q, v, tau)
+        if not self.prescribed:
+            return pin.aba(m.pin, m.data, q, v, tau), np.zeros(m.nv)
+        return self._hybrid(t, q, v, tau)
+
+    def _hybrid(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        m, free, given = self.model, self.prescribed.free, self.prescribed.index
+        mass = pin.crba(m.pin, m.data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        bias = pin.nonLinearEffects(m.pin, m.data, q, v)
+        a = self.prescribed.acceleration(t, m.nv)
+        rhs = tau - bias - mass[:, given] @ a[given]
+        _, x, info = lapack.dposv(mass[np.ix_(free, free)], rhs[free])
+        if info != 0:
+            x = np.linalg.solve(mass[np.ix_(free, free)], rhs[free])
+        a[free] = x
+        reaction = np.zeros(m.nv)
+        reaction[given] = mass[np.ix_(given, free)] @ x - rhs[given]
+        return a, reaction
+
+    def enforce(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return copies of q and v that follow what is prescribed at t."""
+        p = self.prescribed
+        if not p:
+            return q, v
+        v = v.copy()
+        v[p.index] = p.velocity(t, self.model.nv)[p.index]
+        if p.motion is not None:
+            q = set_group_angles(self.model.pin, self.model.arm_joints, q, p.motion.position(t))
+        return q, v

@@ -1,0 +1,131 @@
+"""What drives a simulation: thrust, wheel and joint torque, or prescribed motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smsid.errors import ExperimentError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.signals import Constant, Signal, Stacked, merge
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Prescribed angles, rates and accelerations of all arm joints (joints,) [rad, rad/s, rad/s^2]."""
+
+    position: Signal
+    velocity: Signal
+    acceleration: Signal
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Inputs of a simulation; what is ``None`` is zero.
+
+    ``force`` [N] acts at the thrust point, ``torque`` [N m] on the bus, both in body axes; ``wheel_torque`` and
+    ``joint_torque`` [N m] act on the child, their reaction on the parent. ``joint_motion`` prescribes the joints
+    instead of torque; ``lock_joints``, ``lock_wheels`` hold them; ``hold_attitude`` keeps the bus from rotating
+    (the torque that takes is an output).
+    """
+
+    force: Signal | None = None
+    torque: Signal | None = None
+    wheel_torque: Signal | None = None
+    joint_torque: Signal | None = None
+    joint_motion: JointMotion | None = None
+    lock_joints: bool = False
+    lock_wheels: bool = False
+    hold_attitude: bool = False
+
+    def check(self, model: SpacecraftModel) -> None:
+        """Raise `ExperimentError` when sizes do not fit the spacecraft or inputs contradict each other."""
+        n, w = len(model.arm_joints), len(model.wheels)
+        sizes = {"force": 3, "torque": 3, "wheel_torque": w, "joint_torque": n}
+        for name, size in sizes.items():
+            signal = getattr(self, name)
+            if signal is not None and signal.size != size:
+                raise ExperimentError(
+                    f"Input '{name}' has {signal.size} components, the spacecraft has {size}.",
+                    advice="Check the description's wheels and arms against the experiment.",
+                )
+        if self.joint_motion is not None and self.joint_motion.position.size != n:
+            raise ExperimentError(f"`joint_motion` prescribes {self.joint_motion.position.size} joints of {n}.")
+        if self.joint_torque is not None and (self.joint_motion is not None or self.lock_joints):
+            raise ExperimentError("Joints cannot be driven by torque and prescribed at the same time.")
+        if self.hold_attitude and not model.free:
+            raise ExperimentError("A welded base cannot hold its attitude.", advice="Leave out `hold_attitude`.")
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which an input jumps [s]."""
+        signals = [self.force, self.torque, self.wheel_torque, self.joint_torque]
+        if self.joint_motion is not None:
+            signals += [self.joint_motion.acceleration]
+        return tuple(sorted({b for s in signals if s is not None for b in s.breakpoints}))
+
+    def applied(self, model: SpacecraftModel) -> Signal:
+        """Return the applied generalised force as one signal (nv,)."""
+        nv = model.nv
+        parts: list[Signal] = [Constant(np.zeros(nv))]
+        force, torque = np.zeros((nv, 3)), np.zeros((nv, 3))
+        if model.free:
+            x, y, z = model.thrust_point
+            force[0:3] = np.eye(3)
+            force[3:6] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+            torque[3:6] = np.eye(3)
+        maps = [(self.force, force), (self.torque, torque)]
+        for signal, group in ((self.wheel_torque, model.wheels), (self.joint_torque, model.arm_joints)):
+            matrix = np.zeros((nv, len(group)))
+            matrix[group.v, np.arange(len(group))] = 1.0
+            maps.append((signal, matrix))
+        parts += [signal.mapped(matrix) for signal, matrix in maps if signal is not None]
+        return merge(parts)
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """The degrees of freedom that follow a given motion: indices in v, and their motion over time."""
+
+    index: np.ndarray
+    free: np.ndarray
+    joints: np.ndarray  # of `index`, those that are arm joints with motion, as positions in the arm group
+    motion: JointMotion | None
+    home: np.ndarray = field(repr=False)
+
+    @classmethod
+    def of(cls, model: SpacecraftModel, inputs: Inputs) -> Prescribed:
+        """Return what the inputs prescribe."""
+        index: list[int] = []
+        if inputs.hold_attitude:
+            index += [3, 4, 5]
+        if inputs.lock_wheels:
+            index += [int(i) for i in model.wheels.v]
+        if inputs.lock_joints or inputs.joint_motion is not None:
+            index += [int(i) for i in model.arm_joints.v]
+        chosen = np.array(sorted(index), dtype=int)
+        free = np.setdiff1d(np.arange(model.nv), chosen)
+        return cls(chosen, free, model.arm_joints.v, inputs.joint_motion, model.home)
+
+    def __bool__(self) -> bool:
+        return len(self.index) > 0
+
+    def velocity(self, t: float, nv: int) -> np.ndarray:
+        """Return prescribed rates in an (nv,) array, zero elsewhere."""
+        v = np.zeros(nv)
+        if self.motion is not None:
+            v[self.joints] = self.motion.velocity(t)
+        return v
+
+    def acceleration(self, t: float, nv: int) -> np.ndarray:
+        """Return prescribed accelerations in an (nv,) array, zero elsewhere."""
+        a = np.zeros(nv)
+        if self.motion is not None:
+            a[self.joints] = self.motion.acceleration(t)
+        return a
+
+
+def stack(*signals: Signal) -> Signal:
+    """Return one signal with the components of several, in order."""
+    return signals[0] if len(signals) == 1 else Stacked(tuple(signals))

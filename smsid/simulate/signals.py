@@ -1,0 +1,251 @@
+"""Signals of time: what thrusters, wheels and joints are commanded, and prescribed joint motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from smsid.errors import ExperimentError
+
+
+class Signal(Protocol):
+    """A vector function of time, right-continuous, smooth between its ``breakpoints`` [s]."""
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        ...
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which the signal or a derivative jumps."""
+        ...
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t: (size,)."""
+        ...
+
+    def mapped(self, matrix: np.ndarray) -> Signal:
+        """Return the signal ``matrix @ self``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant value (size,)."""
+
+    value: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return len(self.value)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """None."""
+        return ()
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t."""
+        return self.value
+
+    def mapped(self, matrix: np.ndarray) -> Constant:
+        """Return ``matrix @ self``."""
+        return Constant(matrix @ self.value)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Piecewise constant: ``values[i]`` (size,) from ``times[i]`` on; zero before the first."""
+
+    times: tuple[float, ...]
+    values: np.ndarray  # (len(times), size)
+
+    def __post_init__(self) -> None:
+        if np.any(np.diff(self.times) <= 0.0) or len(self.times) != len(self.values):
+            raise ExperimentError("The times of a step signal must increase, one per value.", times=self.times)
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.values.shape[1]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The times of the steps."""
+        return tuple(self.times)
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t."""
+        i = int(np.searchsorted(self.times, t, side="right")) - 1
+        return self.values[i] if i >= 0 else np.zeros(self.size)
+
+    def mapped(self, matrix: np.ndarray) -> Steps:
+        """Return ``matrix @ self``."""
+        return Steps(self.times, self.values @ matrix.T)
+
+
+@dataclass(frozen=True)
+class Fourier:
+    """Truncated Fourier series ``offset + sum_l cos[:, l] cos(l w t) + sin[:, l] sin(l w t)``, l = 1..L.
+
+    ``frequency`` is that of the fundamental [Hz]; ``cos`` and ``sin`` are (size, L).
+    """
+
+    frequency: float
+    cos: np.ndarray
+    sin: np.ndarray
+    offset: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.cos.shape[0]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """None."""
+        return ()
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t."""
+        phase = (2 * np.pi * self.frequency * t) * np.arange(1, self.cos.shape[1] + 1)
+        return self.offset + self.cos @ np.cos(phase) + self.sin @ np.sin(phase)
+
+    def mapped(self, matrix: np.ndarray) -> Fourier:
+        """Return ``matrix @ self``."""
+        return Fourier(self.frequency, matrix @ self.cos, matrix @ self.sin, matrix @ self.offset)
+
+    def derivative(self) -> Fourier:
+        """Return the time derivative."""
+        w = 2 * np.pi * self.frequency * np.arange(1, self.cos.shape[1] + 1)
+        return Fourier(self.frequency, self.sin * w, -self.cos * w, np.zeros(self.size))
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A signal known at samples, interpolated by a B-spline (``degree`` 0 holds, 1 linear, 3 or 5 smooth)."""
+
+    spline: BSpline
+    degree: int
+    knots: tuple[float, ...]
+
+    @classmethod
+    def from_samples(cls, times: np.ndarray, values: np.ndarray, degree: int = 3) -> Sampled:
+        """Return the interpolant of values (N, size) at times (N,) [s]."""
+        values = np.atleast_2d(np.asarray(values, dtype=float).T).T
+        if degree == 0:
+            spline = BSpline(np.append(times, 2 * times[-1] - times[-2]), values, 0)
+            return cls(spline, 0, tuple(times))
+        return cls(make_interp_spline(times, values, k=degree), degree, ())
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.spline.c.shape[1]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The samples of a held signal."""
+        return self.knots
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t; beyond the samples, the last value's extrapolation."""
+        return self.spline(t)
+
+    def mapped(self, matrix: np.ndarray) -> Sampled:
+        """Return ``matrix @ self``."""
+        return Sampled(BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k), self.degree, self.knots)
+
+    def derivative(self) -> Sampled:
+        """Return the time derivative (degree 1 and up)."""
+        return Sampled(self.spline.derivative(), self.degree - 1, ())
+
+
+@dataclass(frozen=True)
+class Stacked:
+    """Components of several signals, one after the other."""
+
+    parts: tuple[Signal, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return sum(p.size for p in self.parts)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Those of all parts."""
+        return tuple(b for p in self.parts for b in p.breakpoints)
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t."""
+        return np.concatenate([p(t) for p in self.parts])
+
+    def mapped(self, matrix: np.ndarray) -> Signal:
+        """Return ``matrix @ self``."""
+        edges = np.cumsum([0, *(p.size for p in self.parts)])
+        return Sum(
+            tuple(p.mapped(matrix[:, i:j]) for p, i, j in zip(self.parts, edges[:-1], edges[1:], strict=True))
+        )
+
+
+@dataclass(frozen=True)
+class Sum:
+    """The sum of signals of the same size."""
+
+    parts: tuple[Signal, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.parts[0].size
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Those of all parts."""
+        return tuple(b for p in self.parts for b in p.breakpoints)
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Value at t."""
+        total = self.parts[0](t)
+        for part in self.parts[1:]:
+            total = total + part(t)
+        return total
+
+    def mapped(self, matrix: np.ndarray) -> Sum:
+        """Return ``matrix @ self``."""
+        return Sum(tuple(p.mapped(matrix) for p in self.parts))
+
+
+def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
+    """Return the signal at times (N,): (N, size)."""
+    if isinstance(signal, Sampled):
+        return np.asarray(signal.spline(times))
+    return np.array([signal(float(t)) for t in times]).reshape(len(times), signal.size)
+
+
+def merge(signals: list[Signal]) -> Signal:
+    """Return the sum of signals of one size, with Fourier series of one frequency and constants added up."""
+    fourier: dict[tuple[float, int], Fourier] = {}
+    rest: list[Signal] = []
+    flat: list[Signal] = []
+    for s in signals:
+        flat.extend(s.parts if isinstance(s, Sum) else (s,))
+    for s in flat:
+        if isinstance(s, Fourier):
+            key = (s.frequency, s.cos.shape[1])
+            if key in fourier:
+                o = fourier[key]
+                s = Fourier(s.frequency, o.cos + s.cos, o.sin + s.sin, o.offset + s.offset)
+            fourier[key] = s
+        elif not (isinstance(s, Constant) and not s.value.any()):
+            rest.append(s)
+    parts = (*fourier.values(), *rest)
+    if not parts:
+        return Constant(np.zeros(signals[0].size))
+    return parts[0] if len(parts) == 1 else Sum(parts)

@@ -1,0 +1,166 @@
+"""The result of a simulation: states at any time, and how well momentum and energy were kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate._ivp.base import DenseOutput
+
+from smsid.errors import SimulationError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.dynamics import Dynamics
+from smsid.simulate.inputs import Inputs
+from smsid.simulate.signals import sample
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A stretch of the solution in one chart q = q_ref (+) xi: step times and a polynomial per step."""
+
+    pin: pin.Model
+    q_ref: np.ndarray
+    times: np.ndarray
+    pieces: Sequence[DenseOutput]
+    last_step: float | None
+
+    @property
+    def stop(self) -> float:
+        """End of the stretch [s]."""
+        return float(self.times[-1])
+
+    def raw(self, times: np.ndarray) -> np.ndarray:
+        """Return (xi, v) at times (N,) within the stretch: (N, 2 nv)."""
+        index = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.pieces) - 1)
+        out = np.empty((len(times), 2 * self.pin.nv))
+        edges = np.flatnonzero(np.diff(index)) + 1
+        for block in np.split(np.arange(len(times)), edges):
+            if len(block):
+                out[block] = self.pieces[index[block[0]]](times[block]).T
+        return out
+
+    def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (nq,) and v (nv,) at one time."""
+        y = self.raw(np.array([t]))[0]
+        return pin.integrate(self.pin, self.q_ref, y[: self.pin.nv]), y[self.pin.nv :]
+
+
+@dataclass(frozen=True)
+class States:
+    """States at sample times: q (N, nq), v (N, nv), a = vdot (N, nv), applied tau and reaction (N, nv).
+
+    ``tau`` are commanded inputs as generalised forces, ``reaction`` what enforces prescribed motion.
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    reaction: np.ndarray
+
+
+@dataclass(frozen=True)
+class Audit:
+    """How well conserved quantities were kept over a simulation.
+
+    ``momentum_drift``: largest change of (p, h) about the inertial origin not explained by external force and
+    torque [N s, N m s]; ``momentum_scale``: largest momentum of a single moving part, to compare with;
+    ``energy_drift``: largest change of energy not explained by the work of inputs and dampers [J];
+    ``energy_scale``: largest kinetic energy [J].
+    """
+
+    momentum_drift: float
+    momentum_scale: float
+    energy_drift: float
+    energy_scale: float
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated motion with dense output."""
+
+    model: SpacecraftModel
+    inputs: Inputs
+    charts: tuple[Chart, ...]
+    start: float
+    stop: float
+
+    @property
+    def steps(self) -> int:
+        """Number of accepted integration steps."""
+        return sum(len(c.pieces) for c in self.charts)
+
+    def states(self, times: np.ndarray) -> States:
+        """Return the states at times (N,) [s]; at a jump of an input, accelerations are the right limit.
+
+        Raises `SimulationError` outside the simulated time.
+        """
+        times = np.asarray(times, dtype=float)
+        slack = 1e-9 * max(1.0, abs(self.stop))
+        if len(times) and (times.min() < self.start - slack or times.max() > self.stop + slack):
+            raise SimulationError(
+                f"Asked for {times.min():.6g} to {times.max():.6g} s, simulated {self.start:.6g} to {self.stop:.6g} s."
+            )
+        times = np.clip(times, self.start, self.stop)
+        model, dynamics = self.model, Dynamics(self.model, self.inputs)
+        q, v = np.empty((len(times), model.nq)), np.empty((len(times), model.nv))
+        a, reaction = np.empty_like(v), np.empty_like(v)
+        starts = np.array([c.times[0] for c in self.charts])
+        index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
+        for k, chart in enumerate(self.charts):
+            chosen = np.flatnonzero(index == k)
+            if not len(chosen):
+                continue
+            raw = chart.raw(times[chosen])
+            for i, y in zip(chosen, raw, strict=True):
+                q_i = pin.integrate(model.pin, chart.q_ref, y[: model.nv])
+                q[i], v[i] = dynamics.enforce(times[i], q_i, y[model.nv :])
+        for i, t in enumerate(times):
+            a[i], reaction[i] = dynamics.acceleration_and_reaction(t, q[i], v[i])
+        return States(times, q, v, a, sample(dynamics.applied, times), reaction)
+
+    def audit(self) -> Audit:
+        """Return drift of momentum and energy, by Gauss quadrature of wrench and power over every step."""
+        model = self.model
+        nodes, weights = np.polynomial.legendre.leggauss(6)
+        edges = np.concatenate([c.times[:-1] for c in self.charts] + [np.array([self.stop])])
+        half = np.diff(edges) / 2
+        inner = (edges[:-1] + half)[:, None] + half[:, None] * nodes
+        mid = self.states(inner.ravel())
+        rates = np.array([self._rates(mid, i) for i in range(len(mid.time))])
+        gained = np.einsum("snk,n,s->sk", rates.reshape(len(half), len(nodes), 7), weights, half)
+        gained = np.vstack([np.zeros(7), np.cumsum(gained, axis=0)])
+        ends = self.states(edges)
+        kept = np.array(
+            [[*model.momentum(q, v), model.energy(q, v)] for q, v in zip(ends.q, ends.v, strict=True)]
+        )
+        error = kept - kept[0] - gained
+        kinetic = [pin.computeKineticEnergy(model.pin, model.data, q, v) for q, v in zip(ends.q, ends.v, strict=True)]
+        total = np.sqrt(2 * max(kinetic) * model.mass)
+        return Audit(
+            momentum_drift=float(np.abs(error[:, :6]).max()) if model.free else float("nan"),
+            momentum_scale=float(total),
+            energy_drift=float(np.abs(error[:, 6]).max()),
+            energy_scale=float(max(kinetic)),
+        )
+
+    def _rates(self, s: States, i: int) -> np.ndarray:
+        """External wrench about the inertial origin (6,) and power into the system (1,)."""
+        model = self.model
+        external = s.tau[i] + s.reaction[i]
+        passive = np.zeros(model.nv)
+        model.add_passive_forces(float(s.time[i]), s.q[i], s.v[i], passive)
+        passive[model.spring_v] += model.stiffness * s.q[i][model.spring_q]
+        power = s.v[i] @ (external + passive)
+        wrench = np.zeros(6)
+        if model.free:
+            rotation = pin.Quaternion(s.q[i][3:7]).toRotationMatrix()
+            force = rotation @ external[0:3] + model.mass * model.pin.gravity.linear
+            pin.centerOfMass(model.pin, model.data, s.q[i])
+            weight = np.cross(model.data.com[0], model.mass * model.pin.gravity.linear)
+            moment = rotation @ external[3:6] + np.cross(s.q[i][0:3], rotation @ external[0:3]) + weight
+            wrench = np.concatenate([force, moment])
+        return np.concatenate([wrench, [power]])
