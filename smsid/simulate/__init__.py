@@ -4,6 +4,7 @@ from smsid.simulate.inputs import Inputs, JointMotion
 from smsid.simulate.integrate import Tolerance, simulate
 from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
 from smsid.simulate.trajectory import Audit, States, Trajectory
+from smsid.simulate.truth import truth_of
 
 __all__ = [
     "Audit",
@@ -20,4 +21,5 @@ __all__ = [
     "Tolerance",
     "Trajectory",
     "simulate",
+    "truth_of",
 ]

@@ -1,0 +1,112 @@
+"""Base parameters: the combinations of inertial parameters that a regressor can tell apart, with readable names.
+
+Column-scaled QR decomposition after Gautier (1991), *Numerical calculation of the base inertial parameters of
+robots*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from smsid.errors import NotIdentifiableError
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Identifiable combinations ``beta = K theta``.
+
+    ``independent`` (b,) are the columns kept, ``matrix`` K (b, n) with identity on them, ``names`` readable
+    combinations. A regressor Y restricted to ``independent`` satisfies ``Y[:, independent] @ beta = Y @ theta``.
+    ``unseen`` are parameters that do not enter at all.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    independent: np.ndarray
+    matrix: np.ndarray
+    unseen: tuple[str, ...]
+    condition: float
+
+    def __len__(self) -> int:
+        return len(self.independent)
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """Return beta (b,) for parameters theta (n,)."""
+        return self.matrix @ theta
+
+
+def base_parameters(
+    regressor: np.ndarray,
+    names: Sequence[str],
+    units: Sequence[str],
+    *,
+    tolerance: float = 1e-8,
+    prefer: Sequence[int] | None = None,
+) -> BaseParameters:
+    """Return the base parameters of a regressor (rows, n).
+
+    Columns are scaled to unit norm; one is dependent when what is left of it after projection on those before is
+    below ``tolerance``. ``prefer`` lists columns that should be kept first (default: from the last body to the
+    first, so that what cannot be told apart is lumped towards the tip's parent the way textbooks do).
+    Raises `NotIdentifiableError` when nothing can be identified.
+    """
+    reduced = _triangle(regressor)
+    norm = np.linalg.norm(reduced, axis=0)
+    floor = tolerance * max(float(norm.max(initial=0.0)), 1e-300)
+    seen = norm > floor
+    order = list(prefer) if prefer is not None else list(range(len(names)))
+    order = [i for i in order if seen[i]]
+    if not order:
+        raise NotIdentifiableError("The regressor is zero: nothing moves.", advice="Excite the joints or wheels.")
+    scaled = reduced[:, order] / norm[order]
+    kept: list[int] = []
+    basis = np.zeros((scaled.shape[0], 0))
+    for k in range(len(order)):
+        rest = scaled[:, k]
+        for _ in range(2):  # twice is enough (Kahan, Parlett)
+            rest = rest - basis @ (basis.T @ rest)
+        size = np.linalg.norm(rest)
+        if size > tolerance:
+            kept.append(k)
+            basis = np.column_stack([basis, rest / size])
+    independent = np.array([order[k] for k in kept])
+    q, r = qr(scaled[:, kept], mode="economic")
+    matrix = np.zeros((len(kept), len(names)))
+    matrix[:, order] = solve_triangular(r, q.T @ scaled) * norm[order] / norm[independent][:, None]
+    matrix[np.abs(matrix) < 1e-7] = 0.0
+    matrix[:, independent] = np.eye(len(kept))
+    sort = np.argsort(independent)
+    independent, matrix = independent[sort], matrix[sort]
+    condition = float(np.linalg.cond(scaled[:, kept]))
+    return BaseParameters(
+        names=tuple(_combination(row, i, names) for row, i in zip(matrix, independent, strict=True)),
+        units=tuple(units[i] for i in independent),
+        independent=independent,
+        matrix=matrix,
+        unseen=tuple(n for n, s in zip(names, seen, strict=True) if not s),
+        condition=condition,
+    )
+
+
+def _triangle(regressor: np.ndarray, block: int = 20000) -> np.ndarray:
+    """Return R (n, n) of the QR decomposition of a tall matrix, block by block."""
+    n = regressor.shape[1]
+    r = np.zeros((0, n))
+    for start in range(0, len(regressor), block):
+        r = np.linalg.qr(np.vstack([r, regressor[start : start + block]]), mode="r")
+    return r
+
+
+def _combination(row: np.ndarray, own: int, names: Sequence[str]) -> str:
+    text = names[own]
+    for i in np.flatnonzero(row):
+        if i == own:
+            continue
+        factor = row[i]
+        sign, size = ("+", factor) if factor > 0 else ("-", -factor)
+        text += f" {sign} {names[i]}" if abs(size - 1.0) < 1e-6 else f" {sign} {size:.4g} {names[i]}"
+    return text

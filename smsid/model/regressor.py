@@ -1,0 +1,105 @@
+"""Inertial-parameter regressors of the whole spacecraft, from Pinocchio.
+
+Parameters theta stack (m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of every body in its joint's frame, about
+the joint's origin: (10 bodies,), ordered as the joints of the Pinocchio model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.model.spacecraft import SpacecraftModel
+
+INERTIAL_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m^2",) * 6)
+
+
+class Regressor:
+    """Momentum and torque regressors of one model. Holds scratch space: not for sharing between threads."""
+
+    def __init__(self, model: SpacecraftModel) -> None:
+        self.model = model
+        self._pin = model.pin
+        self._data = model.pin.createData()
+        self._weightless = model.pin.copy()
+        self._weightless.gravity = pin.Motion.Zero()
+        self._weightless_data = self._weightless.createData()
+        self._rest = np.zeros(model.nv)
+
+    @property
+    def columns(self) -> int:
+        """Number of inertial parameters, ten per moving body."""
+        return 10 * (self._pin.njoints - 1)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the moving bodies, in the order of the columns."""
+        return body_names(self._pin)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, ``<body>.<m|mx|...|Izz>``."""
+        return tuple(f"{body}.{p}" for body in self.bodies for p in INERTIAL_NAMES)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters."""
+        return INERTIAL_UNITS * (self._pin.njoints - 1)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """The description's inertial parameters theta (10 bodies,)."""
+        return np.concatenate([dynamic_parameters(i) for i in list(self._pin.inertias)[1:]])
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return Y with Y theta = (p, h): momentum about the bus origin in bus axes, (N, 6, 10 bodies).
+
+        For q (N, nq), v (N, nv). Uses that the torque regressor without gravity at zero rate and acceleration v
+        is M(q) v, whose first six rows are the momentum of a free-flyer [N s, N m s].
+        """
+        q, v = np.atleast_2d(q), np.atleast_2d(v)
+        out = np.empty((len(q), 6, self.columns))
+        for i in range(len(q)):
+            out[i] = self._velocity_regressor(q[i], v[i])[:6]
+        return out
+
+    def _velocity_regressor(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return pin.computeJointTorqueRegressor(self._weightless, self._weightless_data, q, self._rest, v)
+
+    def generalised_momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return Y with Y theta = M(q) v, all rows: (N, nv, 10 bodies)."""
+        q, v = np.atleast_2d(q), np.atleast_2d(v)
+        return np.array([self._velocity_regressor(a, b).copy() for a, b in zip(q, v, strict=True)])
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y with Y theta = M(q) a + nonlinear terms: generalised forces (N, nv, 10 bodies)."""
+        q, v, a = np.atleast_2d(q), np.atleast_2d(v), np.atleast_2d(a)
+        out = np.empty((len(q), self.model.nv, self.columns))
+        for i in range(len(q)):
+            out[i] = pin.computeJointTorqueRegressor(self._pin, self._data, q[i], v[i], a[i])
+        return out
+
+
+def body_names(model: pin.Model) -> tuple[str, ...]:
+    """Return a readable name for every joint's body: the link that sits in the joint's frame, else the joint."""
+    names = list(model.names)[1:]
+    for frame in model.frames:
+        j = frame.parentJoint
+        if frame.type == pin.FrameType.BODY and j > 0 and frame.placement.isIdentity(1e-12):
+            first = names[j - 1] == model.names[j]
+            names[j - 1] = frame.name if first else names[j - 1]
+    return tuple(names)
+
+
+def dynamic_parameters(inertia: pin.Inertia) -> np.ndarray:
+    """Return the ten parameters of a `pin.Inertia`."""
+    return np.asarray(inertia.toDynamicParameters())
+
+
+def select(names: Sequence[str], regressor: np.ndarray, keep: Sequence[str]) -> np.ndarray:
+    """Return the columns of ``regressor`` (..., columns) whose body is in ``keep``."""
+    chosen = [i for i, n in enumerate(names) if n.rsplit(".", 1)[0] in set(keep)]
+    return regressor[..., chosen]

@@ -1,0 +1,191 @@
+"""Exact values of every channel a sensor could record, from a simulated motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from smsid.errors import DescriptionError
+from smsid.model.assembly import AppendageJoints
+from smsid.model.spacecraft import SpacecraftModel, group_angles
+from smsid.sensing.sensor import Sensor
+from smsid.simulate.signals import sample
+from smsid.simulate.trajectory import States, Trajectory
+
+
+def truth_of(trajectory: Trajectory, sensors: Sequence[Sensor]) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+    """Return a function of times (N,) [s] that gives the exact channels of the sensors, commands and truth.
+
+    Frames and units as in docs/design.md, section 3. The torque that holds the attitude counts as commanded.
+    """
+
+    def truth(times: np.ndarray) -> dict[str, np.ndarray]:
+        states = trajectory.states(times)
+        channels = commands(trajectory, states)
+        channels.update(hidden_states(trajectory.model, states))
+        for sensor in sensors:
+            channels.update(sensed(trajectory.model, states, sensor))
+        return channels
+
+    return truth
+
+
+def rotations(q: np.ndarray) -> np.ndarray:
+    """Return body-to-inertial rotation matrices (N, 3, 3) of configurations (N, nq) of a free-flyer."""
+    x, y, z, w = q[:, 3:7].T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        -2,
+    )
+
+
+def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.ndarray]:
+    """Return the exact channels of one sensor."""
+    name, r = sensor.name, np.asarray(sensor.position, dtype=float)
+    n = len(s.time)
+    base_v = s.v[:, :6] if model.free else np.zeros((n, 6))
+    base_a = s.a[:, :6] if model.free else np.zeros((n, 6))
+    rotation = rotations(s.q) if model.free else np.tile(np.eye(3), (n, 1, 1))
+    omega, alpha = base_v[:, 3:], base_a[:, 3:]
+    match sensor.kind:
+        case "pose":
+            origin = s.q[:, :3] if model.free else np.zeros((n, 3))
+            velocity = base_v[:, :3] + np.cross(omega, r)
+            quaternion = s.q[:, 3:7] if model.free else np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
+            found = {
+                "position": origin + rotation @ r,
+                "attitude": quaternion,
+                "velocity": np.einsum("nij,nj->ni", rotation, velocity),
+            }
+        case "imu":
+            found = {
+                "acceleration": _specific_force(model, rotation, base_v, base_a, np.tile(r, (n, 1))),
+                "angular_rate": omega,
+            }
+        case "encoder":
+            found = {
+                "joint_position": _unwrapped(group_angles(model.pin, model.arm_joints, s.q)),
+                "joint_velocity": s.v[:, model.arm_joints.v],
+            }
+        case "tachometer":
+            found = {"wheel_rate": s.v[:, model.wheels.v]}
+        case "accelerometers":
+            panel = find_appendage(model, str(sensor.appendage))
+            found = {"acceleration": _panel_acceleration(model, s, rotation, base_v, base_a, panel, sensor)}
+    return {f"{name}.{k}": v for k, v in found.items() if k in sensor.quantities}
+
+
+def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
+    """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint torques."""
+    model, inputs = trajectory.model, trajectory.inputs
+    found: dict[str, np.ndarray] = {}
+    n = len(s.time)
+    if model.free:
+        found["command.force"] = sample(inputs.force, s.time) if inputs.force else np.zeros((n, 3))
+        torque = sample(inputs.torque, s.time) if inputs.torque else np.zeros((n, 3))
+        if inputs.hold_attitude:
+            torque = torque + s.reaction[:, 3:6]
+        found["command.torque"] = torque
+    if len(model.wheels):
+        found["command.wheel_torque"] = s.tau[:, model.wheels.v] + s.reaction[:, model.wheels.v]
+    if len(model.arm_joints):
+        found["command.joint_torque"] = s.tau[:, model.arm_joints.v] + s.reaction[:, model.arm_joints.v]
+    return found
+
+
+def hidden_states(model: SpacecraftModel, s: States) -> dict[str, np.ndarray]:
+    """Return what no sensor sees: slosh and modal states (several tanks: columns one after the other)."""
+    found: dict[str, np.ndarray] = {}
+    if model.slosh:
+        found["truth.slosh_position"] = np.concatenate([s.q[:, j.q] for j in model.slosh], axis=1)
+        found["truth.slosh_velocity"] = np.concatenate([s.v[:, j.v] for j in model.slosh], axis=1)
+    if len(model.modes):
+        found["truth.modal_position"] = s.q[:, model.modes.q] * model.mode_scale
+        found["truth.modal_velocity"] = s.v[:, model.modes.v] * model.mode_scale
+    return found
+
+
+def find_appendage(model: SpacecraftModel, name: str) -> AppendageJoints:
+    """Return an appendage by name; raises `DescriptionError`."""
+    for found in model.appendages:
+        if found.appendage.name == name:
+            return found
+    raise DescriptionError(
+        f"There is no appendage '{name}'.",
+        advice=f"Appendages: {', '.join(a.appendage.name for a in model.appendages) or 'none'}.",
+    )
+
+
+def station_indices(panel: AppendageJoints, sensor: Sensor) -> np.ndarray:
+    """Return which stations of the appendage a sensor uses; distances are matched to the stations.
+
+    Raises `DescriptionError` for a station the appendage does not have.
+    """
+    positions = panel.appendage.station_positions()
+    if sensor.stations is None:
+        return np.arange(len(positions))
+    chosen = []
+    for station in sensor.stations:
+        if isinstance(station, int):
+            near = station if 0 <= station < len(positions) else -1
+        else:
+            gaps = np.abs(np.linalg.norm(positions, axis=1) - station)
+            near = int(np.argmin(gaps)) if len(gaps) and gaps.min() < 1e-6 else -1
+        if near < 0:
+            raise DescriptionError(
+                f"Sensor '{sensor.name}' asks for station {station} of '{panel.appendage.name}', which it lacks.",
+                advice=f"Its stations are at {positions.tolist()}.",
+            )
+        chosen.append(near)
+    return np.array(chosen)
+
+
+def _specific_force(
+    model: SpacecraftModel, rotation: np.ndarray, v: np.ndarray, a: np.ndarray, r: np.ndarray
+) -> np.ndarray:
+    """Acceleration less gravity of bus-fixed points r (N, 3), body axes (N, 3)."""
+    omega, alpha = v[:, 3:], a[:, 3:]
+    linear = a[:, :3] + np.cross(omega, v[:, :3])
+    linear = linear + np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
+    gravity = model.pin.gravity.linear
+    return linear - np.einsum("nji,j->ni", rotation, gravity) if gravity.any() else linear
+
+
+def _panel_acceleration(
+    model: SpacecraftModel,
+    s: States,
+    rotation: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    panel: AppendageJoints,
+    sensor: Sensor,
+) -> np.ndarray:
+    """Specific force of material points at the stations, bus axes (N, stations, 3), deflection included."""
+    if panel.parent > 1:
+        raise DescriptionError(f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus.")
+    chosen = station_indices(panel, sensor)
+    index_q = np.array([model.pin.joints[j].idx_q for j in panel.joints])
+    index_v = np.array([model.pin.joints[j].idx_v for j in panel.joints])
+    delta, rate, acc = (
+        x * panel.scale for x in (s.q[:, index_q], s.v[:, index_v], s.a[:, index_v])
+    )
+    modes = panel.appendage.modal_data()
+    omega = v[:, 3:]
+    out = np.empty((len(s.time), len(chosen), 3))
+    for k, station in enumerate(chosen):
+        rest = panel.placement.act(panel.appendage.station_positions()[station])
+        shape = np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T  # (modes, 3) bus axes
+        r = rest + delta @ shape
+        out[:, k] = _specific_force(model, rotation, v, a, r)
+        out[:, k] += acc @ shape + 2 * np.cross(omega, rate @ shape)
+    return out
+
+
+def _unwrapped(angles: np.ndarray) -> np.ndarray:
+    return np.unwrap(angles, axis=0) if len(angles) > 1 else angles
+
