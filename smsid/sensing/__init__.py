@@ -2,10 +2,10 @@
 
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.presets import preset, preset_names, preset_source
-from smsid.sensing.sensor import QUANTITIES, Sensor
+from smsid.sensing.sensor import MEASURES, Sensor
 
 __all__ = [
-    "QUANTITIES",
+    "MEASURES",
     "ErrorModel",
     "Sensor",
     "preset",

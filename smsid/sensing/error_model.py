@@ -69,8 +69,8 @@ class ErrorModel(BaseModel):
               \left[1 - \frac{T}{2\tau}\left(3 - 4 e^{-\tau/T} + e^{-2\tau/T}\right)\right],
 
     which peaks at ``tau = 1.893 T`` with ``sigma = 0.6174 s``. The peak is set to the data sheet's floor:
-    ``s = bias_instability / 0.6174`` (`gauss_markov_sigma`). True flicker noise of coefficient B has its floor
-    at ``sqrt(2 ln 2 / pi) B = 0.664 B``: a data sheet that prints B instead of the floor is multiplied by
+    ``s = bias_instability / 0.6174`` (`gauss_markov_sigma`). True flicker noise of coefficient B has a floor
+    of ``sqrt(2 ln 2 / pi) B = 0.664 B``: a data sheet that prints B instead of the floor is multiplied by
     0.664 first.
 
     Raises:
@@ -252,7 +252,7 @@ def _any(value: Any) -> bool:
 
 def _fixed(value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
     """Return ``value`` plus a draw of ``sigma``, constant in time: the shape without its first dimension."""
-    fixed = np.broadcast_to(np.asarray(value, dtype=float), shape[1:])
+    fixed = np.array(np.broadcast_to(np.asarray(value, dtype=float), shape[1:]))
     if not _any(sigma):
         return fixed
     return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from smsid.errors import DescriptionError
+from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._noise import FloatArray
 from smsid.sensing.error_model import ErrorModel, Magnitude, Positive, Triple
 from smsid.sensing.presets import preset as _preset
@@ -18,7 +18,7 @@ from smsid.sensing.presets import preset as _preset
 Kind = Literal["pose", "imu", "encoder", "tachometer", "accelerometers"]
 Station = Annotated[int, Field(ge=0, strict=True)]
 
-QUANTITIES: dict[str, tuple[str, ...]] = {
+MEASURES: dict[str, tuple[str, ...]] = {
     "pose": ("position", "attitude", "velocity"),
     "imu": ("acceleration", "angular_rate"),
     "encoder": ("joint_position", "joint_velocity"),
@@ -27,7 +27,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 }
 """What each kind of sensor measures (section 3 of the design gives units, frames and shapes)."""
 
-RESERVED = ("command", "truth")
+RESERVED = ("command", "truth", "extra")
 """Sources that are no sensor's."""
 
 _BODY = ("acceleration", "angular_rate")
@@ -87,14 +87,14 @@ class Sensor(BaseModel):
         if fields.get("preset") is not None:
             fields = _overlay(_preset(fields["preset"], fields.get("kind")), fields)
         if not fields.get("quantities"):
-            fields["quantities"] = QUANTITIES.get(str(fields.get("kind")), ())
+            fields["quantities"] = MEASURES.get(str(fields.get("kind")), ())
         return fields
 
     @model_validator(mode="after")
     def _fits_kind(self) -> Sensor:
         if self.name in RESERVED:
             raise ValueError(f"'{self.name}' is not free as the name of a sensor")
-        allowed = QUANTITIES[self.kind]
+        allowed = MEASURES[self.kind]
         strange = [q for q in self.quantities if q not in allowed]
         if strange or len(set(self.quantities)) != len(self.quantities):
             raise ValueError(
@@ -154,8 +154,8 @@ class Sensor(BaseModel):
     ) -> FloatArray:
         """Return what the sensor reports of one quantity.
 
-        Body vectors are turned to the sensor's axes, given its errors, and turned back; an attitude is that of
-        the sensor while the errors act.
+        Body vectors are turned to the sensor's axes, given its errors, and turned back; an attitude is that
+        of the sensor while the errors act.
 
         Args:
             quantity: one of ``quantities``.
@@ -167,13 +167,15 @@ class Sensor(BaseModel):
 
         Raises:
             DescriptionError: the sensor does not measure it, or an error term does not fit its shape.
-            RecordingError: times or values are unusable (see `ErrorModel.apply`).
+            RecordingError: the shape is not that of the quantity, or times or values are unusable (see
+                `ErrorModel.apply`).
         """
         model = self.error(quantity)
         attitude = quantity == "attitude"
         turned = any(self.orientation) and (attitude or quantity in _BODY)
         x = np.asarray(ideal, dtype=float)
         t = np.asarray(times, dtype=float)
+        self._check_shape(quantity, x.shape)
         rate = None if t.size > 1 else self.rate
         if not turned:
             return model.apply(t, x, rng, attitude=attitude, rate=rate, delayed=delayed)
@@ -186,6 +188,24 @@ class Sensor(BaseModel):
             return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
         to_bus = self.rotation
         return model.apply(t, x @ to_bus, rng, rate=rate, delayed=delayed) @ to_bus.T
+
+    def _check_shape(self, quantity: str, shape: tuple[int, ...]) -> None:
+        if self.kind == "accelerometers":
+            fits = len(shape) == 3 and shape[2] == 3 and len(self.stations or range(shape[1])) == shape[1]
+            wanted = f"(N, {'stations' if self.stations is None else len(self.stations)}, 3)"
+        elif quantity in _PER_JOINT:
+            fits, wanted = len(shape) == 2, "(N, joints)"
+        else:
+            columns = 4 if quantity == "attitude" else 3
+            fits, wanted = len(shape) == 2 and shape[1] == columns, f"(N, {columns})"
+        if not fits:
+            raise RecordingError(
+                f"'{self.name}.{quantity}' has shape {shape}, not {wanted}.",
+                advice="See the table of quantities.",
+                sensor=self.name,
+                quantity=quantity,
+                shape=shape,
+            )
 
 
 def _overlay(base: dict[str, Any], explicit: dict[str, Any]) -> dict[str, Any]:
