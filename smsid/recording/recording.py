@@ -1,0 +1,360 @@
+"""The recording: labelled channels with unit, frame and clock, which nothing can change."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from smsid.errors import RecordingError
+from smsid.recording import _checks, _layout, _resampling
+from smsid.recording._clock import Gap, check_order, find_gaps
+from smsid.recording._suspicion import suspicions
+from smsid.recording.channels import split_channel
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = NDArray[np.float64]
+Role = Literal["estimation", "validation", "unspecified"]
+
+
+class Recording:
+    """Measured or simulated channels ``<source>.<quantity>`` in the units and frames of the catalogue.
+
+    The channels share the clock ``time`` [s], except for a source that has its own, ``<source>.time``. All
+    arrays are read-only float64; every method that changes something gives a new recording. The constructor
+    verifies names, shapes and units; `check` verifies the samples.
+
+    Args:
+        dataset: one variable per channel, as `dataset` gives it back; it is copied. Use `from_arrays` to
+            start from arrays.
+
+    Raises:
+        RecordingError: a channel, unit, shape, clock, role or provenance is not as it should be.
+    """
+
+    __slots__ = ("_dataset",)
+    _dataset: xr.Dataset
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        attributes = _layout.header(
+            str(dataset.attrs.get("name", "")),
+            str(dataset.attrs.get("role", "unspecified")),
+            dataset.attrs.get("provenance", "{}"),
+        )
+        time, channels, labels = _layout.take_apart(dataset)
+        if not channels:
+            raise RecordingError("The recording has no channels.", advice="Give at least one.")
+        built = _layout.build(
+            time, channels, labels=labels, units=_layout.units_of(dataset), attributes=attributes
+        )
+        object.__setattr__(self, "_dataset", built)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike | None,
+        channels: Mapping[str, Any],
+        *,
+        labels: Mapping[str, Sequence[str]] | None = None,
+        units: Mapping[str, str] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+        role: str = "unspecified",
+        name: str = "",
+    ) -> Recording:
+        """Build a recording from arrays, which are copied.
+
+        Args:
+            time: (N,) shared clock [s]; None when every source has its own.
+            channels: by channel name, an array (N, ...) in the unit and frame of the quantity, or
+                ``(time, array)`` for a source with its own clock.
+            labels: names along ``joint``, ``wheel``, ``mode`` or ``station``; ``<source>.station`` (likewise
+                the others) for one source only.
+            units: of the channels ``extra.<anything>``; for others it must be the catalogue's.
+            provenance: where the data come from; what JSON can hold.
+            role: 'estimation', 'validation' or 'unspecified'.
+            name: of the recording.
+
+        Raises:
+            RecordingError: unknown quantity, wrong unit or shape, lengths that differ, clocks that
+                contradict.
+        """
+        if not channels:
+            raise RecordingError("The recording has no channels.", advice="Give at least one.")
+        attributes = _layout.header(name, role, provenance or {})
+        return cls(
+            _layout.build(time, channels, labels=labels or {}, units=units or {}, attributes=attributes)
+        )
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """Give the samples of a channel, (N, ...), read-only; raise `RecordingError` if it is not there."""
+        self.require(name)
+        return _frozen(self._dataset[name].values)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._dataset.data_vars
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """A copy of the dataset that shares the read-only arrays."""
+        return self._dataset.copy(deep=False)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(str(name) for name in self._dataset.data_vars)
+
+    @property
+    def clocks(self) -> tuple[str, ...]:
+        """Names of the clocks: ``time`` and ``<source>.time``."""
+        return tuple(
+            str(key) for key in self._dataset.coords if str(key) == "time" or str(key).endswith(".time")
+        )
+
+    @property
+    def labels(self) -> dict[str, tuple[str, ...]]:
+        """Names along joints, wheels, modes and stations, as `from_arrays` takes them."""
+        return _layout.take_apart(self._dataset)[2]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every channel."""
+        return _layout.units_of(self._dataset)
+
+    @property
+    def name(self) -> str:
+        """Name of the recording, perhaps empty."""
+        return self._dataset.attrs["name"]
+
+    @property
+    def role(self) -> Role:
+        """What the data may be used for: 'estimation', 'validation' or 'unspecified'."""
+        return self._dataset.attrs["role"]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where the data come from; a fresh dictionary that JSON can hold."""
+        return json.loads(self._dataset.attrs["provenance"])
+
+    def channel(self, name: str) -> xr.DataArray:
+        """Give a channel with its coordinates, unit and frame; raise `RecordingError` if it is not there."""
+        self.require(name)
+        return self._dataset[name].copy(deep=False)
+
+    def unit(self, name: str) -> str:
+        """Give the unit of a channel; raise `RecordingError` if it is not there."""
+        self.require(name)
+        return self._dataset[name].attrs["unit"]
+
+    def time(self, name: str | None = None) -> FloatArray:
+        """Give the times [s], (N,), of a channel or source; without a name, the shared clock.
+
+        Raises:
+            RecordingError: no such channel or source, or there is no shared clock.
+        """
+        if name is None:
+            clock = "time"
+        elif name in self:
+            clock = _layout.clock_of(self._dataset, split_channel(name)[0])
+        elif any(channel.startswith(f"{name}.") for channel in self.channels):
+            clock = _layout.clock_of(self._dataset, name)
+        else:
+            self.require(name)
+            raise AssertionError(name)
+        if clock not in self._dataset.coords:
+            raise RecordingError(
+                "The recording has no shared clock.",
+                advice=f"Ask for one of {', '.join(self.clocks)} by time('<source>'), or resample.",
+                clocks=self.clocks,
+            )
+        return _frozen(self._dataset[clock].values)
+
+    def require(self, *names: str) -> None:
+        """Raise `RecordingError` naming the channels that are missing and those that are there."""
+        missing = [name for name in names if name not in self]
+        if not missing:
+            return
+        close = {name: difflib.get_close_matches(name, self.channels, n=1) for name in missing}
+        hints = [f"'{match[0]}' for '{name}'" for name, match in close.items() if match]
+        hint = f" Did you mean {', '.join(hints)}?" if hints else ""
+        raise RecordingError(
+            f"The recording{f' {self.name!r}' if self.name else ''} has no {', '.join(missing)}; "
+            f"it has {', '.join(self.channels)}.",
+            advice=f"Record or import what is missing.{hint}",
+            missing=tuple(missing),
+            present=self.channels,
+        )
+
+    def check(self) -> Recording:
+        """Verify the samples and give the recording back.
+
+        Raises:
+            RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
+                gap, a quaternion whose norm is off, or channels that contradict each other by a clear unit
+                factor.
+        """
+        _checks.check_clocks(self)
+        _checks.check_finite(self)
+        _checks.check_gaps(self)
+        _checks.check_quaternions(self)
+        _checks.check_units(self)
+        return self
+
+    def gaps(self) -> tuple[Gap, ...]:
+        """Find the steps longer than five median steps, on every clock."""
+        return tuple(gap for clock in self.clocks for gap in find_gaps(self._dataset[clock].values, clock))
+
+    def suspicious(self) -> list[str]:
+        """Say in sentences which channels contradict each other as if a unit, sign or convention were wrong.
+
+        Each channel is compared with the derivative of another (as increments against integrals, so noise is
+        not amplified). Pairs with too little motion or a correlation below 0.9 are not judged.
+
+        Raises:
+            RecordingError: a clock that does not increase, or samples that are not finite.
+        """
+        return [suspicion.sentence for suspicion in suspicions(self)]
+
+    def window(self, t0: float, t1: float) -> Recording:
+        """Cut out ``t0 <= t <= t1`` [s] on every clock.
+
+        Raises:
+            RecordingError: a clock does not increase, or has no sample in the window.
+        """
+        cut = self._dataset
+        for clock in self.clocks:
+            times = cut[clock].values
+            check_order(times, clock)
+            inside = np.flatnonzero((times >= t0) & (times <= t1))
+            if not inside.size:
+                raise RecordingError(
+                    f"Clock '{clock}' has no sample between {t0} and {t1} s; it runs from {times[0]:.9g} to "
+                    f"{times[-1]:.9g} s.",
+                    advice="Choose a window inside.",
+                    clock=clock,
+                    start=float(times[0]),
+                    end=float(times[-1]),
+                )
+            cut = cut.isel({clock: slice(int(inside[0]), int(inside[-1]) + 1)})
+        return Recording(cut)._noted({"window": [float(t0), float(t1)]})
+
+    def resampled(self, rate_or_times: float | ArrayLike) -> Recording:
+        """Bring all channels to one clock, linearly between samples, quaternions by slerp.
+
+        Nothing is extrapolated, and nothing is filtered: low-pass first when going to a lower rate.
+
+        Args:
+            rate_or_times: a rate [Hz], from the first to the last time that all clocks cover; or (M,) times
+                [s].
+
+        Raises:
+            RecordingError: times outside a clock or inside a gap, not increasing, or samples that are not
+                finite.
+        """
+        times = _resampling.new_times(self, rate_or_times)
+        channels = _resampling.interpolated(self, times)
+        built = Recording.from_arrays(
+            times,
+            channels,
+            labels=self.labels,
+            units=self.units,
+            provenance=self.provenance,
+            role=self.role,
+            name=self.name,
+        )
+        return built._noted({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
+
+    def with_channels(
+        self,
+        channels: Mapping[str, Any],
+        *,
+        labels: Mapping[str, Sequence[str]] | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> Recording:
+        """Add or replace channels; a plain array runs on the clock that its source already has.
+
+        Args:
+            channels: as `from_arrays` takes them.
+            labels: of new dimensions; the present ones are kept.
+            units: of new channels ``extra.<anything>``.
+
+        Raises:
+            RecordingError: as `from_arrays`.
+        """
+        time, present, known = _layout.take_apart(self._dataset)
+        for name, value in channels.items():
+            own = f"{split_channel(name)[0]}.time"
+            on_own = own in self.clocks and not isinstance(value, tuple)
+            present[name] = (self._dataset[own].values, value) if on_own else value
+        kept = {name: unit for name, unit in self.units.items() if name not in (units or {})}
+        return Recording.from_arrays(
+            time,
+            present,
+            labels={**known, **(labels or {})},
+            units={**kept, **(units or {})},
+            provenance=self.provenance,
+            role=self.role,
+            name=self.name,
+        )
+
+    def without(self, *names: str) -> Recording:
+        """Leave channels out; raise `RecordingError` if one is not there or none is left."""
+        self.require(*names)
+        left = self._dataset.drop_vars(names)
+        used = {dim for variable in left.data_vars.values() for dim in variable.dims}
+        return Recording(left.drop_vars([key for key in left.coords if key not in used and key != "time"]))
+
+    def with_role(self, role: str) -> Recording:
+        """Give the recording another role; raise `RecordingError` if it is none."""
+        return self._with_header(role=role)
+
+    def with_name(self, name: str) -> Recording:
+        """Give the recording another name."""
+        return self._with_header(name=name)
+
+    def with_provenance(self, notes: Mapping[str, Any]) -> Recording:
+        """Add notes to the provenance, replacing those of the same key; raise `RecordingError` if not JSON."""
+        return self._with_header(provenance={**self.provenance, **notes})
+
+    def equals(self, other: object) -> bool:
+        """Compare everything: samples (NaN equals NaN), clocks, labels, units, role, name, provenance."""
+        if not isinstance(other, Recording) or self.provenance != other.provenance:
+            return False
+        a, b = self._dataset.copy(deep=False), other._dataset.copy(deep=False)
+        a.attrs["provenance"] = b.attrs["provenance"] = ""
+        return self.channels == other.channels and a.identical(b)
+
+    def _noted(self, step: Mapping[str, Any]) -> Recording:
+        return self.with_provenance({"steps": [*self.provenance.get("steps", []), dict(step)]})
+
+    def _with_header(self, **changes: Any) -> Recording:
+        header = {"name": self.name, "role": self.role, "provenance": self.provenance, **changes}
+        return Recording(self._dataset.assign_attrs(_layout.header(**header)))
+
+    def __setattr__(self, key: str, value: object) -> None:
+        raise AttributeError(f"A recording is frozen; '{key}' cannot be set. Use with_channels or with_role.")
+
+    def __delattr__(self, key: str) -> None:
+        raise AttributeError(f"A recording is frozen; '{key}' cannot be deleted.")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Recording, (self._dataset,))
+
+    def __repr__(self) -> str:
+        spans = []
+        for clock in self.clocks:
+            times = self._dataset[clock].values
+            spans.append(f"{clock}: {times.size} samples, {times[0]:.6g} to {times[-1]:.6g} s")
+        title = f" {self.name!r}" if self.name else ""
+        return f"<Recording{title} ({self.role}) {', '.join(self.channels)} [{'; '.join(spans)}]>"
+
+
+def _frozen(values: Any) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64).view()
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,131 @@
+"""Recordings as netCDF-4 files (HDF5), self-describing and whole or absent."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from smsid._files import atomic_path
+from smsid.errors import RecordingError, SmsidError
+from smsid.recording.channels import quantity_of
+from smsid.recording.recording import Recording
+
+SCHEMA = "smsid.recording"
+SCHEMA_VERSION = 1
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
+    """Write a recording to a netCDF-4 file and give its path; the file appears whole or not at all.
+
+    Every variable carries its unit and frame, quaternions their order, all data a checksum; the file names
+    its schema and version. Reading needs no smsid: ``xarray.open_dataset(path, engine="h5netcdf")`` shows the
+    same.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    dataset = recording.dataset
+    dataset.attrs.update(schema=SCHEMA, schema_version=SCHEMA_VERSION, time_unit="s")
+    encoding: dict[Any, Any] = {name: {"_FillValue": None} for name in dataset.variables}
+    for name in recording.channels:
+        # The checksum finds damage inside a file that still has its full length.
+        encoding[name]["fletcher32"] = True
+    try:
+        with atomic_path(path) as temporary:
+            dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    except OSError as error:
+        raise RecordingError(
+            f"Cannot write {path}: {error}.", advice="Is the disk full or read-only?", path=str(path)
+        ) from error
+    except SmsidError as error:
+        raise RecordingError(error.message, advice=error.advice, **error.evidence) from error
+    return Path(path)
+
+
+def load_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording that `save_recording` wrote.
+
+    Raises:
+        RecordingError: no such file, no HDF5, cut short or damaged, no smsid recording, or a schema version
+            that this smsid does not know.
+    """
+    import xarray as xr
+
+    check_hdf5(path)
+    try:
+        # decode_times would turn the times of some units into dates; masking would touch the samples.
+        dataset = xr.load_dataset(
+            path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
+        )
+    except (
+        Exception
+    ) as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on where it breaks
+        raise _damaged(path, error) from error
+    schema, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
+    if schema != SCHEMA:
+        raise RecordingError(
+            f"{path} is HDF5, but not a recording of smsid.",
+            advice="Bring it in with import_recording and a mapping.",
+            path=str(path),
+            schema=schema,
+        )
+    if version != SCHEMA_VERSION:
+        raise RecordingError(
+            f"{path} has schema version {version}; this smsid reads version {SCHEMA_VERSION}.",
+            advice="Read it with the smsid that wrote it, or update smsid.",
+            path=str(path),
+            version=version,
+        )
+    try:
+        _check_conventions(dataset)
+        return Recording(dataset)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error.message}", advice=error.advice, path=str(path)) from error
+
+
+def check_hdf5(path: str | os.PathLike[str]) -> None:
+    """Raise `RecordingError` unless ``path`` is a file that starts like HDF5."""
+    file = Path(path)
+    if not file.is_file():
+        raise RecordingError(f"There is no file {path}.", advice="Check the path.", path=str(path))
+    try:
+        with file.open("rb") as stream:
+            start = stream.read(len(HDF5_SIGNATURE))
+    except OSError as error:
+        raise RecordingError(
+            f"Cannot read {path}: {error}.", advice="Check its permissions.", path=str(path)
+        ) from error
+    if start == HDF5_SIGNATURE:
+        return
+    if HDF5_SIGNATURE.startswith(start):
+        raise _damaged(path, None)
+    if start[:3] == b"CDF":
+        advice = "It is classic netCDF; convert it with: nccopy -k netCDF-4 <file> <new file>."
+    else:
+        advice = "Is it the right file? Logs in other formats come in with import_recording and a mapping."
+    raise RecordingError(f"{path} is not an HDF5 file.", advice=advice, path=str(path))
+
+
+def _damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+    size = Path(path).stat().st_size
+    return RecordingError(
+        f"{path} ({size} bytes) is cut short or damaged{f': {error}' if error else ''}.",
+        advice="Copy it again from where it was made.",
+        path=str(path),
+        size=size,
+    )
+
+
+def _check_conventions(dataset: Any) -> None:
+    for name, variable in dataset.data_vars.items():
+        quantity = quantity_of(str(name), unit=variable.attrs.get("unit"))
+        frame, order = variable.attrs.get("frame"), variable.attrs.get("quaternion_order")
+        if frame != quantity.frame or (quantity.is_quaternion and order != "x y z w"):
+            raise RecordingError(
+                f"Channel '{name}' is in frame '{frame}' (quaternion order {order}); expected "
+                f"'{quantity.frame}'{' and x y z w' if quantity.is_quaternion else ''}.",
+                advice="Bring it in with import_recording and a mapping, which converts conventions.",
+                channel=str(name),
+            )
