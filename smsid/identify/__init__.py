@@ -1,0 +1,1 @@
+"""Identification: estimators, from arrays to numbers with intervals."""
