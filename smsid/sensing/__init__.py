@@ -1,6 +1,8 @@
-"""Sensors: what they measure, their errors, and what they make of a motion."""
+"""Sensors: what they measure, their errors, what they make of a motion, and filters for what they record."""
 
 from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.filters import decimate, differentiate, filter_recording, lowpass, uniform_rate, zero_phase
+from smsid.sensing.observe import add_noise, observe, sample_times
 from smsid.sensing.presets import preset, preset_names, preset_source
 from smsid.sensing.sensor import MEASURES, Sensor
 
@@ -8,7 +10,16 @@ __all__ = [
     "MEASURES",
     "ErrorModel",
     "Sensor",
+    "add_noise",
+    "decimate",
+    "differentiate",
+    "filter_recording",
+    "lowpass",
+    "observe",
     "preset",
     "preset_names",
     "preset_source",
+    "sample_times",
+    "uniform_rate",
+    "zero_phase",
 ]

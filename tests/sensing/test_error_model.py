@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing import ErrorModel
 from smsid.sensing.error_model import GAUSS_MARKOV_ALLAN_PEAK, GAUSS_MARKOV_ALLAN_PEAK_TIME
+
 from .statistics import allan_deviation, mean_band, sigma_band
 
 RATE = 100.0

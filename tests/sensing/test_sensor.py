@@ -125,7 +125,7 @@ def test_errors_of_body_vectors_act_along_the_sensor_axes():
     )
     assert np.allclose(sensor.rotation @ [0, 0, 1], [1, 0, 0])
     x = rng(1).normal(size=(5, 3))
-    assert np.allclose(sensor.measure("acceleration", np.arange(5.0), x, rng()), x + [1, 0, 0])
+    assert np.allclose(sensor.measure("acceleration", np.arange(5.0), x, rng()), x + np.array([1, 0, 0]))
 
 
 def test_a_perfect_turned_sensor_reads_in_bus_axes():
