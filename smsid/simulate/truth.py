@@ -14,7 +14,9 @@ from smsid.simulate.signals import sample
 from smsid.simulate.trajectory import States, Trajectory
 
 
-def truth_of(trajectory: Trajectory, sensors: Sequence[Sensor]) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+def truth_of(
+    trajectory: Trajectory, sensors: Sequence[Sensor]
+) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
     """Return a function of times (N,) [s] that gives the exact channels of the sensors, commands and truth.
 
     Frames and units as in docs/design.md, section 3. The torque that holds the attitude counts as commanded.
@@ -99,11 +101,12 @@ def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
 
 
 def hidden_states(model: SpacecraftModel, s: States) -> dict[str, np.ndarray]:
-    """Return what no sensor sees: slosh and modal states (several tanks: columns one after the other)."""
+    """Return what no sensor sees: slosh and modal states (several tanks: sources ``truth_<tank>``)."""
     found: dict[str, np.ndarray] = {}
-    if model.slosh:
-        found["truth.slosh_position"] = np.concatenate([s.q[:, j.q] for j in model.slosh], axis=1)
-        found["truth.slosh_velocity"] = np.concatenate([s.v[:, j.v] for j in model.slosh], axis=1)
+    for joint in model.slosh:
+        source = "truth" if len(model.slosh) == 1 else f"truth_{joint.name}"
+        found[f"{source}.slosh_position"] = s.q[:, joint.q]
+        found[f"{source}.slosh_velocity"] = s.v[:, joint.v]
     if len(model.modes):
         found["truth.modal_position"] = s.q[:, model.modes.q] * model.mode_scale
         found["truth.modal_velocity"] = s.v[:, model.modes.v] * model.mode_scale
@@ -167,19 +170,21 @@ def _panel_acceleration(
 ) -> np.ndarray:
     """Specific force of material points at the stations, bus axes (N, stations, 3), deflection included."""
     if panel.parent > 1:
-        raise DescriptionError(f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus.")
+        raise DescriptionError(
+            f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus."
+        )
     chosen = station_indices(panel, sensor)
     index_q = np.array([model.pin.joints[j].idx_q for j in panel.joints])
     index_v = np.array([model.pin.joints[j].idx_v for j in panel.joints])
-    delta, rate, acc = (
-        x * panel.scale for x in (s.q[:, index_q], s.v[:, index_v], s.a[:, index_v])
-    )
+    delta, rate, acc = (x * panel.scale for x in (s.q[:, index_q], s.v[:, index_v], s.a[:, index_v]))
     modes = panel.appendage.modal_data()
     omega = v[:, 3:]
     out = np.empty((len(s.time), len(chosen), 3))
     for k, station in enumerate(chosen):
         rest = panel.placement.act(panel.appendage.station_positions()[station])
-        shape = np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T  # (modes, 3) bus axes
+        shape = (
+            np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T
+        )  # (modes, 3) bus axes
         r = rest + delta @ shape
         out[:, k] = _specific_force(model, rotation, v, a, r)
         out[:, k] += acc @ shape + 2 * np.cross(omega, rate @ shape)
@@ -188,4 +193,3 @@ def _panel_acceleration(
 
 def _unwrapped(angles: np.ndarray) -> np.ndarray:
     return np.unwrap(angles, axis=0) if len(angles) > 1 else angles
-

@@ -1,0 +1,31 @@
+"""Experiments: what to fly so that the data identify the spacecraft."""
+
+from smsid.experiments.excitation import Excitation, fourier_experiment, momentum_condition, thrust_experiment
+from smsid.experiments.fly import Flight, LimitUse, fly, limit_use
+from smsid.experiments.named import named_experiment
+from smsid.experiments.schema import (
+    ConstantProfile,
+    Experiment,
+    FourierProfile,
+    StepProfile,
+    load_experiment,
+    save_experiment,
+)
+
+__all__ = [
+    "ConstantProfile",
+    "Excitation",
+    "Experiment",
+    "Flight",
+    "FourierProfile",
+    "LimitUse",
+    "StepProfile",
+    "fly",
+    "fourier_experiment",
+    "limit_use",
+    "load_experiment",
+    "momentum_condition",
+    "named_experiment",
+    "save_experiment",
+    "thrust_experiment",
+]

@@ -1,0 +1,176 @@
+"""The paper's excitations: the thrust profile (48) and truncated Fourier series for wheels and arms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.errors import ExperimentError
+from smsid.experiments.fly import LimitUse, limit_use
+from smsid.experiments.schema import Experiment, FourierProfile, StepProfile
+from smsid.model.identifiable import base_parameters
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate import Tolerance, simulate
+
+DRAFT = Tolerance(1e-6, 1e-8)  # to rank candidates and see limits, not to make data
+
+
+def thrust_experiment(axes: str = "xyz", *, force: float = 40.0, duration: float = 120.0) -> Experiment:
+    """Return Exp. 1, equation (48): +force, -force, 0 over thirds of ``duration / 2``, attitude held.
+
+    ``axes`` are the body axes thrust acts along. Thrust is +f for t_f/6, -f until t_f/3, then zero.
+    """
+    if not axes or set(axes) - set("xyz"):
+        raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")
+    direction = tuple(force if a in axes else 0.0 for a in "xyz")
+    return Experiment(
+        name="exp1" if axes == "xyz" else f"exp1_{axes}",
+        note="Exp. 1: thrust (48), attitude held, joints and wheels locked",
+        duration=duration,
+        hold_attitude=True,
+        lock_joints=True,
+        lock_wheels=True,
+        force=StepProfile(
+            times=(0.0, duration / 6, duration / 3),
+            values=(direction, tuple(-f for f in direction), (0.0, 0.0, 0.0)),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An Exp. 2 with the condition number of its scaled regressor and its use of the limits."""
+
+    experiment: Experiment
+    condition: float
+    limits: tuple[LimitUse, ...]
+
+
+def fourier_experiment(
+    model: SpacecraftModel,
+    rng: np.random.Generator,
+    *,
+    duration: float = 80.0,
+    harmonics: int = 5,
+    amplitude: float = 0.6,
+    wheel_share: float = 0.5,
+    candidates: int = 10,
+    name: str = "exp2",
+) -> Excitation:
+    """Return Exp. 2: truncated Fourier series on wheels (torque) and arm joints (motion), free floating.
+
+    Two periods in ``duration`` [s]. Of ``candidates`` random draws within joint, rate, torque and wheel limits,
+    the one whose column-scaled momentum regressor has the smallest condition number is kept. ``amplitude`` [rad]
+    is the peak joint motion about home before limits shrink it, ``wheel_share`` the share of wheel torque and
+    rate limits used. The arm starts at rest.
+
+    Raises `ExperimentError` when no candidate respects the limits.
+    """
+    if not len(model.arm_joints) and not len(model.wheels):
+        raise ExperimentError("Exp. 2 needs wheels or arm joints to move.")
+    best: Excitation | None = None
+    broken: tuple[LimitUse, ...] = ()
+    for _ in range(candidates):
+        scale = 1.0
+        for _ in range(6):  # torque depends on the motion: shrink until within limits
+            experiment = _draw(model, rng.spawn(1)[0], duration, harmonics, amplitude * scale, wheel_share, name)
+            trajectory = simulate(
+                model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT
+            )
+            states = trajectory.states(np.linspace(0.0, duration, int(4 * duration) + 1))
+            limits = limit_use(model, states)
+            broken = tuple(u for u in limits if u.exceeded)
+            if not broken:
+                break
+            scale *= 0.7
+        if broken:
+            continue
+        condition = momentum_condition(model, states.q, states.v)
+        if best is None or condition < best.condition:
+            best = Excitation(experiment, condition, limits)
+    if best is None:
+        raise ExperimentError(
+            "No candidate respects the limits: " + "; ".join(map(str, broken)) + ".",
+            advice="Use a smaller amplitude or wheel_share, or a longer duration.",
+            limits=broken,
+        )
+    return best
+
+
+def momentum_condition(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> float:
+    """Return the condition number of the column-scaled base regressor of angular momentum, rigid bodies only."""
+    regressor = Regressor(model)
+    rigid = set(regressor.bodies[: 1 + len(model.arm_joints)])
+    keep = [i for i, n in enumerate(regressor.names) if n.rsplit(".", 1)[0] in rigid]
+    y = regressor.momentum(q, v)[:, 3:, keep].reshape(-1, len(keep))
+    base = base_parameters(y, [regressor.names[i] for i in keep], [regressor.units[i] for i in keep])
+    return base.condition
+
+
+def _draw(
+    model: SpacecraftModel,
+    rng: np.random.Generator,
+    duration: float,
+    harmonics: int,
+    amplitude: float,
+    wheel_share: float,
+    name: str,
+) -> Experiment:
+    frequency = 2.0 / duration
+    order = np.arange(1, harmonics + 1)
+    n, w = len(model.arm_joints), len(model.wheels)
+    motion = None
+    if n:
+        home = model.joint_angles(model.home)
+        a, b = rng.normal(size=(2, n, harmonics)) / order
+        b -= (b @ order)[:, None] * order / (order @ order)  # zero rate at the start
+        t = np.linspace(0.0, duration / 2, 400)
+        phase = 2 * np.pi * frequency * np.outer(order, t)
+        swing = a @ (np.cos(phase) - 1.0) + b @ np.sin(phase)
+        rate = 2 * np.pi * frequency * (-(a * order) @ np.sin(phase) + (b * order) @ np.cos(phase))
+        low, high = _range(model, home)
+        factor = np.full(n, amplitude) / np.abs(swing).max(axis=1)
+        factor = np.minimum(factor, 0.9 * high / np.maximum(swing.max(axis=1), 1e-12))
+        factor = np.minimum(factor, 0.9 * low / np.maximum(-swing.min(axis=1), 1e-12))
+        speed = model.pin.velocityLimit[model.arm_joints.v]
+        speed = np.where((speed > 0) & np.isfinite(speed), speed, np.inf)
+        factor = np.minimum(factor, 0.9 * speed / np.abs(rate).max(axis=1))
+        a, b = a * factor[:, None], b * factor[:, None]
+        motion = FourierProfile(frequency=frequency, cos=_rows(a), sin=_rows(b), offset=tuple(home - a.sum(axis=1)))
+    torque = None
+    if w:
+        a, b = rng.normal(size=(2, w, harmonics)) / order
+        t = np.linspace(0.0, duration / 2, 400)
+        phase = 2 * np.pi * frequency * np.outer(order, t)
+        peak = np.abs(a @ np.cos(phase) + b @ np.sin(phase)).max(axis=1)
+        spin = (a / order) @ np.sin(phase) - (b / order) @ (np.cos(phase) - 1.0)
+        swing = np.abs(spin).max(axis=1) / (2 * np.pi * frequency)
+        limit = np.array([x.max_torque or 1.0 for x in model.description.wheel])
+        rates = np.array([(x.max_rate or 400.0) * (x.inertia or 0.1) for x in model.description.wheel])
+        factor = wheel_share * np.minimum(limit / peak, rates / swing)
+        torque = FourierProfile(frequency=frequency, cos=_rows(a * factor[:, None]), sin=_rows(b * factor[:, None]))
+    return Experiment(
+        name=name,
+        note="Exp. 2: truncated Fourier series on wheels and arms, free floating",
+        duration=duration,
+        wheel_torque=torque,
+        joint_motion=motion,
+    )
+
+
+def _range(model: SpacecraftModel, home: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Room below and above home (joints,) [rad]; unlimited joints get a turn."""
+    low, high = np.full(len(home), 2 * np.pi), np.full(len(home), 2 * np.pi)
+    for i, (j, k) in enumerate(zip(model.arm_joints.joints, model.arm_joints.q, strict=True)):
+        if model.pin.joints[int(j)].nq != 1:
+            continue
+        lower, upper = model.pin.lowerPositionLimit[k], model.pin.upperPositionLimit[k]
+        if np.isfinite([lower, upper]).all() and upper > lower:
+            low[i], high[i] = max(home[i] - lower, 1e-3), max(upper - home[i], 1e-3)
+    return low, high
+
+
+def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in matrix)

@@ -1,0 +1,140 @@
+"""An experiment: what is commanded, for how long, in which mode. Saved as a TOML."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from smsid._files import atomic_write
+from smsid.description.files import explain_validation, read_toml
+from smsid.errors import ExperimentError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.inputs import Inputs, JointMotion
+from smsid.simulate.signals import Constant, Fourier, Signal, Steps
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StepProfile(_Table):
+    """Piecewise constant: ``values[i]`` from ``times[i]`` [s] on."""
+
+    kind: Literal["steps"] = "steps"
+    times: tuple[float, ...]
+    values: tuple[tuple[float, ...], ...]
+
+    def signal(self) -> Signal:
+        """Return the signal."""
+        return Steps(self.times, np.array(self.values, dtype=float))
+
+
+class FourierProfile(_Table):
+    """Truncated Fourier series; ``cos`` and ``sin`` hold one row per component, ``frequency`` in Hz."""
+
+    kind: Literal["fourier"] = "fourier"
+    frequency: float = Field(gt=0.0)
+    cos: tuple[tuple[float, ...], ...]
+    sin: tuple[tuple[float, ...], ...]
+    offset: tuple[float, ...] | None = None
+
+    def signal(self) -> Fourier:
+        """Return the signal."""
+        cos, sin = np.array(self.cos, dtype=float), np.array(self.sin, dtype=float)
+        if cos.shape != sin.shape or cos.ndim != 2:
+            raise ExperimentError("`cos` and `sin` of a Fourier series need the same number of rows and terms.")
+        offset = np.zeros(len(cos)) if self.offset is None else np.array(self.offset, dtype=float)
+        return Fourier(self.frequency, cos, sin, offset)
+
+
+class ConstantProfile(_Table):
+    """A constant."""
+
+    kind: Literal["constant"] = "constant"
+    value: tuple[float, ...]
+
+    def signal(self) -> Signal:
+        """Return the signal."""
+        return Constant(np.array(self.value, dtype=float))
+
+
+Profile = Annotated[StepProfile | FourierProfile | ConstantProfile, Field(discriminator="kind")]
+
+
+class Experiment(_Table):
+    """What is flown.
+
+    ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``wheel_torque`` and
+    ``joint_torque`` [N m]; ``joint_motion`` [rad] prescribes all arm joints by a Fourier series (its rates and
+    accelerations follow; the torque that takes is recorded as commanded). ``joints`` overrides the start angles.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    name: str
+    note: str = ""
+    duration: float = Field(gt=0.0)  # [s]
+    hold_attitude: bool = False
+    lock_joints: bool = False
+    lock_wheels: bool = False
+    force: Profile | None = None
+    torque: Profile | None = None
+    wheel_torque: Profile | None = None
+    joint_torque: Profile | None = None
+    joint_motion: FourierProfile | None = None
+    joints: tuple[float, ...] | None = None
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    def inputs(self) -> Inputs:
+        """Return the inputs of a simulation."""
+        motion = None
+        if self.joint_motion is not None:
+            position = self.joint_motion.signal()
+            velocity = position.derivative()
+            motion = JointMotion(position, velocity, velocity.derivative())
+        return Inputs(
+            force=self.force.signal() if self.force else None,
+            torque=self.torque.signal() if self.torque else None,
+            wheel_torque=self.wheel_torque.signal() if self.wheel_torque else None,
+            joint_torque=self.joint_torque.signal() if self.joint_torque else None,
+            joint_motion=motion,
+            lock_joints=self.lock_joints,
+            lock_wheels=self.lock_wheels,
+            hold_attitude=self.hold_attitude,
+        )
+
+    def start(self, model: SpacecraftModel) -> np.ndarray:
+        """Return the start configuration q (nq,).
+
+        Raises `ExperimentError` if ``joints`` does not fit the arms.
+        """
+        if self.joints is None:
+            return model.home
+        if len(self.joints) != len(model.arm_joints):
+            raise ExperimentError(
+                f"Experiment '{self.name}' starts {len(self.joints)} joints, the spacecraft has "
+                f"{len(model.arm_joints)}.",
+                advice=f"Its joints are {', '.join(model.arm_joints.names)}.",
+            )
+        return model.set_joint_angles(model.home, np.array(self.joints))
+
+
+def load_experiment(path: str | os.PathLike[str]) -> Experiment:
+    """Load an experiment from its TOML; raises `ExperimentError` naming the place and the mend."""
+    file = Path(path)
+    tables: dict[str, Any] = read_toml(file, ExperimentError)
+    try:
+        return Experiment.model_validate(tables)
+    except ValidationError as cause:
+        raise explain_validation(cause, file, ExperimentError) from cause
+
+
+def save_experiment(experiment: Experiment, path: str | os.PathLike[str]) -> None:
+    """Write the TOML, whole or not at all."""
+    tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
+    atomic_write(Path(path), tomli_w.dumps(tables))
