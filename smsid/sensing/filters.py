@@ -173,7 +173,7 @@ _zero_phase = zero_phase
 
 
 def _padding(rate: float, cutoff: float, order: int) -> tuple[int, int]:
-    """Return the least and the wanted extension in samples: one period of the cutoff, and settling to 1e-4."""
+    """Return least and wanted extension in samples: one period of the cutoff, and settling to 1e-4."""
     if not 0.0 < cutoff < math.inf:
         return 0, 0
     # The slack keeps a rate read off a clock, 200.0000001 Hz, from costing a sample.
