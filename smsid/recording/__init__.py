@@ -7,16 +7,25 @@
 
 from smsid.recording._clock import Gap
 from smsid.recording.channels import QUANTITIES, Quantity, quantity_of
+from smsid.recording.importing import import_recording
+from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
+from smsid.recording.readers import CsvFormat, read_columns
 from smsid.recording.recording import Recording, Role
 from smsid.recording.storage import load_recording, save_recording
 
 __all__ = [
     "QUANTITIES",
+    "CsvFormat",
     "Gap",
+    "ImportMapping",
     "Quantity",
     "Recording",
     "Role",
+    "bundled_mappings",
+    "import_recording",
+    "load_mapping",
     "load_recording",
     "quantity_of",
+    "read_columns",
     "save_recording",
 ]

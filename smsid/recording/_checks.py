@@ -70,7 +70,7 @@ def check_quaternions(recording: Recording) -> None:
                 f"Channel '{name}': the quaternion at index {index} "
                 f"(t = {recording.time(name)[index]:.9g} s) has norm {norms[index]:.6g}; "
                 f"{np.count_nonzero(off > NORM_TOLERANCE)} of {norms.size} are off.",
-                advice="Are these the four quaternion columns? If they are merely unnormalised, normalise them.",
+                advice="Are these the quaternion columns? If they are merely unnormalised, normalise them.",
                 channel=name,
                 index=index,
                 norm=float(norms[index]),
@@ -83,6 +83,6 @@ def check_units(recording: Recording) -> None:
     if clear:
         raise RecordingError(
             " ".join(suspicion.sentence for suspicion in clear),
-            advice="State the right unit, sign or quaternion convention in the mapping, or convert the array.",
+            advice="State the right unit, sign or convention in the mapping, or convert the array.",
             suspicions=tuple(clear),
         )

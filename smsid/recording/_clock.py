@@ -63,7 +63,8 @@ def check_order(times: FloatArray, clock: str = "time") -> None:
         before, value = float(times[index - 1]), float(times[index])
         what = "stands still" if value == before else "goes back"
         raise RecordingError(
-            f"Clock '{clock}' {what} at index {index}: {before!r} s, then {value!r} s ({late.size} such steps).",
+            f"Clock '{clock}' {what} at index {index}: {before!r} s, then {value!r} s "
+            f"({late.size} such steps).",
             advice="Sort the samples and drop repeated ones, or split the recording where a new run starts.",
             clock=clock,
             index=index,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smsid.errors import RecordingError
-from smsid.recording.channels import FIXED_LABELS, Quantity, quantity_of, split_channel
+from smsid.recording.channels import FIXED_LABELS, LABELLED_DIMS, Quantity, quantity_of, split_channel
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 ROLES = ("estimation", "validation", "unspecified")
-LABELLED = ("joint", "wheel", "mode", "station")
 
 
 def real_array(values: ArrayLike, what: str) -> FloatArray:
@@ -58,7 +57,7 @@ def clock_of(dataset: xr.Dataset, source: str) -> str:
 
 
 def header(name: str, role: str, provenance: Mapping[str, Any] | str) -> dict[str, str]:
-    """Give the attributes of a dataset; raise `RecordingError` on an unknown role or what JSON cannot hold."""
+    """Give the attributes of a dataset; raise `RecordingError` on an unknown role or no JSON."""
     if role not in ROLES:
         raise RecordingError(
             f"A recording has no role '{role}'.", advice=f"Choose one of {', '.join(ROLES)}.", role=role
@@ -229,10 +228,10 @@ def _labels(labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, 
     for key, values in labels.items():
         kind = key.rpartition(".")[2]
         names = [values] if isinstance(values, str) else [str(value) for value in values]
-        if kind not in LABELLED and key not in sizes:
+        if kind not in LABELLED_DIMS and key not in sizes:
             raise RecordingError(
                 f"There is no dimension '{key}' to label.",
-                advice=f"Labels go to {', '.join(LABELLED)}, or '<source>.station'.",
+                advice=f"Labels go to {', '.join(LABELLED_DIMS)}, or '<source>.station'.",
                 label=key,
             )
         if len(set(names)) != len(names):

@@ -230,7 +230,7 @@ def _difference(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def _turn(before: FloatArray, after: FloatArray) -> FloatArray | None:
-    """Give the rotation vectors in body axes, or None where they are too large to be compared with integrals."""
+    """Give the rotation vectors in body axes, or None where too large to compare with integrals."""
     norms = np.linalg.norm(before, axis=1, keepdims=True) * np.linalg.norm(after, axis=1, keepdims=True)
     turned = rotation_vector(multiply(conjugate(before), after) / norms)
     return None if np.linalg.norm(turned, axis=1).max() > 1.0 else turned
@@ -245,7 +245,7 @@ def _integral(t: FloatArray, v: FloatArray) -> FloatArray:
 def _inertial_integral(
     recording: Recording, velocity: str, acceleration: str
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Integrate a body-frame acceleration in inertial axes; None without an attitude that covers its clock."""
+    """Integrate a body acceleration in inertial axes; None without an attitude that covers its clock."""
     attitudes = [name for name in recording.channels if name.endswith(".attitude")]
     own = velocity.partition(".")[0] + ".attitude"
     attitude = own if own in attitudes else next(iter(attitudes), None)

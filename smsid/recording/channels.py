@@ -16,6 +16,9 @@ QUATERNION_ORDER = ("x", "y", "z", "w")
 FIXED_LABELS = MappingProxyType({"axis": AXES, "quaternion": QUATERNION_ORDER})
 """Dimensions whose size and labels never vary."""
 
+LABELLED_DIMS = ("joint", "wheel", "mode", "station")
+"""Dimensions whose labels a recording states."""
+
 EXTRA = "extra"
 """The source of channels that are outside the catalogue; they state their own unit."""
 
@@ -24,8 +27,8 @@ EXTRA = "extra"
 class Quantity:
     """What a channel measures: its unit, its frame and the dimensions after time.
 
-    ``dims`` holds the admissible trailing dimensions, the usual ones first: ``(("axis",), ("station",
-    "axis"))`` means (N, 3) or (N, stations, 3). An empty ``dims`` admits any trailing shape (user channels only).
+    ``dims`` holds the admissible trailing dimensions: ``(("axis",), ("station", "axis"))`` means (N, 3) or
+    (N, stations, 3). An empty ``dims`` admits any trailing shape (user channels only).
     """
 
     name: str
@@ -105,7 +108,8 @@ def split_channel(channel: str) -> tuple[str, str]:
     """Split ``imu.acceleration`` into source and quantity name.
 
     Raises:
-        RecordingError: the name is not ``<source>.<quantity>``, or the quantity is ``time``, which is a clock and no channel.
+        RecordingError: the name is not ``<source>.<quantity>``, or the quantity is ``time``, which is
+            a clock and no channel.
     """
     source, dot, name = channel.partition(".")
     if not (source and dot and name):
@@ -130,8 +134,8 @@ def quantity_of(channel: str, *, unit: str | None = None) -> Quantity:
     other channel a ``unit`` must be the one of the catalogue.
 
     Raises:
-        RecordingError: malformed name, unknown quantity (the known ones are listed), an extra channel without unit, or
-        another unit than the catalogue's.
+        RecordingError: malformed name, unknown quantity (the known ones are listed), an extra channel without
+            unit, or another unit than the catalogue's.
     """
     source, name = split_channel(channel)
     if source == EXTRA:

@@ -318,7 +318,7 @@ class Recording:
         return self._with_header(name=name)
 
     def with_provenance(self, notes: Mapping[str, Any]) -> Recording:
-        """Add notes to the provenance, replacing those of the same key; raise `RecordingError` if not JSON."""
+        """Add notes to the provenance, replacing those of the same key; raise `RecordingError` if no JSON."""
         return self._with_header(provenance={**self.provenance, **notes})
 
     def equals(self, other: object) -> bool:

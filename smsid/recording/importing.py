@@ -1,0 +1,324 @@
+"""From a log file and a mapping to a recording."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smsid.errors import RecordingError
+from smsid.recording._attitude import conjugate, rotate, slerp
+from smsid.recording._clock import check_order
+from smsid.recording._units import convert
+from smsid.recording.channels import EXTRA, LABELLED_DIMS, Quantity, quantity_of
+from smsid.recording.mapping import ChannelTable, ClockTable, ImportMapping, load_mapping, mapping_path
+from smsid.recording.readers import Columns, parse_number, read_columns
+from smsid.recording.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+def import_recording(
+    file: str | os.PathLike[str], mapping: str | os.PathLike[str] | ImportMapping, *, check: bool = True
+) -> Recording:
+    """Bring a log file in: CSV (also gzipped), NPZ, MATLAB, HDF5 or netCDF-4.
+
+    Args:
+        file: the log.
+        mapping: a TOML file, the name of one of `bundled_mappings`, or an `ImportMapping`.
+        check: run `Recording.check` on the result. Without it, NaN, gaps and contradictions come in as they
+            are.
+
+    Raises:
+        RecordingError: file or mapping cannot be read, a column is missing or not numeric, lengths differ, a
+            unit is of the wrong dimension, or what `Recording.check` finds.
+    """
+    rules = load_mapping(mapping)
+    columns = read_columns(file, rules.csv.format())
+    job = _Import(Path(file), rules, columns)
+    provenance: dict[str, Any] = {
+        "imported": {
+            "file": Path(file).name,
+            "sha256": _sum(Path(file)),
+            "mapping": rules.model_dump(mode="json", exclude_defaults=True),
+        }
+    }
+    if not isinstance(mapping, ImportMapping):
+        provenance["imported"]["mapping_file"] = mapping_path(mapping).name
+    if rules.recording.note:
+        provenance["note"] = rules.recording.note
+    absent = [name for name in rules.channel if job.is_absent(name)]
+    if absent:
+        provenance["imported"]["absent"] = absent
+    recording = job.run(provenance)
+    if check:
+        try:
+            recording.check()
+        except RecordingError as error:
+            raise RecordingError(
+                f"{file}: {error.message}",
+                advice=f"{error.advice} To bring it in as it is: check=False.",
+                **error.evidence,
+            ) from error
+    return recording
+
+
+class _Import:
+    """One file on its way in."""
+
+    def __init__(self, file: Path, rules: ImportMapping, columns: Columns) -> None:
+        self.file, self.rules, self.columns = file, rules, columns
+        self._clocks: dict[str, FloatArray] = {}
+
+    def run(self, provenance: dict[str, Any]) -> Recording:
+        present = {name: table for name, table in self.rules.channel.items() if not self.is_absent(name)}
+        if not present:
+            raise RecordingError(
+                f"{self.file} has none of the mapped channels.", advice="Is it the right mapping?"
+            )
+        channels: dict[str, Any] = {}
+        for name, table in present.items():
+            source = name.partition(".")[0]
+            values = self._channel(name, table)
+            channels[name] = (self._clock(name), values) if source in self.rules.clock else values
+        shared = None
+        if self.rules.time is not None:
+            plain = [name for name in present if name.partition(".")[0] not in self.rules.clock]
+            shared = self._clock(plain[0]) if plain else None
+        try:
+            return Recording.from_arrays(
+                shared,
+                channels,
+                labels=self._labels(present),
+                units={
+                    name: table.unit or "1" for name, table in present.items() if name.startswith(f"{EXTRA}.")
+                },
+                provenance=provenance,
+                role=self.rules.recording.role,
+                name=self.rules.recording.name,
+            )
+        except RecordingError as error:
+            raise RecordingError(
+                f"{self.file}: {error.message}", advice=error.advice, **error.evidence
+            ) from error
+
+    def is_absent(self, name: str) -> bool:
+        """Tell whether an optional channel has none of its columns; having some is an error, found later."""
+        table = self.rules.channel[name]
+        return table.optional and not any(column in self.columns for column in table.columns)
+
+    def _channel(self, name: str, table: ChannelTable) -> FloatArray:
+        quantity = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None)
+        values = self._gathered(name, table, quantity)
+        if quantity.is_quaternion:
+            values = np.roll(values, -1, axis=1) if table.quaternion == "wxyz" else values
+            return conjugate(values) if table.direction == "inertial_to_body" else values
+        if quantity.dims:
+            assert table.unit is not None
+            values = convert(values, table.unit, quantity.unit, f"{self.file}, channel '{name}'")
+        values = self._signed(name, table, values)
+        if table.attitude is not None:
+            values = self._turned(name, table, values)
+        return values
+
+    def _gathered(self, name: str, table: ChannelTable, quantity: Quantity) -> FloatArray:
+        """Collect the columns of a channel into (N, ...)."""
+        arrays = [self._numbers(column, f"channel '{name}'") for column in table.columns]
+        if len(arrays) > 1:
+            self._one_length(name, table, arrays)
+            values = np.stack(arrays, axis=1)
+        else:
+            values = self._picked(name, table, arrays[0])
+        if values.ndim == 1 and quantity.dims:
+            values = values[:, None]
+        stations = ("station", "axis") in quantity.dims and values.ndim == 2
+        if stations and values.shape[1] != 3 and values.shape[1] % 3 == 0:
+            values = values.reshape(values.shape[0], -1, 3)
+        elif stations and values.shape[1] == 3 and table.labels:
+            values = values[:, None, :]
+        if quantity.dims_of(values.shape[1:]) is None:
+            raise RecordingError(
+                f"{self.file}, channel '{name}': {', '.join(table.columns)} make {values.shape}; "
+                f"expected {quantity.shapes()}.",
+                advice="Name one column per component, or state index or time_axis.",
+                channel=name,
+                shape=values.shape,
+            )
+        samples = self._clock(name, values.shape[0]).size
+        if values.shape[0] != samples:
+            raise RecordingError(
+                f"{self.file}, channel '{name}': {', '.join(table.columns)} has {values.shape[0]} samples, "
+                f"its clock has {samples}.",
+                advice="Give its source its own clock, [clock.<source>], or state time_axis.",
+                channel=name,
+                samples=values.shape[0],
+                expected=samples,
+            )
+        return values
+
+    def _one_length(self, name: str, table: ChannelTable, arrays: list[FloatArray]) -> None:
+        flat = [column for column, array in zip(table.columns, arrays, strict=True) if array.ndim != 1]
+        if flat:
+            raise RecordingError(
+                f"{self.file}, channel '{name}': '{flat[0]}' is not a single column.",
+                advice="Name one array, or single columns.",
+                channel=name,
+            )
+        lengths = {column: array.size for column, array in zip(table.columns, arrays, strict=True)}
+        if len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{column} {size}" for column, size in lengths.items())
+            raise RecordingError(
+                f"{self.file}, channel '{name}': its columns have different lengths: {listed}.",
+                advice="Export them together, or map them to sources with clocks of their own.",
+                channel=name,
+                lengths=lengths,
+            )
+
+    def _picked(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+        if table.time_axis >= max(values.ndim, 1):
+            raise RecordingError(
+                f"{self.file}, channel '{name}': time_axis = {table.time_axis}, but '{table.columns[0]}' has "
+                f"shape {values.shape}.",
+                advice=f"Choose an axis below {values.ndim}.",
+                channel=name,
+            )
+        values = np.moveaxis(values, table.time_axis, 0) if values.ndim else values
+        if table.index is None:
+            return values
+        if values.ndim != 2 or max(table.index) >= values.shape[1]:
+            raise RecordingError(
+                f"{self.file}, channel '{name}': index {list(table.index)} does not fit "
+                f"'{table.columns[0]}' of shape {values.shape}.",
+                advice="It picks columns of a two-dimensional array, counted from 0.",
+                channel=name,
+            )
+        return values[:, list(table.index)]
+
+    def _signed(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+        if isinstance(table.sign, int):
+            return values * float(table.sign) if table.sign != 1 else values
+        if values.ndim < 2 or values.shape[-1] != len(table.sign):
+            raise RecordingError(
+                f"{self.file}, channel '{name}': {len(table.sign)} signs for shape {values.shape}.",
+                advice="Give one sign, or one per component.",
+                channel=name,
+            )
+        return values * np.array(table.sign, dtype=np.float64)
+
+    def _turned(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+        assert table.attitude is not None
+        if self.is_absent(table.attitude):
+            raise RecordingError(
+                f"{self.file}, channel '{name}': the attitude '{table.attitude}' that turns it is absent.",
+                advice="Leave the channel out of the mapping too.",
+                channel=name,
+            )
+        own, times = self._clock(table.attitude), self._clock(name)
+        q = self._channel(table.attitude, self.rules.channel[table.attitude])
+        norms = np.linalg.norm(q, axis=1)
+        if not (np.isfinite(norms).all() and norms.min() > 0.5):
+            index = int(np.flatnonzero(~(norms > 0.5) | ~np.isfinite(norms))[0])
+            raise RecordingError(
+                f"{self.file}: '{table.attitude}' is no attitude at index {index} (norm {norms[index]}); it "
+                f"cannot turn '{name}'.",
+                advice="Mend the attitude, or give the vector in the frame of the catalogue.",
+                channel=table.attitude,
+                index=index,
+            )
+        if not np.array_equal(own, times):
+            check_order(own, f"{table.attitude.partition('.')[0]}.time")
+            if times.min() < own[0] or times.max() > own[-1]:
+                raise RecordingError(
+                    f"{self.file}: '{table.attitude}' runs from {own[0]:.9g} to {own[-1]:.9g} s and does not "
+                    f"cover '{name}', {times.min():.9g} to {times.max():.9g} s.",
+                    advice="Nothing is extrapolated: cut the log to the attitude's span.",
+                    channel=name,
+                )
+            q = slerp(own, q, times)
+        return rotate(q if table.frame == "body" else conjugate(q), values)
+
+    def _clock(self, name: str, samples: int | None = None) -> FloatArray:
+        """Give the times (N,) [s] of a channel; a fixed rate takes N from the first channel that uses it."""
+        source = name.partition(".")[0]
+        key = source if source in self.rules.clock else ""
+        if key not in self._clocks:
+            table: ClockTable | None = self.rules.clock.get(source, self.rules.time)
+            assert table is not None
+            where = f"[clock.{key}]" if key else "[time]"
+            if table.rate is not None:
+                assert samples is not None
+                self._clocks[key] = table.start + np.arange(samples) / table.rate
+            else:
+                assert table.column is not None and table.unit is not None
+                times = np.squeeze(self._numbers(table.column, where))
+                if times.ndim != 1:
+                    raise RecordingError(
+                        f"{self.file}, {where}: '{table.column}' has shape {times.shape}, not (N,).",
+                        advice="Name the column of times.",
+                    )
+                self._clocks[key] = convert(times, table.unit, "s", f"{self.file}, {where}")
+        return self._clocks[key]
+
+    def _numbers(self, column: str, where: str) -> FloatArray:
+        if column not in self.columns:
+            close = difflib.get_close_matches(column, self.columns, n=1)
+            raise RecordingError(
+                f"{self.file} has no '{column}', asked for by {where}; it has {', '.join(self.columns)}.",
+                advice=f"Did you mean '{close[0]}'?"
+                if close
+                else "Correct the mapping, or mark it optional.",
+                column=column,
+                present=tuple(self.columns),
+            )
+        values = self.columns[column]
+        if values.dtype.kind in "fiu":
+            return values.astype(np.float64)
+        if values.dtype.kind == "U" and values.ndim == 1:
+            for row, cell in enumerate(values):
+                try:
+                    parse_number(str(cell))
+                except ValueError:
+                    what = f"'{cell}' is not a number" if str(cell).strip() else "the cell is empty"
+                    raise RecordingError(
+                        f"{self.file}, column '{column}', row {row + 1} after the header: {what}.",
+                        advice="Correct it; for a missing sample write nan and use check=False.",
+                        column=column,
+                        row=row + 1,
+                    ) from None
+        raise RecordingError(
+            f"{self.file}: '{column}' holds {values.dtype}, not numbers.",
+            advice="Map a numeric column.",
+            column=column,
+        )
+
+    def _labels(self, present: dict[str, ChannelTable]) -> dict[str, tuple[str, ...]]:
+        labels: dict[str, tuple[str, ...]] = {}
+        for name, table in present.items():
+            if table.labels is None:
+                continue
+            dims = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None).dims
+            named = [dim for choice in dims for dim in choice if dim in LABELLED_DIMS]
+            if not named:
+                raise RecordingError(
+                    f"Channel '{name}' has nothing to label.",
+                    advice=f"Labels go to {', '.join(LABELLED_DIMS)}.",
+                    channel=name,
+                )
+            key = f"{name.partition('.')[0]}.station" if named[0] == "station" else named[0]
+            if labels.setdefault(key, table.labels) != table.labels:
+                raise RecordingError(
+                    f"Channel '{name}' labels '{key}' {list(table.labels)}, another {list(labels[key])}.",
+                    advice="Channels that share joints, wheels or modes list them alike.",
+                    channel=name,
+                )
+        return labels
+
+
+def _sum(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
