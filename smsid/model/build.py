@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import importlib.metadata
+import importlib.util
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,7 @@ import pinocchio as pin
 
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.description.urdf_check import check_inertias, check_meshes, read_urdf
-from smsid.errors import DescriptionError, require
+from smsid.errors import DescriptionError, MissingDependencyError, require
 from smsid.model.assembly import Assembly, inertia_from_parameters
 from smsid.model.spacecraft import JointGroup, SloshJoint, SpacecraftModel
 
@@ -45,7 +48,11 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
     for arm in d.arm or (Arm(name="arm"),):
         names = mounted.get(arm.name)
         if names is None:
-            names = list(arm.joints) if arm.joints is not None else [n for n in own_joints if n not in wheel_names]
+            names = (
+                list(arm.joints)
+                if arm.joints is not None
+                else [n for n in own_joints if n not in wheel_names]
+            )
         arms[arm.name] = JointGroup.of(model, [assembly.joint_id(n) for n in names])
     arms = {name: group for name, group in arms.items() if len(group)}
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])
@@ -71,7 +78,7 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
     )
 
 
-def _load(path: Path, folders: list[Path], meshes: str, root: pin.JointModel | None, visuals: bool):  # noqa: ANN202
+def _load(path: Path, folders: list[Path], meshes: str, root: pin.JointModel | None, visuals: bool):
     text = read_urdf(path)
     check_inertias(text, str(path))
     if meshes == "required":
@@ -82,10 +89,10 @@ def _load(path: Path, folders: list[Path], meshes: str, root: pin.JointModel | N
         raise DescriptionError(f"Pinocchio cannot read '{path}': {error}.") from error
     visual = None
     if visuals:
+        shown = _without_meshes(text) if meshes == "ignored" else text
+        places = [str(f) for f in folders]
         try:
-            visual = pin.buildGeomFromUrdfString(
-                model, text, pin.GeometryType.VISUAL, None, [str(f) for f in folders]
-            )
+            visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
         except (ValueError, RuntimeError) as error:
             raise DescriptionError(
                 f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
@@ -93,7 +100,16 @@ def _load(path: Path, folders: list[Path], meshes: str, root: pin.JointModel | N
     return model, visual
 
 
-def _mount(model, visual, arm: Arm, d: Description, visuals: bool):  # noqa: ANN001, ANN202
+def _without_meshes(text: str) -> str:
+    root = ElementTree.fromstring(text)
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            if visual.find("geometry/mesh") is not None:
+                link.remove(visual)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _mount(model, visual, arm: Arm, d: Description, visuals: bool):
     if arm.robot is not None:
         path, folders = _robot_urdf(arm.robot)
     else:
@@ -121,20 +137,35 @@ def _mount(model, visual, arm: Arm, d: Description, visuals: bool):  # noqa: ANN
 
 
 def _robot_urdf(name: str) -> tuple[Path, list[Path]]:
-    data = require("example_robot_data", "robots")
-    robots = data.robots_loader.ROBOTS
+    robots = _robot_urdfs()
     if name not in robots:
         near = difflib.get_close_matches(name, robots, n=1)
         raise DescriptionError(
             f"example-robot-data has no robot '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
             advice=f"It has: {', '.join(sorted(robots))}.",
         )
-    loader = robots[name]
-    if not loader.urdf_filename:
-        raise DescriptionError(f"Robot '{name}' of example-robot-data comes without a URDF.")
-    folder = data.robots_loader.getModelPath(f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}")
-    root = Path(folder)
-    return root / loader.path / loader.urdf_subpath / loader.urdf_filename, [root, root.parent, root / "robots"]
+    path = robots[name]
+    # its meshes are package://example-robot-data/robots/...: the folder above the package counts
+    above = ("robots", "example-robot-data", "share")
+    return path, [folder for folder in path.parents if folder.name in above]
+
+
+def _robot_urdfs() -> dict[str, Path]:
+    """Return the URDFs of example-robot-data by name; from 4.4 on its wheel has the data but no loaders."""
+    if importlib.util.find_spec("example_robot_data") is not None:
+        data = require("example_robot_data", "robots").robots_loader
+        return {
+            name: Path(data.getModelPath(robot.path)) / robot.path / robot.urdf_subpath / robot.urdf_filename
+            for name, robot in data.ROBOTS.items()
+            if robot.urdf_filename
+        }
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError as error:
+        raise MissingDependencyError(
+            "example-robot-data is not installed.", advice="Install it with: pip install 'smsid[robots]'"
+        ) from error
+    return {f.stem.removesuffix("_robot"): Path(str(f.locate())) for f in files if f.suffix == ".urdf"}
 
 
 def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
@@ -166,7 +197,9 @@ def _springs(assembly: Assembly) -> dict[str, np.ndarray]:
     for joint, stiffness, damping in assembly.springs:
         j = assembly.model.joints[joint]
         if j.nq != j.nv and stiffness != 0.0:
-            raise DescriptionError(f"A spring needs a joint with one coordinate per DoF, not '{j.shortname()}'.")
+            raise DescriptionError(
+                f"A spring needs a joint with one coordinate per DoF, not '{j.shortname()}'."
+            )
         # the springs of a joint come in order, a second set on the same joint adds to the first
         offset = seen.get(joint, 0) % j.nv
         seen[joint] = seen.get(joint, 0) + 1
@@ -199,7 +232,9 @@ def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.n
                     advice=f"It has: {', '.join(n.removeprefix(prefix) for n in group.names)}.",
                 )
             i = group.names.index(prefix + name)
-            one = JointGroup((group.names[i],), group.joints[i : i + 1], group.q[i : i + 1], group.v[i : i + 1])
+            one = JointGroup(
+                (group.names[i],), group.joints[i : i + 1], group.q[i : i + 1], group.v[i : i + 1]
+            )
             q = set_group_angles(model, one, q, np.array([angle]))
     return q
 
@@ -215,4 +250,6 @@ def _check_single_dof(model: pin.Model, group: JointGroup) -> None:
 
 def _check_masses(model: pin.Model, free: bool) -> None:
     if free and model.inertias[1].mass <= 0.0:
-        raise DescriptionError("The bus (root link of the URDF) has no mass.", advice="Give it an <inertial>.")
+        raise DescriptionError(
+            "The bus (root link of the URDF) has no mass.", advice="Give it an <inertial>."
+        )
