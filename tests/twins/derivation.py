@@ -128,26 +128,26 @@ def slosh() -> Energies:
 def panel(variant: str) -> Energies:
     """The plate in three assumed modes about the clamp C, bending along z.
 
-    `exact`         T integrated over the material points C + (x, y, sum phi_k delta_k);
+    `exact`         T integrated over the material points C + (x, y, z + sum phi_k delta_k);
     `first_order`   the same without the terms of second order in delta;
     `frozen`        (7) and (9) as printed: I_a,b does not depend on delta;
     `point_masses`  a particle L_t^2 a mode at C + (L_r/L_t, 0, delta/L_t), and the plate's rigid remainder.
     """
     root, omega, zeta = _vector("r_c"), _vector("omega_a"), sp.Symbol("zeta")
     trans, rot = _vector("L_t"), _vector("L_r")
-    mass, first, xx, yy = sp.symbols("m_a S_x S_xx S_yy")  # integrals of 1, x, x^2, y^2 over the mass
-    x, y, *phi = sp.symbols("x y phi1:4")
+    mass, first, xx, yy, zz = sp.symbols("m_a S_x S_xx S_yy S_zz")  # integrals of 1, x, x^2, y^2, z^2
+    x, y, z, *phi = sp.symbols("x y z phi1:4")
 
     def integrate(integrand: sp.Expr) -> sp.Expr:
-        """Integrate a polynomial in x, y, phi over the plate: modes are orthonormal, y is centred."""
-        table = {(0, 0): mass, (1, 0): first, (2, 0): xx, (0, 2): yy}
+        """Integrate a polynomial over the plate: modes are orthonormal, y and z are centred."""
+        table = {(0, 0, 0): mass, (1, 0, 0): first, (2, 0, 0): xx, (0, 2, 0): yy, (0, 0, 2): zz}
         total = sp.S(0)
-        for (a, b, *modes), coefficient in sp.Poly(sp.expand(integrand), x, y, *phi).terms():
+        for (a, b, c, *modes), coefficient in sp.Poly(sp.expand(integrand), x, y, z, *phi).terms():
             used = [k for k in range(3) for _ in range(modes[k])]
-            if b % 2 == 1 or (len(used) == 2 and used[0] != used[1]):
+            if b % 2 == 1 or c % 2 == 1 or (len(used) == 2 and used[0] != used[1]):
                 continue
             if not used:
-                value = table[a, b]
+                value = table[a, b, c]
             elif len(used) == 1:
                 value = (trans, rot)[a][used[0]]
             else:
@@ -155,8 +155,8 @@ def panel(variant: str) -> Energies:
             total += coefficient * value
         return total
 
-    flat = root + sp.Matrix([x, y, 0])
-    bent = root + sp.Matrix([x, y, sum(phi[k] * DELTA[k] for k in range(3))])
+    flat = root + sp.Matrix([x, y, z])
+    bent = root + sp.Matrix([x, y, z + sum(phi[k] * DELTA[k] for k in range(3))])
     if variant in ("exact", "first_order"):
         kinetic = integrate(_half(sp.S(1), _point_velocity(bent)))
         if variant == "first_order":
@@ -180,7 +180,7 @@ def panel(variant: str) -> Energies:
         raise ValueError(f"unknown panel variant {variant!r}")
     potential = sum((omega[k] * DELTA[k]) ** 2 for k in range(3)) / 2
     dissipation = sum(zeta * omega[k] * DELTA_DOT[k] ** 2 for k in range(3))
-    parameters = [*root, mass, first, xx, yy, *trans, *rot, *omega, zeta]
+    parameters = [*root, mass, first, xx, yy, zz, *trans, *rot, *omega, zeta]
     return kinetic, potential, dissipation, parameters
 
 

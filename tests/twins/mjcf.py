@@ -64,10 +64,10 @@ def base_with_remainder(n: Spacecraft) -> tuple[float, np.ndarray, np.ndarray]:
     mass = n.base_mass + plate.mass - 3 * WHEEL_MASS
     centre_plate = root + np.array([plate.length / 2, 0, 0])
     first = plate.mass * centre_plate
-    a, b = plate.length**2 / 12, plate.width**2 / 12
+    a, b, c = plate.length**2 / 12, plate.width**2 / 12, plate.thickness**2 / 12
     inertia = (
         inertia_matrix(n.base_inertia)
-        + plate.mass * np.diag([b, a, a + b])
+        + plate.mass * np.diag([b + c, a + c, a + b])
         + _steiner(plate.mass, centre_plate)
     )
     for k in range(3):

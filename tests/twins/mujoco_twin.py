@@ -1,8 +1,8 @@
 """The spacecraft in MuJoCo: accelerations, momentum and recordings in this package's conventions.
 
 MuJoCo's free joint has its linear velocity in inertial axes and its angular velocity in body axes, both of
-the body frame's origin. With v_world = R v_b the body components are v_b_dot = R^T v_world_dot - omega x v_b. A
-modal joint's coordinate is delta / L_t.
+the body frame's origin. With v_world = R v_b the body components are v_b_dot = R^T v_world_dot - omega x v_b.
+A modal joint's coordinate is delta / L_t.
 """
 
 from __future__ import annotations

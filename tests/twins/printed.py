@@ -50,8 +50,8 @@ def printed_momentum(state: State, numbers: Spacecraft = PAPER) -> tuple[Array, 
     moment = plate.mass * c_a + [0, 0, plate.translation @ state.delta]
     linear = np.array([0, 0, plate.translation @ state.delta_dot])
     angular = np.array([0, -(plate.rotation @ state.delta_dot), 0])
-    a, b = plate.mass * plate.length**2 / 12, plate.mass * plate.width**2 / 12
-    i_ab = np.diag([b, a, a + b]) + plate.mass * (c_a @ c_a * np.eye(3) - np.outer(c_a, c_a))
+    a, b, c = (plate.mass * s**2 / 12 for s in (plate.length, plate.width, plate.thickness))
+    i_ab = np.diag([b + c, a + c, a + b]) + plate.mass * (c_a @ c_a * np.eye(3) - np.outer(c_a, c_a))
     p_a = plate.mass * v + np.cross(w, moment) + linear
     h_a = i_ab @ w + angular + np.cross(r_c, linear) + np.cross(moment, v) + np.cross(r_b, p_a)
     return p + p_a, h + h_a

@@ -93,7 +93,8 @@ class SymbolicTwin:
             tips += link.tip
         parts["slosh"] = [n.slosh_mass, *n.slosh_stiffness, *n.slosh_damping, *n.slosh_centre]
         mass = plate.mass
-        moments = [mass, mass * plate.length / 2, mass * plate.length**2 / 3, mass * plate.width**2 / 12]
+        second = [plate.length**2 / 3, plate.width**2 / 12, plate.thickness**2 / 12]
+        moments = [mass, mass * plate.length / 2, *(mass * s for s in second)]
         modes = [*plate.translation, *plate.rotation, *plate.omega, plate.damping_ratio]
         parts[f"panel:{self.panel}"] = [*n.panel_root, *moments, *modes]
         return parts

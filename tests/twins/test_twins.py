@@ -100,9 +100,9 @@ def test_sliding_masses_are_the_beam(numbers: Spacecraft):
 def test_order_of_the_panels_inertia(variant: PanelVariant, order: int):
     """Deflections scaled by eps: the mass matrix differs by eps^2 (first order), eps (frozen).
 
-    The accelerations are an order worse, for the modes feel dT/d delta: with T to first order in delta they lose
-    the centrifugal softening omega^2 delta; with the frozen inertia of (9) they lose what is there with no
-    deflection at all, L_r omega_x omega_z.
+    The accelerations are an order worse, for the modes feel dT/d delta: with T to first order in delta they
+    lose the centrifugal softening omega^2 delta; with the frozen inertia of (9) they lose what is there with
+    no deflection at all, L_r omega_x omega_z.
     """
     beam, other = SymbolicTwin(panel="exact"), SymbolicTwin(panel=variant)
     for state, inputs in random_pairs(5):
