@@ -19,26 +19,31 @@ class Dynamics:
         self.inputs = inputs
         self.applied = inputs.applied(model)
         self.prescribed = Prescribed.of(model, inputs)
+        self._hybrid_needed = bool(self.prescribed)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return vdot (nv,). q and v must already satisfy what is prescribed."""
         m = self.model
         tau = np.array(self.applied(t))
         m.add_passive_forces(t, q, v, tau)
-        if not self.prescribed:
+        if not self._hybrid_needed:
             return pin.aba(m.pin, m.data, q, v, tau)
         return self._hybrid(t, q, v, tau)[0]
 
-    def acceleration_and_reaction(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def acceleration_and_reaction(
+        self, t: float, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return vdot (nv,) and the generalised force (nv,) that enforces what is prescribed."""
         m = self.model
         tau = np.array(self.applied(t))
         m.add_passive_forces(t, q, v, tau)
-        if not self.prescribed:
+        if not self._hybrid_needed:
             return pin.aba(m.pin, m.data, q, v, tau), np.zeros(m.nv)
         return self._hybrid(t, q, v, tau)
 
-    def _hybrid(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _hybrid(
+        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         m, free, given = self.model, self.prescribed.free, self.prescribed.index
         mass = pin.crba(m.pin, m.data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
@@ -56,7 +61,7 @@ class Dynamics:
     def enforce(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return copies of q and v that follow what is prescribed at t."""
         p = self.prescribed
-        if not p:
+        if not self._hybrid_needed:
             return q, v
         v = v.copy()
         v[p.index] = p.velocity(t, self.model.nv)[p.index]

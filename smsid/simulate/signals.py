@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -67,7 +67,9 @@ class Steps:
 
     def __post_init__(self) -> None:
         if np.any(np.diff(self.times) <= 0.0) or len(self.times) != len(self.values):
-            raise ExperimentError("The times of a step signal must increase, one per value.", times=self.times)
+            raise ExperimentError(
+                "The times of a step signal must increase, one per value.", times=self.times
+            )
 
     @property
     def size(self) -> int:
@@ -100,6 +102,17 @@ class Fourier:
     cos: np.ndarray
     sin: np.ndarray
     offset: np.ndarray
+    _table: np.ndarray = field(init=False, repr=False, compare=False)
+    _rates: np.ndarray = field(init=False, repr=False, compare=False)
+    _phases: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # offset + cos cos(l w t) + sin cos(l w t - pi / 2) as one product with cosines
+        w = 2 * np.pi * self.frequency * np.arange(1, self.cos.shape[1] + 1)
+        table = np.column_stack([self.offset, self.cos, self.sin])
+        object.__setattr__(self, "_table", np.ascontiguousarray(table))
+        object.__setattr__(self, "_rates", np.concatenate([[0.0], w, w]))
+        object.__setattr__(self, "_phases", np.repeat([0.0, -np.pi / 2], [len(w) + 1, len(w)]))
 
     @property
     def size(self) -> int:
@@ -113,8 +126,13 @@ class Fourier:
 
     def __call__(self, t: float) -> np.ndarray:
         """Value at t."""
-        phase = (2 * np.pi * self.frequency * t) * np.arange(1, self.cos.shape[1] + 1)
-        return self.offset + self.cos @ np.cos(phase) + self.sin @ np.sin(phase)
+        phase = self._rates * t
+        phase += self._phases
+        return np.dot(self._table, np.cos(phase, out=phase))
+
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Value at times (N,): (N, size)."""
+        return np.cos(np.multiply.outer(times, self._rates) + self._phases) @ self._table.T
 
     def mapped(self, matrix: np.ndarray) -> Fourier:
         """Return ``matrix @ self``."""
@@ -159,7 +177,9 @@ class Sampled:
 
     def mapped(self, matrix: np.ndarray) -> Sampled:
         """Return ``matrix @ self``."""
-        return Sampled(BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k), self.degree, self.knots)
+        return Sampled(
+            BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k), self.degree, self.knots
+        )
 
     def derivative(self) -> Sampled:
         """Return the time derivative (degree 1 and up)."""
@@ -226,6 +246,8 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
     """Return the signal at times (N,): (N, size)."""
     if isinstance(signal, Sampled):
         return np.asarray(signal.spline(times))
+    if isinstance(signal, Fourier):
+        return signal.sampled(np.asarray(times, dtype=float))
     return np.array([signal(float(t)) for t in times]).reshape(len(times), signal.size)
 
 
