@@ -15,6 +15,7 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.modal_state import ModalState
 from smsid.identify.motion import Motion
 from smsid.identify.recursive_tls import RecursiveTls
+from smsid.identify.robust import hac_covariance
 from smsid.identify.tls import TlsSolution, total_least_squares
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
@@ -90,45 +91,25 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     `NotIdentifiableError` when joints or bus do not move enough.
     """
     regressor = Regressor(model)
-    n = len(motion)
     q, v = full_states(model, motion, hidden)
-    # velocity of first moments relative to the bus: linear momentum with the bus at rest
     still = v.copy()
-    still[:, :6] = 0.0
-    q[:, 0:3] = 0.0
+    still[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
     y = regressor.momentum(q, still)[:, :3]
-    theta = regressor.parameters
-    links = set(regressor.bodies[1 : 1 + len(model.arm_joints)])
-    body = [name.rsplit(".", 1)[0] for name in regressor.names]
-    first = [i for i, name in enumerate(regressor.names) if name.rsplit(".", 1)[1] in ("m", "mx", "my", "mz")]
-    unknown = [i for i in first if body[i] in links]
-    known = [i for i in first if body[i] not in links and body[i] != regressor.bodies[0]]
-    names = tuple(regressor.names[i] for i in unknown)
-    base = base_parameters(y[:, :, unknown].reshape(3 * n, -1), names, [regressor.units[i] for i in unknown])
-    hidden_momentum = y[:, :, known] @ theta[known]
-
+    parts = _Split.of(model, regressor, bus_first=False)
+    base = base_parameters(y[:, :, parts.unknown].reshape(-1, len(parts.unknown)), parts.names, parts.units)
+    known = y[:, :, parts.known] @ regressor.parameters[parts.known]
     to_body = motion.rotation.transpose(0, 2, 1)
-    columns = np.concatenate(
-        [to_body, -np.einsum("nij,njk->nik", _skew(motion.rate), to_body), -y[:, :, unknown][:, :, base.independent] / mass],
-        axis=2,
-    ).reshape(3 * n, -1)
-    rhs = (motion.velocity - np.cross(motion.rate, _in_body(motion, motion.position)) + hidden_momentum / mass).reshape(-1)
+    chosen = y[:, :, parts.unknown][:, :, base.independent]
+    columns = np.concatenate([to_body, -_skew(motion.rate) @ to_body, -chosen / mass], axis=2)
+    position = np.einsum("nij,nj->ni", to_body, motion.position)
+    rhs = motion.velocity - np.cross(motion.rate, position) + known / mass
     labels = ["v_cm.x", "v_cm.y", "v_cm.z", "r_cm.x", "r_cm.y", "r_cm.z", *base.names]
-    solution = _scaled_tls(columns, rhs, labels)
-    split = TlsSolution(
-        solution.x[6:],
-        solution.covariance[6:, 6:],
-        solution.sigma,
-        solution.singular_values,
-        solution.condition,
-        solution.rows,
-        solution.status,
-    )
+    found = scaled_tls(columns.reshape(-1, columns.shape[2]), rhs.reshape(-1), labels, motion)
     return StepA(
-        velocity=solution.x[:3],
-        position=solution.x[3:6],
-        position_sigma=solution.standard_deviation[3:6],
-        moments=Regression(base, split, names),
+        velocity=found.x[:3],
+        position=found.x[3:6],
+        position_sigma=found.standard_deviation[3:6],
+        moments=Regression(base, _tail(found, 6), parts.names),
     )
 
 
@@ -136,43 +117,136 @@ def step_b(
     model: SpacecraftModel,
     motion: Motion,
     hidden: HiddenStates,
+    mass: float,
+    centre: np.ndarray,
     *,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Regression:
     """Estimate the inertial parameters of bus and links from (38)-(39) with the slosh state put back in.
 
-    With zero momentum the angular momentum about the bus origin is zero too, so (39) reads Y theta = 0; wheels,
-    slosh and modes are known from Exp. 1 and go to the right-hand side. ``prior`` (mean (b,), covariance (b, b))
-    of the base parameters enters through recursive TLS.
+    Total mass ``mass`` [kg] from Exp. 1 and the CM ``centre`` (3,) [m, inertial] from Step A. The equations, per
+    sample: the angular momentum about the CM is zero, and the CM (6) is where Step A found it (its offset is left
+    free). Taken about the CM, errors of the measured velocity cancel. Wheels, slosh and modes are known and go to
+    the right-hand side. ``prior`` (mean (b,), covariance (b, b)) of the base parameters enters through recursive
+    TLS. Raises `NotIdentifiableError` when no known momentum is exchanged.
     """
     regressor = Regressor(model)
+    n = len(motion)
     q, v = full_states(model, motion, hidden)
-    y = regressor.momentum(q, v)[:, 3:]
-    rigid = set(regressor.bodies[: 1 + len(model.arm_joints)])
-    body = [name.rsplit(".", 1)[0] for name in regressor.names]
-    unknown = [i for i in range(len(body)) if body[i] in rigid]
-    known = [i for i in range(len(body)) if body[i] not in rigid]
-    names = tuple(regressor.names[i] for i in unknown)
-    rows = y[:, :, unknown].reshape(-1, len(unknown))
-    base = base_parameters(rows, names, [regressor.units[i] for i in unknown])
-    rhs = -(y[:, :, known] @ regressor.parameters[known]).reshape(-1)
-    if np.linalg.norm(rhs) < 1e-9:
+    theta = regressor.parameters
+    parts = _Split.of(model, regressor, bus_first=True)
+    y = regressor.momentum(q, v)
+    rotated = motion.rotation.transpose(0, 2, 1)
+    cm = np.einsum("nij,nj->ni", rotated, centre - motion.position) + motion.pose_point  # from the bus origin
+    spin = y[:, 3:] - _skew(cm) @ y[:, :3]
+    moments = first_moments(model, regressor, q)
+    # the bus' mass is what the others leave of M
+    bus = regressor.names.index(f"{regressor.bodies[0]}.m")
+    rest = mass - theta[[i for i in parts.known if regressor.names[i].endswith(".m")]].sum()
+
+    def split(full: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        free = full[:, :, parts.unknown].copy()
+        for k, i in enumerate(parts.unknown):
+            if regressor.names[i].endswith(".m"):
+                free[:, :, k] -= full[:, :, bus]
+        return free, -(full[:, :, parts.known] @ theta[parts.known]) - full[:, :, bus] * rest
+
+    spin_rows, spin_rhs = split(spin)
+    place_rows, place_rhs = split(moments)
+    place_rhs = place_rhs + mass * cm
+    if np.linalg.norm(y[:, 3:][:, :, parts.known] @ theta[parts.known]) < 1e-9:
         raise NotIdentifiableError(
             "No known momentum is exchanged: wheels, slosh and panel stay still, so inertias are known only up to "
             "a common factor.",
             advice="Spin a wheel of known inertia during Exp. 2.",
         )
-    solution = _scaled_tls(rows[:, base.independent], rhs, base.names, prior)
-    return Regression(base, solution, names)
+    both = np.concatenate([spin_rows.reshape(3 * n, -1), place_rows.reshape(3 * n, -1)])
+    base = base_parameters(both, parts.names, parts.units)
+    offset = mass * np.concatenate([np.zeros((n, 3, 3)), -rotated], axis=1).reshape(-1, 3)
+    stacked = np.concatenate([spin_rows, place_rows], axis=1)[:, :, base.independent].reshape(6 * n, -1)
+    columns = np.column_stack([stacked, offset])
+    rhs = np.concatenate([spin_rhs, place_rhs], axis=1).reshape(-1)
+    labels = [*base.names, "r_cm.x", "r_cm.y", "r_cm.z"]
+    if prior is not None:
+        wide = np.diag([1e6] * 3)
+        prior = (np.concatenate([prior[0], np.zeros(3)]), np.block([
+            [prior[1], np.zeros((len(base), 3))], [np.zeros((3, len(base))), wide]]))
+    weights = np.ones(6 * n)
+    found = None
+    for _ in range(2):  # weigh the two kinds of equation by what they leave
+        found = scaled_tls(columns, rhs, labels, motion, weights=weights, prior=prior)
+        left = (rhs - columns @ found.x).reshape(n, 6)
+        size = np.sqrt(np.mean(left**2, axis=0))
+        weights = np.tile(1.0 / np.maximum(size, 1e-9 * size.max()), n)
+    assert found is not None
+    return Regression(base, _head(found, len(base)), parts.names)
 
 
-def _scaled_tls(
+def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:
+    """Return Y with Y theta = sum m c about the bus origin in bus axes, (N, 3, 10 bodies) [kg m].
+
+    The angular momentum of a pure translation e_k is (sum m c) x e_k, so the momentum regressor gives it.
+    """
+    out = np.zeros((len(q), 3, regressor.columns))
+    v = np.zeros((len(q), model.nv))
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        # (S x e_k) has components S_j along i and -S_i along j
+        v[:] = 0.0
+        v[:, k] = 1.0
+        y = regressor.momentum(q, v)[:, 3:]
+        out[:, j] += 0.5 * y[:, i]
+        out[:, i] -= 0.5 * y[:, j]
+    return out
+
+
+@dataclass(frozen=True)
+class _Split:
+    """Which inertial parameters are sought and which are known."""
+
+    unknown: list[int]
+    known: list[int]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: SpacecraftModel, regressor: Regressor, *, bus_first: bool) -> _Split:
+        bodies = regressor.bodies
+        rigid = set(bodies[: 1 + len(model.arm_joints)])
+        body = [name.rsplit(".", 1)[0] for name in regressor.names]
+        kind = [name.rsplit(".", 1)[1] for name in regressor.names]
+        if bus_first:
+            unknown = [i for i in range(len(body)) if body[i] in rigid and not (body[i] == bodies[0] and kind[i] == "m")]
+            known = [i for i in range(len(body)) if body[i] not in rigid]
+        else:
+            moments = ("m", "mx", "my", "mz")
+            unknown = [i for i in range(len(body)) if body[i] in rigid - {bodies[0]} and kind[i] in moments]
+            known = [i for i in range(len(body)) if body[i] not in rigid and kind[i] in moments]
+        return cls(
+            unknown,
+            known,
+            tuple(regressor.names[i] for i in unknown),
+            tuple(regressor.units[i] for i in unknown),
+        )
+
+
+CORRELATION_TIME = 2.0  # [s] over which equation errors are taken as correlated
+
+
+def scaled_tls(
     rows: np.ndarray,
     rhs: np.ndarray,
     names: tuple[str, ...] | list[str],
+    motion: Motion,
+    *,
+    weights: np.ndarray | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> TlsSolution:
-    """Recursive TLS with columns brought to the length of the right-hand side, results in physical units."""
+    """Recursive TLS with columns brought to the length of the right-hand side, results in physical units.
+
+    The covariance allows for equation errors correlated in time (`hac_covariance`).
+    """
+    if weights is not None:
+        rows, rhs = rows * weights[:, None], rhs * weights
     scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
     if prior is None:
         found = total_least_squares(rows / scale, rhs, names=names)
@@ -182,9 +256,20 @@ def _scaled_tls(
         )
         recursive.update(rows / scale, rhs)
         found = recursive.solution()
+    lags = max(1, round(CORRELATION_TIME / motion.step))
+    x = found.x / scale
+    covariance = found.covariance / np.outer(scale, scale)
+    if prior is None:
+        covariance = hac_covariance(rows, rhs - rows @ x, len(motion), lags)
     return TlsSolution(
-        found.x / scale,
-        found.covariance / np.outer(scale, scale),
+        x, covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
+    )
+
+
+def _part(found: TlsSolution, chosen: slice) -> TlsSolution:
+    return TlsSolution(
+        found.x[chosen],
+        found.covariance[chosen, chosen],
         found.sigma,
         found.singular_values,
         found.condition,
@@ -193,11 +278,15 @@ def _scaled_tls(
     )
 
 
+def _head(found: TlsSolution, count: int) -> TlsSolution:
+    return _part(found, slice(0, count))
+
+
+def _tail(found: TlsSolution, start: int) -> TlsSolution:
+    return _part(found, slice(start, None))
+
+
 def _skew(w: np.ndarray) -> np.ndarray:
     out = np.zeros((len(w), 3, 3))
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
     return out - out.transpose(0, 2, 1)
-
-
-def _in_body(motion: Motion, x: np.ndarray) -> np.ndarray:
-    return np.einsum("nji,nj->ni", motion.rotation, x)
