@@ -10,49 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from .cases import SKEWED, random_pairs, relative
 from .mujoco_twin import Drive, MujocoTwin
-from .numbers import LINKS, PAPER, Spacecraft
+from .numbers import PAPER, Spacecraft
 from .printed import printed_momentum
 from .recordings import exp1, exp2
-from .state import Inputs, State
+from .state import State
 from .symbolic import PanelVariant, SymbolicTwin
 
 ROUND_OFF = (
     1e-12  # relative: sums of some hundred terms, condition of the mass matrix about 1e3 after scaling
 )
 
-# Nothing symmetric, nothing zero: finds exchanged axes that Table 1 hides (Iyy = Izz, mount along body axes).
-SKEWED = replace(
-    PAPER,
-    base_inertia=(1500.0, 1320.0, 1710.0, 35.0, -52.0, 18.0),
-    wheel_inertia=(0.159, 0.21, 0.33),
-    arm_mount=(-0.8, 1.1, 0.9),
-    arm_rpy=(0.3, -0.5, 1.1),
-    links=(
-        replace(LINKS[0], centre=(0.02, -0.05, 0.25), inertia=(0.21, 0.25, 0.11, 0.01, 0.02, -0.015)),
-        replace(LINKS[1], centre=(1.0, 0.1, -0.05), inertia=(1.05, 16.69, 16.1, 0.3, -0.2, 0.1)),
-        replace(
-            LINKS[2],
-            tip=(1.8, 0.1, 0.2),
-            centre=(0.9, -0.1, 0.07),
-            inertia=(2.05, 15.0, 16.69, -0.4, 0.3, 0.2),
-        ),
-    ),
-    slosh_stiffness=(0.41, 0.5, 0.33),
-    slosh_damping=(0.02, 0.03, 0.01),
-    panel_root=(1.5, 0.2, -0.3),
-)
 BOTH = pytest.mark.parametrize("numbers", [PAPER, SKEWED], ids=["paper", "skewed"])
-
-
-def relative(a: np.ndarray | float, b: np.ndarray | float) -> float:
-    """Largest difference relative to the largest entry of b."""
-    return float(np.abs(np.subtract(a, b)).max() / np.abs(b).max())
-
-
-def random_pairs(count: int, seed: int = 7) -> list[tuple[State, Inputs]]:
-    rng = np.random.default_rng(seed)
-    return [(State.random(rng), Inputs.random(rng)) for _ in range(count)]
 
 
 def test_twins_share_nothing_with_the_project():
