@@ -218,8 +218,9 @@ class _Import:
                 advice="Leave the channel out of the mapping too.",
                 channel=name,
             )
-        own, times = self._clock(table.attitude), self._clock(name)
+        # Gathering first: a clock of fixed rate is as long as its first channel.
         q = self._channel(table.attitude, self.rules.channel[table.attitude])
+        own, times = self._clock(table.attitude), self._clock(name)
         norms = np.linalg.norm(q, axis=1)
         if not (np.isfinite(norms).all() and norms.min() > 0.5):
             index = int(np.flatnonzero(~(norms > 0.5) | ~np.isfinite(norms))[0])

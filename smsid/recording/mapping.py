@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from smsid.errors import RecordingError
@@ -188,7 +189,8 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
             raise RecordingError(f"{place}: {wrong[0]}.", advice=wrong[1], channel=name)
         if not quantity.is_quaternion and table.unit:
             check_unit(table.unit, place)
-            convert_check(table.unit, quantity, place)
+            if quantity.dims:
+                convert(np.zeros(1), table.unit, quantity.unit, place)
         if table.attitude and table.attitude not in mapping.channel:
             raise RecordingError(
                 f"{place}: the attitude '{table.attitude}' is not mapped.",
@@ -209,14 +211,6 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
             f"{where}: no [time], and no [clock.{lone[0]}].",
             advice="State [time] column = '...' and unit = 's', or rate = 100.0 in Hz.",
         )
-
-
-def convert_check(unit: str, quantity: Quantity, where: str) -> None:
-    """Raise `RecordingError` unless ``unit`` is of the dimension of the quantity."""
-    import numpy as np
-
-    if quantity.dims:
-        convert(np.zeros(1), unit, quantity.unit, where)
 
 
 def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] | None:
