@@ -1,7 +1,7 @@
 """Inertial-parameter regressors of the whole spacecraft, from Pinocchio.
 
-Parameters theta stack (m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of every body in its joint's frame, about
-the joint's origin: (10 bodies,), ordered as the joints of the Pinocchio model.
+Parameters theta stack (m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of every body in its joint's frame,
+about the joint's origin: (10 bodies,), ordered as the joints of the Pinocchio model.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pinocchio as pin
 from smsid.model.spacecraft import SpacecraftModel
 
 INERTIAL_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_torque_regressor = pin.computeJointTorqueRegressor
 INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m^2",) * 6)
 
 
@@ -57,34 +58,35 @@ class Regressor:
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return Y with Y theta = (p, h): momentum about the bus origin in bus axes, (N, 6, 10 bodies).
 
-        For q (N, nq), v (N, nv). Uses that the torque regressor without gravity at zero rate and acceleration v
-        is M(q) v, whose first six rows are the momentum of a free-flyer [N s, N m s].
+        For q (N, nq), v (N, nv). Uses that the torque regressor without gravity at zero rate and acceleration
+        v is M(q) v, whose first six rows are the momentum of a free-flyer [N s, N m s].
         """
-        q, v = np.atleast_2d(q), np.atleast_2d(v)
-        out = np.empty((len(q), 6, self.columns))
-        for i in range(len(q)):
-            out[i] = self._velocity_regressor(q[i], v[i])[:6]
-        return out
-
-    def _velocity_regressor(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return pin.computeJointTorqueRegressor(self._weightless, self._weightless_data, q, self._rest, v)
+        return self._momenta(q, v, 6)
 
     def generalised_momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return Y with Y theta = M(q) v, all rows: (N, nv, 10 bodies)."""
+        return self._momenta(q, v, self.model.nv)
+
+    def _momenta(self, q: np.ndarray, v: np.ndarray, rows: int) -> np.ndarray:
         q, v = np.atleast_2d(q), np.atleast_2d(v)
-        return np.array([self._velocity_regressor(a, b).copy() for a, b in zip(q, v, strict=True)])
+        model, data, rest, build = self._weightless, self._weightless_data, self._rest, _torque_regressor
+        out = np.empty((len(q), rows, self.columns))
+        for into, q_i, v_i in zip(out, q, v, strict=True):
+            into[:] = build(model, data, q_i, rest, v_i)[:rows]
+        return out
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y with Y theta = M(q) a + nonlinear terms: generalised forces (N, nv, 10 bodies)."""
         q, v, a = np.atleast_2d(q), np.atleast_2d(v), np.atleast_2d(a)
+        model, data, build = self._pin, self._data, _torque_regressor
         out = np.empty((len(q), self.model.nv, self.columns))
-        for i in range(len(q)):
-            out[i] = pin.computeJointTorqueRegressor(self._pin, self._data, q[i], v[i], a[i])
+        for into, q_i, v_i, a_i in zip(out, q, v, a, strict=True):
+            into[:] = build(model, data, q_i, v_i, a_i)
         return out
 
 
 def body_names(model: pin.Model) -> tuple[str, ...]:
-    """Return a readable name for every joint's body: the link that sits in the joint's frame, else the joint."""
+    """Return a readable name for every joint's body: the link in the joint's frame, else the joint."""
     names = list(model.names)[1:]
     for frame in model.frames:
         j = frame.parentJoint
