@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import tomllib
 from pathlib import Path
@@ -12,8 +11,11 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
+from smsid.description.explain import explain_validation
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
+
+__all__ = ["explain_validation", "load_description", "read_toml", "save_description"]
 
 
 def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[str, Any]:
@@ -23,48 +25,47 @@ def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[st
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
-        raise error(f"'{path}' is not valid TOML: {cause}.", advice="Mend the place it names.") from cause
-
-
-def explain_validation(cause: ValidationError, path: Path | str, error: type[SmsidError]) -> SmsidError:
-    """Turn pydantic's report into one smsid error that names key, place and mend."""
-    lines = []
-    for item in cause.errors():
-        place = ".".join(str(part) for part in item["loc"]) or "the file"
-        message = item["msg"].removeprefix("Value error, ")
-        if item["type"] == "extra_forbidden":
-            message = "unknown key" + _nearest(cause.title, str(item["loc"][-1]))
-        lines.append(f"{place}: {message}")
-    return error(
-        f"'{path}' is not as the schema wants it: " + "; ".join(lines) + ".",
-        advice="See docs/description.md for every key.",
-        problems=lines,
-    )
+        raise error(
+            f"'{path}' is not valid TOML: {cause}.", advice="Is the file cut short? Mend the place it names."
+        ) from cause
 
 
 def load_description(path: str | os.PathLike[str]) -> Description:
-    """Load a spacecraft from its TOML; relative paths in it start at the TOML's folder.
+    """Load a spacecraft from its TOML, or straight from a ``.urdf``; relative paths start at the file's
+    folder.
 
-    Raises `DescriptionError` for a missing file, bad TOML, or anything against the schema.
+    Raises `DescriptionError` for a missing file, bad TOML, or anything against the schema; the URDFs
+    themselves are read, and checked, by `smsid.model.build_model`.
     """
     file = Path(path)
     if file.suffix == ".urdf":
+        if not file.is_file():
+            raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         return Description(name=file.stem, urdf=file.name, folder=file.parent)
     tables = read_toml(file)
+    if "folder" in tables:
+        raise DescriptionError(
+            f"'{file}' has the unknown key 'folder'.",
+            advice="Paths start at the folder of the file; remove it.",
+        )
     try:
         return Description.model_validate({**tables, "folder": file.parent})
     except ValidationError as cause:
-        raise explain_validation(cause, file, DescriptionError) from cause
+        raise explain_validation(cause, file, model=Description, tables=tables) from cause
 
 
 def save_description(description: Description, path: str | os.PathLike[str]) -> None:
-    """Write the TOML whole or not at all; relative paths are rewritten to the new folder."""
+    """Write the TOML whole or not at all; relative paths are rewritten to start at the new folder.
+
+    Raises `SmsidError` when the folder does not exist.
+    """
     file = Path(path)
-    tables = description.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
-    tables = _without_empty(tables)
+    tables = _tables(description)
     tables["urdf"] = _relative(description.folder / description.urdf, file.parent)
     if description.package_dirs:
-        tables["package_dirs"] = [_relative(description.folder / d, file.parent) for d in description.package_dirs]
+        tables["package_dirs"] = [
+            _relative(description.folder / d, file.parent) for d in description.package_dirs
+        ]
     for table, arm in zip(tables.get("arm", []), description.arm, strict=True):
         if arm.urdf is not None:
             table["urdf"] = _relative(description.folder / arm.urdf, file.parent)
@@ -72,25 +73,23 @@ def save_description(description: Description, path: str | os.PathLike[str]) -> 
 
 
 def _relative(target: Path, start: Path) -> str:
-    return os.path.relpath(target.resolve(), start.resolve())
+    return Path(os.path.relpath(target.resolve(), start.resolve())).as_posix()
 
 
-def _without_empty(tables: Any) -> Any:
-    if isinstance(tables, dict):
-        return {k: _without_empty(v) for k, v in tables.items() if v not in ({}, [])}
-    if isinstance(tables, list):
-        return [_without_empty(v) for v in tables]
-    return tables
-
-
-def _nearest(title: str, key: str) -> str:
-    known: set[str] = set()
-
-    def collect(model: type[BaseModel]) -> None:
-        for sub in model.__subclasses__():
-            known.update(sub.model_fields)
-            collect(sub)
-
-    collect(BaseModel)
-    near = difflib.get_close_matches(key, known, n=1)
-    return f" (did you mean '{near[0]}'?)" if near else ""
+def _tables(value: Any) -> Any:
+    """Return a model as tables for TOML: by alias, without ``None`` and without empty defaults."""
+    if isinstance(value, BaseModel):
+        tables = {}
+        for name, info in type(value).model_fields.items():
+            item = getattr(value, name)
+            empty = isinstance(item, dict | tuple | list) and not item
+            unsaid = empty and item == info.get_default(call_default_factory=True)
+            if item is None or info.exclude or unsaid:
+                continue
+            tables[info.alias or name] = _tables(item)
+        return tables
+    if isinstance(value, dict):
+        return {key: _tables(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_tables(item) for item in value]
+    return value

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    ValidationError,
+    WrapValidator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
-from smsid.effects.base import Effect, Vector3, parse_effect
+from smsid.effects.base import Effect, Name, Vector3, parse_effect
+from smsid.errors import DescriptionError, SmsidError
 from smsid.sensing.sensor import Sensor
 
 SCHEMA_VERSION = 1
 
+Inertias = Literal["checked", "trusted"]
+
 
 class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
 
 class Mount(_Table):
@@ -28,11 +42,12 @@ class Mount(_Table):
 class Wheel(_Table):
     """A reaction wheel.
 
-    ``inertia`` is the spin inertia I_rw [kg m^2]; its mass is part of the bus, and so is its spin inertia unless
-    ``inertia_in_bus = false``. Alternatively ``joint`` names a joint of the URDF that is the wheel.
+    ``inertia`` is the spin inertia I_rw [kg m^2]; its mass is part of the bus, and so is its spin inertia
+    unless ``inertia_in_bus = false``. Alternatively ``joint`` names a joint of the URDF that is the wheel.
+    ``axis`` need not be a unit vector.
     """
 
-    name: str
+    name: Name
     axis: Vector3 = (0.0, 0.0, 1.0)
     position: Vector3 = (0.0, 0.0, 0.0)  # [m], bus frame
     inertia: float = Field(default=0.0, ge=0.0)
@@ -44,7 +59,13 @@ class Wheel(_Table):
     @model_validator(mode="after")
     def _is_a_wheel(self) -> Wheel:
         if self.joint is None and self.inertia <= 0.0:
-            raise ValueError(f"wheel '{self.name}' needs a positive `inertia`, or the `joint` of the URDF it is")
+            raise ValueError(
+                f"wheel '{self.name}' needs a positive `inertia`, or the `joint` of the URDF it is"
+            )
+        if self.joint is not None and self.inertia > 0.0:
+            raise ValueError(
+                f"wheel '{self.name}' gives both `inertia` and `joint`; a joint brings its own inertia"
+            )
         if sum(x * x for x in self.axis) < 1e-12:
             raise ValueError(f"wheel '{self.name}' has a zero `axis`")
         return self
@@ -53,22 +74,35 @@ class Wheel(_Table):
 class Arm(_Table):
     """An arm: joints of the spacecraft's own URDF, or another URDF mounted on the bus.
 
-    Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a name
-    of example-robot-data). Names of a mounted URDF get the prefix ``<name>/``. ``home`` gives joint positions by
-    name (without prefix) [rad].
+    Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
+    name of example-robot-data, see `smsid.model.robots`). Names of a mounted URDF get the prefix ``<name>/``.
+    ``home`` gives joint positions by name (without prefix) [rad | m]. ``inertias = "trusted"`` takes the
+    inertias of a mounted URDF as they are, where ``"checked"`` refuses those no rigid body can have.
     """
 
-    name: str
+    name: Name
     joints: tuple[str, ...] | None = None
     urdf: str | None = None
     robot: str | None = None
     mount: Mount = Mount()
     home: dict[str, float] = Field(default_factory=dict)
+    inertias: Inertias = "checked"
+
+    @property
+    def mounted(self) -> bool:
+        """Whether the arm comes from a URDF of its own."""
+        return self.urdf is not None or self.robot is not None
 
     @model_validator(mode="after")
     def _one_source(self) -> Arm:
         if sum(x is not None for x in (self.joints, self.urdf, self.robot)) > 1:
             raise ValueError(f"arm '{self.name}': give one of `joints`, `urdf`, `robot`")
+        if not self.mounted and self.mount != Mount():
+            raise ValueError(f"arm '{self.name}' has a `mount` but no `urdf` or `robot` to mount")
+        if not self.mounted and self.inertias != "checked":
+            raise ValueError(
+                f"arm '{self.name}' is part of the spacecraft's own URDF: `inertias` goes to the file's top"
+            )
         return self
 
 
@@ -77,6 +111,26 @@ class Thrust(_Table):
 
     point: Vector3 = (0.0, 0.0, 0.0)  # [m]
     max_force: float | None = Field(default=None, gt=0.0)  # [N]
+
+
+def _in_place(make: Callable[[Any], Any]) -> WrapValidator:
+    """Let `SmsidError` take part in pydantic's report, so that it comes out with the place."""
+
+    def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
+        try:
+            return handler(make(value))
+        except ValidationError:
+            raise
+        except SmsidError as cause:
+            raise PydanticCustomError("smsid", "{text}", {"text": str(cause)}) from cause
+
+    return WrapValidator(validate)
+
+
+AnyEffect = Annotated[
+    SerializeAsAny[Effect], _in_place(lambda t: parse_effect(t) if isinstance(t, dict) else t)
+]
+AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
 class Description(_Table):
@@ -91,20 +145,14 @@ class Description(_Table):
     root: Literal["free", "fixed"] = "free"
     gravity: Vector3 = (0.0, 0.0, 0.0)  # [m/s^2], inertial frame
     meshes: Literal["required", "ignored"] = "required"
+    inertias: Inertias = "checked"
     package_dirs: tuple[str, ...] = ()
     thrust: Thrust = Thrust()
     wheel: tuple[Wheel, ...] = ()
     arm: tuple[Arm, ...] = ()
-    effect: tuple[SerializeAsAny[Effect], ...] = ()
-    sensor: tuple[Sensor, ...] = ()
+    effect: tuple[AnyEffect, ...] = ()
+    sensor: tuple[AnySensor, ...] = ()
     folder: Annotated[Path, Field(exclude=True)] = Path(".")
-
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
-
-    @field_validator("effect", mode="before")
-    @classmethod
-    def _effects_by_kind(cls, tables: Any) -> Any:
-        return tuple(parse_effect(t) for t in tables) if isinstance(tables, list | tuple) else tables
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Description:
@@ -112,19 +160,52 @@ class Description(_Table):
             names = [item.name for item in getattr(self, label)]
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
-                raise ValueError(f"two {label}s are named {', '.join(map(repr, twice))}; names must be unique")
+                named = ", ".join(map(repr, twice))
+                raise ValueError(f"two {label}s are named {named}; names must be unique, rename one")
+        return self
+
+    @model_validator(mode="after")
+    def _sensors_find_their_appendage(self) -> Description:
+        names = [e.name for e in self.effect]
+        for sensor in self.sensor:
+            if sensor.appendage is not None and sensor.appendage not in names:
+                raise ValueError(
+                    f"sensor '{sensor.name}' sits on appendage '{sensor.appendage}', which is no effect"
+                    + did_you_mean(sensor.appendage, names)
+                )
         return self
 
     def get_effect(self, name: str) -> Effect:
-        """Return the effect of that name; raises KeyError."""
-        return {e.name: e for e in self.effect}[name]
+        """Return the effect of that name; raises `DescriptionError`."""
+        found = {e.name: e for e in self.effect}
+        if name not in found:
+            raise DescriptionError(
+                f"There is no effect '{name}'." + did_you_mean(name, list(found)),
+                advice=f"Effects: {', '.join(found) or 'none'}.",
+            )
+        return found[name]
 
     def with_effects(self, *effects: Effect) -> Description:
         """Return a copy in which each effect replaces the one of its name, or is added."""
         known = {e.name: e for e in self.effect}
         known.update({e.name: e for e in effects})
-        return self.model_copy(update={"effect": tuple(known.values())})
+        return self._with("effect", tuple(known.values()))
 
     def with_sensors(self, *sensors: Sensor) -> Description:
-        """Return a copy with these sensors instead."""
-        return self.model_copy(update={"sensor": tuple(sensors)})
+        """Return a copy with these sensors instead; raises `DescriptionError` if two have one name."""
+        return self._with("sensor", sensors)
+
+    def _with(self, field: str, items: tuple[Any, ...]) -> Description:
+        try:
+            return type(self).model_validate({**dict(self), field: items})
+        except ValidationError as cause:
+            reasons = "; ".join(e["msg"].removeprefix("Value error, ") for e in cause.errors())
+            raise DescriptionError(
+                f"Description '{self.name}' cannot take this {field}: {reasons}."
+            ) from cause
+
+
+def did_you_mean(name: str, known: list[str]) -> str:
+    """Return `` Did you mean '...'?`` with the closest of the known names, or nothing."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f" Did you mean '{near[0]}'?" if near else ""

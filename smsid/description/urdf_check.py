@@ -10,28 +10,78 @@ import numpy as np
 
 from smsid.errors import DescriptionError
 
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+
 
 def read_urdf(path: Path) -> str:
-    """Return the text of a URDF; raises `DescriptionError` if missing or not XML."""
+    """Return the text of a URDF; raises `DescriptionError` if missing, not XML, or not a tree of links."""
     if not path.is_file():
-        raise DescriptionError(f"The URDF '{path}' does not exist.", advice="Check the `urdf` key of the TOML.")
-    text = path.read_text(encoding="utf-8")
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
         raise DescriptionError(
-            f"'{path}' is not well-formed XML: {error}.", advice="Is the file cut short? Mend the line it names."
+            f"The URDF '{path}' does not exist.", advice="Check the `urdf` key of the TOML.", path=str(path)
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, UnicodeDecodeError) as error:
+        raise DescriptionError(
+            f"'{path}' is not well-formed XML: {error}.",
+            advice="Is the file cut short? Mend the line it names.",
         ) from error
     if root.tag != "robot" or root.find("link") is None:
-        raise DescriptionError(f"'{path}' is no URDF: it needs a <robot> with links.")
+        raise DescriptionError(
+            f"'{path}' is no URDF: it needs a <robot> with links.", advice="Is it the right file?"
+        )
+    _check_tree(root, str(path))
     return text
 
 
-def check_inertias(text: str, source: str) -> None:
+def _check_tree(root: ElementTree.Element, source: str) -> None:
+    """Raise `DescriptionError` for joints between links that do not exist, names used twice, or two roots."""
+    links = [link.get("name", "") for link in root.findall("link")]
+    joints = root.findall("joint")
+    for label, names in (("links", links), ("joints", [j.get("name", "") for j in joints])):
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise DescriptionError(
+                f"Two {label} of {source} are named {', '.join(map(repr, twice))}.", advice="Rename one."
+            )
+    children = []
+    for joint in joints:
+        name, kind = joint.get("name"), joint.get("type")
+        if kind not in JOINT_TYPES:
+            raise DescriptionError(
+                f"Joint '{name}' of {source} has type '{kind}'.",
+                advice=f"Types of URDF: {', '.join(JOINT_TYPES)}.",
+            )
+        for end in ("parent", "child"):
+            tag = joint.find(end)
+            link = None if tag is None else tag.get("link")
+            if link not in links:
+                raise DescriptionError(
+                    f"The {end} of joint '{name}' of {source} is link '{link}', which does not exist.",
+                    advice="Correct its name or add the link.",
+                )
+            if end == "child":
+                children.append(link)
+        if kind in ("revolute", "prismatic") and joint.find("limit") is None:
+            raise DescriptionError(
+                f"Joint '{name}' of {source} has no <limit>, which a {kind} joint needs.",
+                advice='Give one, or make a turning joint "continuous".',
+            )
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1 or len(set(children)) != len(children):
+        raise DescriptionError(
+            f"The links of {source} are no tree: {len(roots)} have no parent ({', '.join(roots) or 'none'}).",
+            advice="Every link but the root must be the child of exactly one joint.",
+        )
+
+
+def check_inertias(text: str, source: str, *, trusted: bool = False, where: str = "the TOML") -> None:
     """Raise `DescriptionError` for a negative mass or an inertia no rigid body can have.
 
-    A principal moment may be zero (a thin rod), but not negative, and no moment may exceed the sum of the other
-    two (triangle inequality), to one part in 1e3 of the largest.
+    A principal moment may be zero (a thin rod), but not negative, and no moment may exceed the sum of the
+    other two (triangle inequality), to one part in 1e3 of the largest. ``trusted`` leaves out the test of
+    the moments; ``where`` says in the advice where the key ``inertias`` belongs.
     """
     for link in ElementTree.fromstring(text).iter("link"):
         inertial = link.find("inertial")
@@ -41,31 +91,60 @@ def check_inertias(text: str, source: str) -> None:
         mass_tag, tag = inertial.find("mass"), inertial.find("inertia")
         if mass_tag is None or tag is None:
             raise DescriptionError(
-                f"Link '{name}' of {source} has an <inertial> without <mass> or <inertia>.", advice="Give both."
+                f"Link '{name}' of {source} has an <inertial> without <mass> or <inertia>.",
+                advice="Give both.",
+                link=name,
             )
-        mass = float(mass_tag.get("value", "nan"))
-        if not np.isfinite(mass) or mass < 0.0:
+        mass = _number(mass_tag, "value", f"The mass of link '{name}' of {source}")
+        if mass < 0.0:
             raise DescriptionError(
-                f"Link '{name}' of {source} has mass {mass} kg.",
+                f"Link '{name}' of {source} has mass {mass:g} kg.",
                 advice="A mass must be zero or positive.",
                 link=name,
                 mass=mass,
             )
-        ixx, ixy, ixz, iyy, iyz, izz = (float(tag.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-        matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-        if not np.isfinite(matrix).all():
-            raise DescriptionError(f"The inertia of link '{name}' of {source} is not finite.", link=name)
-        moments = np.linalg.eigvalsh(matrix)
+        place = f"The inertia of link '{name}' of {source}"
+        ixx, ixy, ixz, iyy, iyz, izz = (
+            _number(tag, key, place, "0") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
         slack = 1e-3 * max(abs(moments[-1]), 1e-12)
-        if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
+        if not trusted and (moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack):
             raise DescriptionError(
-                f"The inertia of link '{name}' of {source} is impossible: principal moments "
-                f"{', '.join(f'{m:.4g}' for m in moments)} kg m^2.",
+                f"{place} is impossible: principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2.",
                 advice="Moments must be positive, none larger than the sum of the other two; check the "
-                "signs of the products and whether it is taken about the centre of mass.",
+                "signs of the products and whether it is taken about the centre of mass. To take the "
+                f'inertias as they are, set `inertias = "trusted"` in {where}.',
                 link=name,
                 moments=moments,
             )
+
+
+def _number(tag: ElementTree.Element, key: str, place: str, default: str = "missing") -> float:
+    text = tag.get(key, default)
+    try:
+        number = float(text)
+    except ValueError:
+        number = float("nan")
+    if not np.isfinite(number):
+        raise DescriptionError(f"{place} has {key} = '{text}'.", advice="Give a finite number.")
+    return number
+
+
+def mimicking(text: str) -> list[str]:
+    """Return the names of the joints of a URDF that mimic another."""
+    joints = ElementTree.fromstring(text).iter("joint")
+    return [str(j.get("name")) for j in joints if j.find("mimic") is not None]
+
+
+def without_meshes(text: str) -> str:
+    """Return the URDF without the visuals that are meshes."""
+    root = ElementTree.fromstring(text)
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            if visual.find("geometry/mesh") is not None:
+                link.remove(visual)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def check_meshes(text: str, source: str, folders: Iterable[Path]) -> None:
@@ -74,12 +153,13 @@ def check_meshes(text: str, source: str, folders: Iterable[Path]) -> None:
     for link in ElementTree.fromstring(text).iter("link"):
         for mesh in link.iter("mesh"):
             name = mesh.get("filename", "")
-            relative = name.removeprefix("package://").removeprefix("file://")
-            if Path(relative).is_file() or any((place / relative).is_file() for place in places):
+            relative = name.removeprefix("package://").removeprefix("file://").removeprefix("/")
+            absolute = Path(name.removeprefix("file://"))
+            if absolute.is_file() or any((place / relative).is_file() for place in places):
                 continue
             raise DescriptionError(
                 f"Mesh '{name}' of link '{link.get('name')}' in {source} is missing.",
-                advice="Add its folder to `package_dirs`, or set `meshes = \"ignored\"` to do without visuals.",
+                advice='Add its folder to `package_dirs`, or set `meshes = "ignored"` to do without visuals.',
                 mesh=name,
                 searched=[str(p) for p in places],
             )

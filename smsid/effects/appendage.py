@@ -1,13 +1,15 @@
 """Flexible appendages: bending modes as joints, from beam data or from finite-element modal data.
 
-A mass-normalised mode with translational participation L_t (3,) and rotational participation L_r (3,) about the
-root is a screw: the point mass |L_t|^2 sits where L_r = r x L_t and slides along L_t. Reproduces (5), (7), (9)
-and (13): linear momentum and first moments exactly, the inertia to first order for bending of a straight beam.
+A mass-normalised mode with translational participation L_t (3,) and rotational participation L_r (3,) about
+the root is a screw: the point mass |L_t|^2 sits where L_r = r x L_t and slides along L_t. Reproduces (5),
+(7), (9) and (13): linear momentum and first moments exactly, the inertia to first order for bending of a
+straight beam.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +31,7 @@ class Mode(BaseModel):
     [kg^.5 m] in appendage axes, ``shape`` at the appendage's stations (stations, 3) [kg^-.5].
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frequency: float = Field(gt=0.0)
     damping: float = Field(ge=0.0)
@@ -75,9 +77,7 @@ class _Appendage(Effect):
             remainder = remainder - placement.act(inertia).toDynamicParameters()
             # coordinate s = delta / scale carries the modal mass scale^2
             omega = 2 * np.pi * mode.frequency
-            assembly.add_springs(
-                joint, (scale**2 * omega**2,), (2 * mode.damping * omega * scale**2,)
-            )
+            assembly.add_springs(joint, (scale**2 * omega**2,), (2 * mode.damping * omega * scale**2,))
             joints.append(joint)
             scales.append(scale)
         assembly.add_remainder(self.frame, remainder, self.placement)
@@ -139,6 +139,14 @@ class BeamAppendage(_Appendage):
     modes: Annotated[int, Field(ge=1, le=20)] = 3
     stations: tuple[float, ...] = ()
 
+    @model_validator(mode="after")
+    def _stations_on_the_plate(self) -> BeamAppendage:
+        # a tenth of slack: an estimator may move the length, the sensors stay where they are
+        beyond = [x for x in self.stations if not 0.0 <= x <= 1.1 * self.length]
+        if beyond:
+            raise ValueError(f"stations {beyond} of '{self.name}' are not within its length {self.length} m")
+        return self
+
     @property
     def mass(self) -> float:
         """Mass of the plate [kg]."""
@@ -188,8 +196,8 @@ class BeamAppendage(_Appendage):
 class ModalAppendage(_Appendage):
     """An appendage given by modal data of a finite-element program.
 
-    ``center_of_mass`` and ``inertia`` (xx, xy, yy, xz, yz, zz) about the root, in appendage axes; ``stations``
-    are sensor positions in appendage axes [m], at which every mode gives its shape.
+    ``center_of_mass`` [m] and ``inertia`` (xx, xy, yy, xz, yz, zz) [kg m^2] about the root, in appendage
+    axes; ``stations`` are sensor positions in appendage axes [m], at which every mode gives its shape.
     """
 
     summary: ClassVar[str] = "flexible appendage from finite-element modal data"
@@ -232,21 +240,24 @@ class ModalAppendage(_Appendage):
             for field, unit in (("frequency", "Hz"), ("damping", "1")):
                 key = f"mode{k}.{field}"
                 found.append(
-                    Parameter(f"{self.name}.{key}", getattr(mode, field), unit, 0.0, sigma=self.prior.get(key))
+                    Parameter(
+                        f"{self.name}.{key}", getattr(mode, field), unit, 0.0, sigma=self.prior.get(key)
+                    )
                 )
         return tuple(found)
 
-    def with_values(self, values) -> ModalAppendage:  # type: ignore[no-untyped-def]
-        """Return the appendage with the named parameters replaced."""
-        plain, modes = {}, list(self.mode)
+    def with_values(self, values: Mapping[str, float]) -> ModalAppendage:
+        """Return the appendage with the named parameters replaced.
+
+        Raises `DescriptionError` for a name it does not have, or a value it cannot have.
+        """
+        self._check_names(values)
+        update: dict[str, Any] = {}
+        modes = [dict(mode) for mode in self.mode]
         for name, value in values.items():
-            part = name.removeprefix(f"{self.name}.").split(".")
-            if len(part) == 2 and part[0].startswith("mode") and part[0][4:].isdigit():
-                k = int(part[0][4:]) - 1
-                if not 0 <= k < len(modes) or part[1] not in ("frequency", "damping"):
-                    raise DescriptionError(f"Effect '{self.name}' has no parameter '{name}'.")
-                modes[k] = modes[k].model_copy(update={part[1]: float(value)})
+            field, _, part = name.removeprefix(f"{self.name}.").partition(".")
+            if part:
+                modes[int(field.removeprefix("mode")) - 1][part] = float(value)
             else:
-                plain[name] = value
-        changed = super().with_values(plain)
-        return changed.model_copy(update={"mode": tuple(modes)})  # type: ignore[return-value]
+                update[field] = float(value)
+        return cast(ModalAppendage, self._replaced({**update, "mode": modes}))

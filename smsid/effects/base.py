@@ -9,7 +9,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 
 
 def physical(unit: str, *, lower: float = -math.inf, upper: float = math.inf, **kwargs: Any) -> Any:
@@ -36,21 +37,25 @@ class Effect(BaseModel):
     ``prior`` gives standard deviations by parameter name (without the effect's own name).
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     summary: ClassVar[str] = ""
     kind: str
-    name: str
-    prior: dict[str, float] = Field(default_factory=dict)
+    name: Name
+    prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _within_bounds(self) -> Effect:
         for p in self.parameters():
             if not p.lower <= p.value <= p.upper:
                 raise ValueError(f"{p.name} = {p.value} {p.unit} is outside [{p.lower}, {p.upper}]")
-        unknown = set(self.prior) - {p.name.removeprefix(f"{self.name}.") for p in self.parameters()}
+        known = [p.name.removeprefix(f"{self.name}.") for p in self.parameters()]
+        unknown = sorted(set(self.prior) - set(known))
         if unknown:
-            raise ValueError(f"prior names no parameter of '{self.name}': {', '.join(sorted(unknown))}")
+            raise ValueError(
+                f"prior names {', '.join(map(repr, unknown))}, no parameter of '{self.name}'; "
+                f"it has {', '.join(known)}"
+            )
         return self
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -80,15 +85,9 @@ class Effect(BaseModel):
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with the named parameters replaced; names as in `parameters`.
 
-        Raises `DescriptionError` for a name the effect does not have.
+        Raises `DescriptionError` for a name the effect does not have, or a value it cannot have.
         """
-        known = {p.name for p in self.parameters()}
-        for name in values:
-            if name not in known:
-                raise DescriptionError(
-                    f"Effect '{self.name}' has no parameter '{name}'.",
-                    advice=f"It has: {', '.join(sorted(known))}.",
-                )
+        self._check_names(values)
         update: dict[str, Any] = {}
         for name, value in values.items():
             field, _, axis = name.removeprefix(f"{self.name}.").partition(".")
@@ -98,7 +97,29 @@ class Effect(BaseModel):
                 update[field] = tuple(vector)
             else:
                 update[field] = float(value)
-        return type(self).model_validate({**self.model_dump(), **update})
+        return self._replaced(update)
+
+    def _check_names(self, values: Mapping[str, float]) -> None:
+        known = {p.name for p in self.parameters()}
+        for name in values:
+            if name not in known:
+                raise DescriptionError(
+                    f"Effect '{self.name}' has no parameter '{name}'.",
+                    advice=f"It has: {', '.join(sorted(known))}.",
+                )
+
+    def _replaced(self, update: Mapping[str, Any]) -> Effect:
+        try:
+            return type(self).model_validate({**dict(self), **update})
+        except ValidationError as cause:
+            reasons = "; ".join(
+                ".".join(str(part) for part in e["loc"]) + f" {e['msg'].removeprefix('Value error, ')}"
+                for e in cause.errors()
+            )
+            raise DescriptionError(
+                f"Effect '{self.name}' cannot take these values: {reasons}.",
+                advice="Keep them within bounds.",
+            ) from cause
 
     def attach(self, assembly: Assembly) -> None:
         """Add the effect to the model being assembled."""
@@ -109,37 +130,74 @@ _CATALOGUE: dict[str, type[Effect]] = {}
 
 
 def register(cls: E) -> E:
-    """Class decorator: put an effect into the catalogue under the default of its ``kind``."""
+    """Class decorator: put an effect into the catalogue under the default of its ``kind``.
+
+    Raises `DescriptionError` when the class has no ``kind`` of its own, or another class has taken it.
+    """
     kind = cls.model_fields["kind"].default
     if not isinstance(kind, str):
-        raise TypeError(f"{cls.__name__} needs `kind: Literal['...'] = '...'`")
+        raise DescriptionError(
+            f"Effect {cls.__name__} has no kind.", advice="Declare `kind: Literal['...'] = '...'`."
+        )
+    taken = _CATALOGUE.get(kind)
+    if taken is not None and (taken.__module__, taken.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise DescriptionError(
+            f"Effect kind '{kind}' of {cls.__module__}.{cls.__qualname__} is taken by "
+            f"{taken.__module__}.{taken.__qualname__}.",
+            advice="Give it another kind.",
+        )
     _CATALOGUE[kind] = cls
     return cls
 
 
 def catalogue() -> dict[str, type[Effect]]:
-    """Return the catalogue by kind, with those that other packages offer at entry point ``smsid.effects``."""
-    import smsid.effects  # the families register themselves on import
+    """Return the catalogue by kind, with those that other packages offer at entry point ``smsid.effects``.
 
+    Raises `DescriptionError` for an entry point that cannot be loaded, or whose name is not its effect's
+    kind.
+    """
     for entry in metadata.entry_points(group="smsid.effects"):
-        if entry.name not in _CATALOGUE:
-            register(entry.load())
+        if entry.name in _CATALOGUE:
+            continue
+        try:
+            cls = entry.load()
+        except (ImportError, AttributeError) as error:
+            raise DescriptionError(
+                f"The effect '{entry.name}' offered by '{entry.value}' cannot be loaded: {error}.",
+                advice="Mend or remove the package that offers it.",
+            ) from error
+        if register(cls).model_fields["kind"].default != entry.name:
+            raise DescriptionError(
+                f"The entry point '{entry.name}' offers an effect of kind "
+                f"'{cls.model_fields['kind'].default}'.",
+                advice="Name the entry point after the kind.",
+            )
     return dict(_CATALOGUE)
 
 
+def known_effect(kind: str) -> type[Effect] | None:
+    """Return the effect class of a kind, or ``None``."""
+    return _CATALOGUE.get(kind) or catalogue().get(kind)
+
+
 def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
-    """Turn one ``[[effect]]`` table into an `Effect`; raises `DescriptionError` for an unknown kind."""
+    """Turn one ``[[effect]]`` table into an `Effect`.
+
+    Raises `DescriptionError` for an unknown kind, and pydantic's ``ValidationError`` for what is in the table
+    (which `load_description` turns into a `DescriptionError`).
+    """
     if isinstance(table, Effect):
         return table
-    kinds = catalogue()
     kind = str(table.get("kind", ""))
-    if kind not in kinds:
+    cls = known_effect(kind)
+    if cls is None:
+        kinds = sorted(catalogue())
         near = difflib.get_close_matches(kind, kinds, n=1)
         hint = f" Did you mean '{near[0]}'?" if near else ""
         raise DescriptionError(
-            f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(sorted(kinds))}."
+            f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(kinds)}."
         )
-    return kinds[kind].model_validate(dict(table))
+    return cls.model_validate(dict(table))
 
 
 def _flatten(value: Any) -> list[tuple[str, float]]:

@@ -15,7 +15,7 @@ def clamped_free_roots(count: int) -> np.ndarray:
         return np.cos(x) + 1.0 / np.cosh(x)
 
     centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
-    return np.array([brentq(characteristic, c - 1.0, c + 1.0, xtol=1e-15, rtol=1e-15) for c in centres])
+    return np.array([brentq(characteristic, c - 1.0, c + 1.0, xtol=1e-15) for c in centres])
 
 
 @dataclass(frozen=True)

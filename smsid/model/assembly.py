@@ -34,7 +34,8 @@ class Assembly:
 
     model: pin.Model
     base: int  # joint that carries the bus: 1 for a free-flyer, 0 when welded
-    springs: list[tuple[int, float, float]] = field(default_factory=list)  # (joint, stiffness, damping) per DoF
+    trusted: frozenset[str] = frozenset()  # joints whose bodies' inertia is taken as it is
+    springs: list[tuple[int, int, float, float]] = field(default_factory=list)  # joint, axis, k, d
     forces: list[ForceTerm] = field(default_factory=list)
     slosh: dict[str, int] = field(default_factory=dict)
     appendages: list[AppendageJoints] = field(default_factory=list)
@@ -46,15 +47,7 @@ class Assembly:
         """
         if name is None:
             return self.base, pin.SE3.Identity()
-        if not self.model.existFrame(name):
-            known = [f.name for f in self.model.frames]
-            near = difflib.get_close_matches(name, known, n=1)
-            raise DescriptionError(
-                f"There is no frame '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
-                advice=f"Frames of the model: {', '.join(known)}.",
-                frame=name,
-            )
-        frame = self.model.frames[self.model.getFrameId(name)]
+        frame = self.model.frames[find_frame(self.model, name)]
         return frame.parentJoint, frame.placement
 
     def joint_id(self, name: str) -> int:
@@ -70,7 +63,10 @@ class Assembly:
         return self.model.getJointId(name)
 
     def add_joint(self, frame: str | None, joint: pin.JointModel, placement: pin.SE3, name: str) -> int:
-        """Add a joint at a placement in a named frame; returns its index. The frame of the joint gets its name."""
+        """Add a joint, and a frame of its name, at a placement in a named frame; returns its index.
+
+        Raises `DescriptionError` if the name is taken, or there is no such frame.
+        """
         if self.model.existJointName(name):
             raise DescriptionError(f"Two joints are named '{name}'.", advice="Rename the effect or wheel.")
         parent, offset = self.frame(frame)
@@ -85,18 +81,34 @@ class Assembly:
     def add_remainder(self, frame: str | None, theta: np.ndarray, placement: pin.SE3) -> None:
         """Add inertial parameters (10,) (see `pin.Inertia.toDynamicParameters`) that may be indefinite.
 
-        They are given in axes at ``placement`` of the frame; what must be physical is the sum.
+        They are given in axes at ``placement`` of the frame; what must be physical is the sum. On a welded
+        bus they move nothing and are left out. Raises `DescriptionError` when the sum is not physical.
         """
         joint, offset = self.frame(frame)
         if joint == 0:
             return
         total = self.model.inertias[joint].toDynamicParameters() + move_parameters(offset * placement, theta)
-        self.model.inertias[joint] = inertia_from_parameters(total, self.model.names[joint])
+        name = self.model.names[joint]
+        self.model.inertias[joint] = inertia_from_parameters(
+            total, "bus" if joint == self.base else name, trusted=name in self.trusted
+        )
 
     def add_springs(self, joint: int, stiffness: Sequence[float], damping: Sequence[float]) -> None:
-        """Add linear springs and dampers to a joint, one pair per degree of freedom."""
-        for k, d in zip(stiffness, damping, strict=True):
-            self.springs.append((joint, float(k), float(d)))
+        """Add linear springs and dampers to a joint, one pair per degree of freedom [N/m | N m/rad, s
+        times].
+
+        They add to what the joint has already. Raises `DescriptionError` if the joint has fewer or more
+        degrees of freedom.
+        """
+        freedom = self.model.joints[joint].nv
+        if not len(stiffness) == len(damping) == freedom:
+            raise DescriptionError(
+                f"Joint '{self.model.names[joint]}' has {freedom} degrees of freedom, "
+                f"{len(stiffness)} springs and {len(damping)} dampers were given for it.",
+                advice="Give one of each per degree of freedom.",
+            )
+        for axis, (k, d) in enumerate(zip(stiffness, damping, strict=True)):
+            self.springs.append((joint, axis, float(k), float(d)))
 
     def add_force(self, term: ForceTerm) -> None:
         """Add a nonlinear generalised force."""
@@ -112,6 +124,23 @@ class Assembly:
         self.appendages.append(
             AppendageJoints(appendage, parent, offset * appendage.placement, tuple(joints), np.asarray(scale))
         )
+
+
+def find_frame(model: pin.Model, name: str) -> int:
+    """Return the index of a frame; where a link and a joint share the name, the link's.
+
+    Raises `DescriptionError` if there is none.
+    """
+    found = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    if not found:
+        known = [f.name for f in model.frames]
+        near = difflib.get_close_matches(name, known, n=1)
+        raise DescriptionError(
+            f"There is no frame '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+            advice=f"Frames of the model: {', '.join(known)}.",
+            frame=name,
+        )
+    return next((k for k in found if model.frames[k].type == pin.FrameType.BODY), found[0])
 
 
 def move_parameters(placement: pin.SE3, theta: np.ndarray) -> np.ndarray:
@@ -145,13 +174,17 @@ def pseudo_inertia(theta: np.ndarray) -> np.ndarray:
     return np.block([[sigma, theta[1:4, None]], [theta[None, 1:4], theta[:1, None]]])
 
 
-def inertia_from_parameters(theta: np.ndarray, name: str) -> pin.Inertia:
-    """Return the `pin.Inertia` of parameters (10,); raises `DescriptionError` if no body can have them."""
-    if theta[0] <= 0.0 or np.linalg.eigvalsh(pseudo_inertia(theta))[0] < -1e-9 * np.abs(theta).max():
+def inertia_from_parameters(theta: np.ndarray, name: str, *, trusted: bool = False) -> pin.Inertia:
+    """Return the `pin.Inertia` of parameters (10,).
+
+    Raises `DescriptionError` if no body can have them; ``trusted`` asks for a positive mass only.
+    """
+    physical = trusted or np.linalg.eigvalsh(pseudo_inertia(theta))[0] >= -1e-9 * np.abs(theta).max()
+    if theta[0] <= 0.0 or not physical:
         raise DescriptionError(
             f"The inertia left to body '{name}' is not physical (mass {theta[0]:.6g} kg).",
-            advice="What wheels and appendages take from it is more than it has: check their mass, participation "
-            "factors and spin inertia, and `inertia_in_bus`.",
+            advice="What wheels and appendages take from it is more than it has: check their mass, "
+            "participation factors and spin inertia, and `inertia_in_bus`.",
             parameters=theta,
         )
     return pin.Inertia.FromDynamicParameters(theta)

@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of inertial parameters that a regressor can tell apart, with readable names.
+"""Base parameters: the combinations of inertial parameters that a regressor can tell apart, readably named.
 
 Column-scaled QR decomposition after Gautier (1991), *Numerical calculation of the base inertial parameters of
 robots*.
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 
 from smsid.errors import NotIdentifiableError
 
@@ -20,8 +20,9 @@ class BaseParameters:
     """Identifiable combinations ``beta = K theta``.
 
     ``independent`` (b,) are the columns kept, ``matrix`` K (b, n) with identity on them, ``names`` readable
-    combinations. A regressor Y restricted to ``independent`` satisfies ``Y[:, independent] @ beta = Y @ theta``.
-    ``unseen`` are parameters that do not enter at all.
+    combinations. A regressor Y restricted to ``independent`` satisfies
+    ``Y[:, independent] @ beta = Y @ theta``. ``unseen`` are parameters that do not enter at all;
+    ``condition`` is the condition number of the kept columns, each scaled to unit norm.
     """
 
     names: tuple[str, ...]
@@ -49,19 +50,21 @@ def base_parameters(
 ) -> BaseParameters:
     """Return the base parameters of a regressor (rows, n).
 
-    Columns are scaled to unit norm; one is dependent when what is left of it after projection on those before is
-    below ``tolerance``. ``prefer`` lists columns that should be kept first (default: from the last body to the
-    first, so that what cannot be told apart is lumped towards the tip's parent the way textbooks do).
-    Raises `NotIdentifiableError` when nothing can be identified.
+    Columns are scaled to unit norm; one is dependent when what is left of it after projection on those
+    before is below ``tolerance``. ``prefer`` lists columns to be kept first; the others follow in order,
+    that is from the base to the tip: what cannot be told apart is lumped into the body nearer the base, as
+    textbooks do. Raises `NotIdentifiableError` when nothing can be identified.
     """
     reduced = _triangle(regressor)
     norm = np.linalg.norm(reduced, axis=0)
     floor = tolerance * max(float(norm.max(initial=0.0)), 1e-300)
     seen = norm > floor
-    order = list(prefer) if prefer is not None else list(range(len(names)))
-    order = [i for i in order if seen[i]]
+    first = list(dict.fromkeys(prefer or ()))
+    order = [i for i in (*first, *(i for i in range(len(names)) if i not in first)) if seen[i]]
     if not order:
-        raise NotIdentifiableError("The regressor is zero: nothing moves.", advice="Excite the joints or wheels.")
+        raise NotIdentifiableError(
+            "The regressor is zero: nothing moves.", advice="Excite the joints or wheels."
+        )
     scaled = reduced[:, order] / norm[order]
     kept: list[int] = []
     basis = np.zeros((scaled.shape[0], 0))
@@ -73,8 +76,8 @@ def base_parameters(
         if size > tolerance:
             kept.append(k)
             basis = np.column_stack([basis, rest / size])
-    independent = np.array([order[k] for k in kept])
-    q, r = qr(scaled[:, kept], mode="economic")
+    independent = np.array([order[k] for k in kept], dtype=int)
+    q, r = np.linalg.qr(scaled[:, kept])
     matrix = np.zeros((len(kept), len(names)))
     matrix[:, order] = solve_triangular(r, q.T @ scaled) * norm[order] / norm[independent][:, None]
     matrix[np.abs(matrix) < 1e-7] = 0.0
@@ -83,8 +86,8 @@ def base_parameters(
     independent, matrix = independent[sort], matrix[sort]
     condition = float(np.linalg.cond(scaled[:, kept]))
     return BaseParameters(
-        names=tuple(_combination(row, i, names) for row, i in zip(matrix, independent, strict=True)),
-        units=tuple(units[i] for i in independent),
+        names=tuple(_combination(row, i, names) for row, i in zip(matrix, independent.tolist(), strict=True)),
+        units=tuple(str(units[i]) for i in independent.tolist()),
         independent=independent,
         matrix=matrix,
         unseen=tuple(n for n, s in zip(names, seen, strict=True) if not s),
@@ -97,13 +100,13 @@ def _triangle(regressor: np.ndarray, block: int = 20000) -> np.ndarray:
     n = regressor.shape[1]
     r = np.zeros((0, n))
     for start in range(0, len(regressor), block):
-        r = np.linalg.qr(np.vstack([r, regressor[start : start + block]]), mode="r")
+        r = np.asarray(np.linalg.qr(np.vstack([r, regressor[start : start + block]]), mode="r"))
     return r
 
 
 def _combination(row: np.ndarray, own: int, names: Sequence[str]) -> str:
     text = names[own]
-    for i in np.flatnonzero(row):
+    for i in np.flatnonzero(row).tolist():
         if i == own:
             continue
         factor = row[i]

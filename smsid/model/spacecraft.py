@@ -38,7 +38,10 @@ class JointGroup:
 
 @dataclass(frozen=True)
 class SloshJoint:
-    """A slosh mass: its name, where it is in q and v (3 each), and c_s in the bus frame (3,) [m]."""
+    """A slosh mass: its name, joint, where it is in q and v (3 each), and c_s (3,) [m].
+
+    c_s is in the frame of the joint that carries it: the bus frame, unless the slosh sits on an arm's link.
+    """
 
     name: str
     joint: int
@@ -51,9 +54,9 @@ class SloshJoint:
 class SpacecraftModel:
     """A spacecraft ready to compute with.
 
-    ``pin`` is the Pinocchio model; q = (p, quaternion xyzw, joints), v = (v_body, omega_body, joint rates) of the
-    bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and ``damping``.
-    Not safe to share between threads: ``data`` is scratch space.
+    ``pin`` is the Pinocchio model; q = (p, quaternion xyzw, joints), v = (v_body, omega_body, joint rates) of
+    the bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and
+    ``damping``. Not safe to share between threads: ``data`` is scratch space.
     """
 
     description: Description
@@ -109,7 +112,9 @@ class SpacecraftModel:
         self.add_passive_forces(t, q, v, total)
         return pin.aba(self.pin, self.data, q, v, total)
 
-    def body_force(self, force: np.ndarray, torque: np.ndarray, point: np.ndarray | None = None) -> np.ndarray:
+    def body_force(
+        self, force: np.ndarray, torque: np.ndarray, point: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the generalised force (nv,) of a force at a point of the bus and a torque, in body axes."""
         tau = np.zeros(self.nv)
         tau[0:3] = force
@@ -126,7 +131,7 @@ class SpacecraftModel:
         return np.concatenate([h.linear, h.angular + np.cross(com, h.linear)])
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Return kinetic plus potential energy (gravity and springs) [J]; nonlinear effects are not counted."""
+        """Return kinetic plus potential energy [J]: of gravity and springs, not of nonlinear effects."""
         kinetic = pin.computeKineticEnergy(self.pin, self.data, q, v)
         gravity = pin.computePotentialEnergy(self.pin, self.data, q)
         return float(kinetic + gravity + 0.5 * self.stiffness @ q[self.spring_q] ** 2)

@@ -1,5 +1,6 @@
 """Simulation: adaptive with dense output, and fixed-step for closed loops."""
 
+from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
 from smsid.simulate.inputs import Inputs, JointMotion
 from smsid.simulate.integrate import Tolerance, simulate
 from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
@@ -8,7 +9,9 @@ from smsid.simulate.truth import truth_of
 
 __all__ = [
     "Audit",
+    "ClosedLoop",
     "Constant",
+    "Controller",
     "Fourier",
     "Inputs",
     "JointMotion",
@@ -21,5 +24,6 @@ __all__ = [
     "Tolerance",
     "Trajectory",
     "simulate",
+    "simulate_closed_loop",
     "truth_of",
 ]

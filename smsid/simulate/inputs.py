@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.errors import ExperimentError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.signals import Constant, Signal, Stacked, merge
+from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, merge
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,21 @@ class JointMotion:
     velocity: Signal
     acceleration: Signal
 
+    @classmethod
+    def of(cls, position: Fourier | Sampled) -> JointMotion:
+        """Return the motion along a position signal, with its derivatives."""
+        velocity = position.derivative()
+        return cls(position, velocity, velocity.derivative())
+
 
 @dataclass(frozen=True)
 class Inputs:
     """Inputs of a simulation; what is ``None`` is zero.
 
-    ``force`` [N] acts at the thrust point, ``torque`` [N m] on the bus, both in body axes; ``wheel_torque`` and
-    ``joint_torque`` [N m] act on the child, their reaction on the parent. ``joint_motion`` prescribes the joints
-    instead of torque; ``lock_joints``, ``lock_wheels`` hold them; ``hold_attitude`` keeps the bus from rotating
-    (the torque that takes is an output).
+    ``force`` [N] acts at the thrust point, ``torque`` [N m] on the bus, both in body axes; ``wheel_torque``
+    and ``joint_torque`` [N m] act on the child, their reaction on the parent. ``joint_motion`` prescribes
+    the joints instead of torque; ``lock_joints``, ``lock_wheels`` hold them; ``hold_attitude`` keeps the bus
+    from rotating (the torque that takes is an output).
     """
 
     force: Signal | None = None
@@ -50,19 +56,38 @@ class Inputs:
                     f"Input '{name}' has {signal.size} components, the spacecraft has {size}.",
                     advice="Check the description's wheels and arms against the experiment.",
                 )
-        if self.joint_motion is not None and self.joint_motion.position.size != n:
-            raise ExperimentError(f"`joint_motion` prescribes {self.joint_motion.position.size} joints of {n}.")
-        if self.joint_torque is not None and (self.joint_motion is not None or self.lock_joints):
-            raise ExperimentError("Joints cannot be driven by torque and prescribed at the same time.")
-        if self.hold_attitude and not model.free:
-            raise ExperimentError("A welded base cannot hold its attitude.", advice="Leave out `hold_attitude`.")
+        motion = self.joint_motion
+        if motion is not None:
+            for part in (motion.position, motion.velocity, motion.acceleration):
+                if part.size != n:
+                    raise ExperimentError(f"`joint_motion` prescribes {part.size} joints of {n}.")
+        contradictions = (
+            (self.joint_torque is not None and (motion is not None or self.lock_joints), "driven by torque"),
+            (motion is not None and self.lock_joints, "moved along `joint_motion`"),
+        )
+        for contradicted, what in contradictions:
+            if contradicted:
+                raise ExperimentError(
+                    f"Joints cannot be {what} and held or prescribed at the same time.",
+                    advice="Leave one out.",
+                )
+        if self.wheel_torque is not None and self.lock_wheels:
+            raise ExperimentError(
+                "Wheels cannot be driven by torque and locked at the same time.", advice="Leave one out."
+            )
+        if not model.free and (self.hold_attitude or self.force is not None or self.torque is not None):
+            raise ExperimentError(
+                "A welded base takes no force or torque and holds its attitude by itself.",
+                advice="Leave out `force`, `torque`, `hold_attitude`.",
+            )
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which an input jumps [s]."""
         signals = [self.force, self.torque, self.wheel_torque, self.joint_torque]
-        if self.joint_motion is not None:
-            signals += [self.joint_motion.acceleration]
+        motion = self.joint_motion
+        if motion is not None:
+            signals += [motion.position, motion.velocity, motion.acceleration]
         return tuple(sorted({b for s in signals if s is not None for b in s.breakpoints}))
 
     def applied(self, model: SpacecraftModel) -> Signal:

@@ -10,7 +10,6 @@ asked for.
 from __future__ import annotations
 
 import itertools
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,8 +22,6 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.inputs import Inputs
 from smsid.simulate.trajectory import Chart, Trajectory
-
-logger = logging.getLogger(__name__)
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
 STAGES = 12
@@ -56,12 +53,16 @@ def simulate(
 ) -> Trajectory:
     """Simulate from q0 (nq,), v0 (nv,) (default: the description's home, at rest) for ``duration`` [s].
 
-    Raises `SimulationError` when the state is no longer finite or the step size collapses.
+    ``max_step`` bounds the step size [s]; ``progress`` is called with the time after every step. What the
+    inputs prescribe overrides q0 and v0. Raises `ExperimentError` for inputs that do not fit the spacecraft,
+    and `SimulationError` for a start that is no state of it, when the state is no longer finite, or when the
+    step size collapses.
     """
     tol = tolerance or Tolerance()
     dynamics = Dynamics(model, inputs)
-    q = np.array(model.home if q0 is None else q0, dtype=float)
-    v = np.zeros(model.nv) if v0 is None else np.array(v0, dtype=float)
+    q, v = initial_state(model, q0, v0)
+    if not 0.0 < duration < np.inf:
+        raise SimulationError(f"Cannot simulate for {duration} s.", advice="Give a positive duration.")
     q, v = dynamics.enforce(start, q, v)
     stop = start + duration
     edges = [start, *(b for b in inputs.breakpoints if start < b < stop), stop]
@@ -75,6 +76,33 @@ def simulate(
             t0 = chart.stop
             q, v = pin.integrate(model.pin, q, y[: model.nv]), y[model.nv :]
     return Trajectory(model=model, inputs=inputs, charts=tuple(charts), start=start, stop=stop)
+
+
+def initial_state(
+    model: SpacecraftModel, q0: np.ndarray | None, v0: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return copies of q0 (nq,) and v0 (nv,), by default the description's home at rest.
+
+    Raises `SimulationError` for another shape, a number that is not finite, or coordinates off the
+    configuration manifold (a quaternion whose norm is not one to 1e-6).
+    """
+    q = np.array(model.home if q0 is None else q0, dtype=float)
+    v = np.zeros(model.nv) if v0 is None else np.array(v0, dtype=float)
+    for name, x, size in (("q0", q, model.nq), ("v0", v, model.nv)):
+        if x.shape != (size,) or not np.isfinite(x).all():
+            raise SimulationError(
+                f"{name} must be {size} finite numbers; it has shape {x.shape}.",
+                advice="See SpacecraftModel for the order of q and v.",
+                given=x,
+            )
+    normal = pin.normalize(model.pin, q)
+    if np.abs(normal - q).max(initial=0.0) > 1e-6:
+        raise SimulationError(
+            "q0 is off the configuration manifold: a quaternion or (cos, sin) pair has not norm one.",
+            advice="Normalise it, for instance with pinocchio.normalize.",
+            given=q,
+        )
+    return normal, v
 
 
 def _run_chart(
@@ -91,7 +119,8 @@ def _run_chart(
     """Integrate until t1 or until the chart has turned too far; return the stretch and (xi, v) at its end."""
     nv, free = dynamics.model.nv, dynamics.model.free
     before_end = float(np.nextafter(t1, t0))  # an input that jumps at t1 is taken from the left
-    derivative = _Derivative(dynamics, q_ref, before_end)
+    enforce = dynamics.enforce if dynamics.prescribed else None
+    derivative = ChartDerivative(dynamics.model, dynamics.acceleration, q_ref, before_end, enforce)
     t, y = t0, np.concatenate([np.zeros(nv), v])
     with np.errstate(over="ignore", invalid="ignore"):
         rate = derivative(t, y, np.empty(2 * nv))
@@ -109,26 +138,38 @@ def _run_chart(
     return Chart(dynamics.model.pin, q_ref, np.array(times), tuple(pieces), step), y
 
 
-class _Derivative:
-    """Right-hand side in a chart: (xi, v)_dot of (xi, v), written into ``out`` (2 nv,)."""
+class ChartDerivative:
+    """Right-hand side in the chart q = q_ref (+) xi: the rate of y = (xi, v) for vdot = acceleration(t, q,
+    v).
 
-    def __init__(self, dynamics: Dynamics, q_ref: np.ndarray, before_end: float) -> None:
-        self.dynamics, self.q_ref, self.before_end = dynamics, q_ref, before_end
-        self.pin, self.nv, self.free = dynamics.model.pin, dynamics.model.nv, dynamics.model.free
-        self.prescribed = bool(dynamics.prescribed)
+    Called with t, y (2 nv,) and ``out`` (2 nv,) to write into. Times beyond ``latest`` are taken as
+    ``latest``; ``enforce`` first puts q and v on what is prescribed.
+    """
+
+    def __init__(
+        self,
+        model: SpacecraftModel,
+        acceleration: Callable[[float, np.ndarray, np.ndarray], np.ndarray],
+        q_ref: np.ndarray,
+        latest: float = np.inf,
+        enforce: Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+    ) -> None:
+        self.pin, self.nv, self.free = model.pin, model.nv, model.free
+        self.acceleration, self.q_ref, self.latest, self.enforce = acceleration, q_ref, latest, enforce
 
     def __call__(self, t: float, y: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """Write the rate of y at t into ``out`` and return it."""
         nv = self.nv
-        if t > self.before_end:
-            t = self.before_end
+        if t > self.latest:
+            t = self.latest
         xi, v = y[:nv], y[nv:]
         q = pin.integrate(self.pin, self.q_ref, xi)
-        if self.prescribed:
-            q, v = self.dynamics.enforce(t, q, v)
+        if self.enforce is not None:
+            q, v = self.enforce(t, q, v)
         out[:nv] = v
         if self.free:
             np.dot(pin.Jlog6(pin.exp6(xi[:6])), v[:6], out=out[:6])
-        out[nv:] = self.dynamics.acceleration(t, q, v)
+        out[nv:] = self.acceleration(t, q, v)
         return out
 
 
@@ -136,7 +177,7 @@ class _Piece(DenseOutput):
     """One accepted step and, once asked for, its seventh-order polynomial."""
 
     def __init__(
-        self, derivative: _Derivative, t_old: float, t: float, y_old: np.ndarray, y: np.ndarray
+        self, derivative: ChartDerivative, t_old: float, t: float, y_old: np.ndarray, y: np.ndarray
     ) -> None:
         super().__init__(t_old, t)
         self.h, self.y_old, self.y = t - t_old, y_old, y
@@ -165,7 +206,7 @@ class _Piece(DenseOutput):
 
 
 def _step(
-    derivative: _Derivative,
+    derivative: ChartDerivative,
     t: float,
     y: np.ndarray,
     rate: np.ndarray,
@@ -220,13 +261,15 @@ def _error(k: np.ndarray, size: np.ndarray, h: float, tol: Tolerance) -> float:
     return h * fifth / float(np.sqrt((fifth + 0.01 * third) * len(size)))
 
 
-def _first_step(derivative: _Derivative, t: float, y: np.ndarray, rate: np.ndarray, tol: Tolerance) -> float:
+def _first_step(
+    derivative: ChartDerivative, t: float, y: np.ndarray, rate: np.ndarray, tol: Tolerance
+) -> float:
     """Return a first step size [s] from the state, its rate and an explicit Euler step (Hairer, II.4)."""
     scale = np.sqrt(len(y)) * (tol.absolute + np.abs(y) * tol.relative)
-    state, slope = np.linalg.norm(y / scale), np.linalg.norm(rate / scale)
+    state, slope = float(np.linalg.norm(y / scale)), float(np.linalg.norm(rate / scale))
     h = 1e-6 if min(state, slope) < 1e-5 else 0.01 * state / slope
     ahead = derivative(t + h, y + h * rate, np.empty_like(y))
-    curve = np.linalg.norm((ahead - rate) / scale) / h
+    curve = float(np.linalg.norm((ahead - rate) / scale)) / h
     steepest = max(slope, curve)
     return float(min(100.0 * h, (0.01 / steepest) ** 0.125 if steepest > 1e-15 else max(1e-6, 1e-3 * h)))
 

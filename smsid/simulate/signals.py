@@ -66,10 +66,12 @@ class Steps:
     values: np.ndarray  # (len(times), size)
 
     def __post_init__(self) -> None:
-        if np.any(np.diff(self.times) <= 0.0) or len(self.times) != len(self.values):
+        if np.ndim(self.values) != 2 or len(self.times) != len(self.values):
             raise ExperimentError(
-                "The times of a step signal must increase, one per value.", times=self.times
+                f"A step signal has values of shape {np.shape(self.values)} at {len(self.times)} times.",
+                advice="Give values (times, components).",
             )
+        _check_times(np.asarray(self.times))
 
     @property
     def size(self) -> int:
@@ -146,7 +148,11 @@ class Fourier:
 
 @dataclass(frozen=True)
 class Sampled:
-    """A signal known at samples, interpolated by a B-spline (``degree`` 0 holds, 1 linear, 3 or 5 smooth)."""
+    """A signal known at samples, interpolated by a B-spline (``degree`` 0 holds, 1 linear, 3 or 5 smooth).
+
+    Between the samples of a held signal the integration restarts at every one; a linear one has kinks, which
+    the integrator's error control resolves.
+    """
 
     spline: BSpline
     degree: int
@@ -154,8 +160,19 @@ class Sampled:
 
     @classmethod
     def from_samples(cls, times: np.ndarray, values: np.ndarray, degree: int = 3) -> Sampled:
-        """Return the interpolant of values (N, size) at times (N,) [s]."""
+        """Return the interpolant of values (N, size) at times (N,) [s].
+
+        Raises `ExperimentError` for times that do not increase, values that are not finite or do not match
+        them, and fewer than ``degree + 1`` (at least 2) samples.
+        """
+        times = np.asarray(times, dtype=float)
         values = np.atleast_2d(np.asarray(values, dtype=float).T).T
+        _check_times(times)
+        if len(values) != len(times) or not np.isfinite(values).all() or len(times) < max(2, degree + 1):
+            raise ExperimentError(
+                f"Values of shape {values.shape} at {len(times)} times make no signal of degree {degree}.",
+                advice=f"Give at least {max(2, degree + 1)} finite values, one row per time.",
+            )
         if degree == 0:
             spline = BSpline(np.append(times, 2 * times[-1] - times[-2]), values, 0)
             return cls(spline, 0, tuple(times))
@@ -182,8 +199,14 @@ class Sampled:
         )
 
     def derivative(self) -> Sampled:
-        """Return the time derivative (degree 1 and up)."""
-        return Sampled(self.spline.derivative(), self.degree - 1, ())
+        """Return the time derivative; raises `ExperimentError` for a held signal."""
+        if self.degree == 0:
+            raise ExperimentError(
+                "A held signal has no derivative.", advice="Interpolate with degree 1 or up."
+            )
+        spline = self.spline.derivative()
+        knots = np.unique(spline.t)[:-1] if self.degree == 1 else ()
+        return Sampled(spline, self.degree - 1, tuple(float(k) for k in knots))
 
 
 @dataclass(frozen=True)
@@ -252,8 +275,9 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
 
 
 def merge(signals: list[Signal]) -> Signal:
-    """Return the sum of signals of one size, with Fourier series of one frequency and constants added up."""
+    """Return the sum of signals of one size, with constants and Fourier series of one frequency added up."""
     fourier: dict[tuple[float, int], Fourier] = {}
+    constant: np.ndarray = np.zeros(signals[0].size)
     rest: list[Signal] = []
     flat: list[Signal] = []
     for s in signals:
@@ -265,9 +289,16 @@ def merge(signals: list[Signal]) -> Signal:
                 o = fourier[key]
                 s = Fourier(s.frequency, o.cos + s.cos, o.sin + s.sin, o.offset + s.offset)
             fourier[key] = s
-        elif not (isinstance(s, Constant) and not s.value.any()):
+        elif isinstance(s, Constant):
+            constant = constant + s.value
+        else:
             rest.append(s)
+    if constant.any() or not (fourier or rest):
+        rest.append(Constant(constant))
     parts = (*fourier.values(), *rest)
-    if not parts:
-        return Constant(np.zeros(signals[0].size))
     return parts[0] if len(parts) == 1 else Sum(parts)
+
+
+def _check_times(times: np.ndarray) -> None:
+    if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
+        raise ExperimentError("The times of a signal must be finite and increase.", times=times)

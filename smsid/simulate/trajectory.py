@@ -38,7 +38,7 @@ class Chart:
         edges = np.flatnonzero(np.diff(index)) + 1
         for block in np.split(np.arange(len(times)), edges):
             if len(block):
-                out[block] = self.pieces[index[block[0]]](times[block]).T
+                out[block] = self.pieces[int(index[block[0]])](times[block]).T
         return out
 
     def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -66,10 +66,11 @@ class States:
 class Audit:
     """How well conserved quantities were kept over a simulation.
 
-    ``momentum_drift``: largest change of (p, h) about the inertial origin not explained by external force and
-    torque [N s, N m s]; ``momentum_scale``: largest momentum of a single moving part, to compare with;
-    ``energy_drift``: largest change of energy not explained by the work of inputs and dampers [J];
-    ``energy_scale``: largest kinetic energy [J].
+    ``momentum_drift``: largest change of (p, h) about the inertial origin not explained by external force
+    and torque [N s, N m s], not a number on a welded base; ``momentum_scale``: sqrt(2 T M) at the largest
+    kinetic energy T, which bounds the momenta of all moving parts added up without sign [N s];
+    ``energy_drift``: largest change of energy not explained by the work of inputs, dampers and nonlinear
+    effects [J]; ``energy_scale``: largest kinetic energy [J].
     """
 
     momentum_drift: float
@@ -102,7 +103,9 @@ class Trajectory:
         slack = 1e-9 * max(1.0, abs(self.stop))
         if len(times) and (times.min() < self.start - slack or times.max() > self.stop + slack):
             raise SimulationError(
-                f"Asked for {times.min():.6g} to {times.max():.6g} s, simulated {self.start:.6g} to {self.stop:.6g} s."
+                f"Asked for {times.min():.6g} to {times.max():.6g} s, "
+                f"simulated {self.start:.6g} to {self.stop:.6g} s.",
+                advice="Simulate longer, or sample within.",
             )
         times = np.clip(times, self.start, self.stop)
         model, dynamics = self.model, Dynamics(self.model, self.inputs)
@@ -130,37 +133,53 @@ class Trajectory:
         half = np.diff(edges) / 2
         inner = (edges[:-1] + half)[:, None] + half[:, None] * nodes
         mid = self.states(inner.ravel())
-        rates = np.array([self._rates(mid, i) for i in range(len(mid.time))])
+        rates = np.array(
+            [
+                external_rates(model, float(t), q, v, tau)
+                for t, q, v, tau in zip(mid.time, mid.q, mid.v, mid.tau + mid.reaction, strict=True)
+            ]
+        )
         gained = np.einsum("snk,n,s->sk", rates.reshape(len(half), len(nodes), 7), weights, half)
         gained = np.vstack([np.zeros(7), np.cumsum(gained, axis=0)])
         ends = self.states(edges)
-        kept = np.array(
-            [[*model.momentum(q, v), model.energy(q, v)] for q, v in zip(ends.q, ends.v, strict=True)]
-        )
-        error = kept - kept[0] - gained
-        kinetic = [pin.computeKineticEnergy(model.pin, model.data, q, v) for q, v in zip(ends.q, ends.v, strict=True)]
-        total = np.sqrt(2 * max(kinetic) * model.mass)
-        return Audit(
-            momentum_drift=float(np.abs(error[:, :6]).max()) if model.free else float("nan"),
-            momentum_scale=float(total),
-            energy_drift=float(np.abs(error[:, 6]).max()),
-            energy_scale=float(max(kinetic)),
-        )
+        return closing_audit(model, ends.q, ends.v, gained)
 
-    def _rates(self, s: States, i: int) -> np.ndarray:
-        """External wrench about the inertial origin (6,) and power into the system (1,)."""
-        model = self.model
-        external = s.tau[i] + s.reaction[i]
-        passive = np.zeros(model.nv)
-        model.add_passive_forces(float(s.time[i]), s.q[i], s.v[i], passive)
-        passive[model.spring_v] += model.stiffness * s.q[i][model.spring_q]
-        power = s.v[i] @ (external + passive)
-        wrench = np.zeros(6)
-        if model.free:
-            rotation = pin.Quaternion(s.q[i][3:7]).toRotationMatrix()
-            force = rotation @ external[0:3] + model.mass * model.pin.gravity.linear
-            pin.centerOfMass(model.pin, model.data, s.q[i])
-            weight = np.cross(model.data.com[0], model.mass * model.pin.gravity.linear)
-            moment = rotation @ external[3:6] + np.cross(s.q[i][0:3], rotation @ external[0:3]) + weight
-            wrench = np.concatenate([force, moment])
-        return np.concatenate([wrench, [power]])
+
+def closing_audit(model: SpacecraftModel, q: np.ndarray, v: np.ndarray, gained: np.ndarray) -> Audit:
+    """Return what momentum and energy lack at states q (N, nq), v (N, nv).
+
+    ``gained`` (N, 7) is what they should have gained since the first, the integral of `external_rates`.
+    """
+    kept = np.array([[*model.momentum(a, b), model.energy(a, b)] for a, b in zip(q, v, strict=True)])
+    error = kept - kept[0] - gained
+    kinetic = max(pin.computeKineticEnergy(model.pin, model.data, a, b) for a, b in zip(q, v, strict=True))
+    return Audit(
+        momentum_drift=float(np.abs(error[:, :6]).max()) if model.free else float("nan"),
+        momentum_scale=float(np.sqrt(2 * kinetic * model.mass)),
+        energy_drift=float(np.abs(error[:, 6]).max()),
+        energy_scale=float(kinetic),
+    )
+
+
+def external_rates(
+    model: SpacecraftModel, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+) -> np.ndarray:
+    """Return the rates of (p, h) about the inertial origin and of the energy (7,) [N, N m, W].
+
+    ``tau`` (nv,) are the applied generalised forces with those that enforce prescribed motion; springs count
+    as stored energy, dampers and nonlinear effects as power.
+    """
+    passive = np.zeros(model.nv)
+    model.add_passive_forces(t, q, v, passive)
+    passive[model.spring_v] += model.stiffness * q[model.spring_q]
+    power = v @ (tau + passive)
+    wrench = np.zeros(6)
+    if model.free:
+        rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
+        external = tau + passive
+        weight = model.mass * model.pin.gravity.linear
+        force = rotation @ external[0:3] + weight
+        com = pin.centerOfMass(model.pin, model.data, q)
+        moment = rotation @ external[3:6] + np.cross(q[0:3], rotation @ external[0:3]) + np.cross(com, weight)
+        wrench = np.concatenate([force, moment])
+    return np.concatenate([wrench, [power]])

@@ -53,7 +53,7 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
     base_v = s.v[:, :6] if model.free else np.zeros((n, 6))
     base_a = s.a[:, :6] if model.free else np.zeros((n, 6))
     rotation = rotations(s.q) if model.free else np.tile(np.eye(3), (n, 1, 1))
-    omega, alpha = base_v[:, 3:], base_a[:, 3:]
+    omega = base_v[:, 3:]
     match sensor.kind:
         case "pose":
             origin = s.q[:, :3] if model.free else np.zeros((n, 3))
@@ -83,7 +83,8 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
 
 
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
-    """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint torques."""
+    """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint
+    torques."""
     model, inputs = trajectory.model, trajectory.inputs
     found: dict[str, np.ndarray] = {}
     n = len(s.time)
@@ -141,7 +142,7 @@ def station_indices(panel: AppendageJoints, sensor: Sensor) -> np.ndarray:
             near = int(np.argmin(gaps)) if len(gaps) and gaps.min() < 1e-6 else -1
         if near < 0:
             raise DescriptionError(
-                f"Sensor '{sensor.name}' asks for station {station} of '{panel.appendage.name}', which it lacks.",
+                f"Sensor '{sensor.name}': there is no station {station} on '{panel.appendage.name}'.",
                 advice=f"Its stations are at {positions.tolist()}.",
             )
         chosen.append(near)

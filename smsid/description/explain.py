@@ -1,0 +1,136 @@
+"""Turning pydantic's report into one error that names key, place and mend in the words of the TOML."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from smsid.effects.base import Effect, known_effect
+from smsid.errors import DescriptionError, SmsidError
+
+
+def explain_validation(
+    cause: ValidationError,
+    path: Path | str,
+    error: type[SmsidError] = DescriptionError,
+    *,
+    model: type[BaseModel] | None = None,
+    tables: Mapping[str, Any] | None = None,
+) -> SmsidError:
+    """Return the error of class ``error`` that says what pydantic found wrong in the file ``path``.
+
+    ``model`` is what was validated and ``tables`` the data: with both, places carry the names of the tables
+    and an unknown key gets the closest key of the very table it stands in. Without ``model``, it is looked up
+    by the title of the report. The problems are also in ``evidence["problems"]``, one sentence each.
+    """
+    root = model or _model_titled(cause.title)
+    problems = []
+    for item in cause.errors():
+        place, known, is_table = _locate(item["loc"], root, tables)
+        message = item["msg"].removeprefix("Value error, ").rstrip(".")
+        given = item.get("input")
+        if item["type"] == "extra_forbidden":
+            message = "unknown key" + _nearest(str(item["loc"][-1]), known)
+        elif item["type"] == "missing":
+            message = "this key is missing"
+        elif item["type"] == "tuple_type" and is_table and isinstance(given, Mapping):
+            key = item["loc"][-1]
+            message = f"write it as a list of tables, [[{key}]] with two brackets"
+        elif isinstance(given, str | int | float | bool) and item["type"] != "smsid":
+            message = f"{message}, not {given!r}"
+        problems.append(f"{place}: {message}")
+    return error(
+        f"'{path}' is not as the schema wants it: " + "; ".join(problems) + ".",
+        advice="See docs/description.md for every key." if error is DescriptionError else "",
+        problems=problems,
+    )
+
+
+def _locate(
+    loc: Sequence[int | str], root: type[BaseModel] | None, tables: Any
+) -> tuple[str, list[str], bool]:
+    """Return a place's name, the keys of the table it stands in, and whether the place is a list of
+    tables."""
+    words: list[str] = []
+    model, here = root, tables
+    annotation: Any = None
+    for depth, part in enumerate(loc):
+        last = depth == len(loc) - 1
+        here = _step(here, part)
+        if isinstance(part, int):
+            words[-1:] = [_numbered(words[-1] if words else "item", part, here)]
+            model = _table_model(annotation, here) or model
+            continue
+        field = _field(model, part)
+        if field is None and annotation is not None and get_origin(annotation) is not dict and not last:
+            continue  # the tag of a union's branch: no key of the file
+        words.append(part)
+        if last:
+            inner = _table_model(field, None) if field is not None else None
+            return ", ".join(words), _keys(model), inner is not None
+        annotation = field if field is not None else annotation
+        model = _table_model(annotation, here) or model
+    return ", ".join(words) or "the file", _keys(model), False
+
+
+def _numbered(word: str, index: int, here: Any) -> str:
+    name = here.get("name") if isinstance(here, Mapping) else None
+    text = f"{word} number {index + 1}"
+    return f"{text} ('{name}')" if isinstance(name, str) else text
+
+
+def _step(here: Any, part: int | str) -> Any:
+    if isinstance(here, Mapping):
+        return here.get(part)
+    if isinstance(here, list | tuple) and isinstance(part, int) and part < len(here):
+        return here[part]
+    return here
+
+
+def _field(model: type[BaseModel] | None, key: str) -> Any:
+    if model is None:
+        return None
+    for name, info in model.model_fields.items():
+        if key in (name, info.alias):
+            return info.annotation
+    return None
+
+
+def _table_model(annotation: Any, table: Any) -> type[BaseModel] | None:
+    """Return the model behind an annotation; for an effect, the class of the table's kind."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        if issubclass(annotation, Effect) and isinstance(table, Mapping):
+            return known_effect(str(table.get("kind", ""))) or annotation
+        return annotation
+    for inner in get_args(annotation):
+        found = _table_model(inner, table)
+        if found is not None:
+            return found
+    return None
+
+
+def _keys(model: type[BaseModel] | None) -> list[str]:
+    if model is None:
+        return []
+    return [info.alias or name for name, info in model.model_fields.items() if not info.exclude]
+
+
+def _nearest(key: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1)
+    if near:
+        return f" (did you mean '{near[0]}'?)"
+    return f" (known here: {', '.join(known)})" if known else ""
+
+
+def _model_titled(title: str) -> type[BaseModel] | None:
+    waiting = list(BaseModel.__subclasses__())
+    while waiting:
+        model = waiting.pop()
+        if model.__name__ == title and model.__module__.startswith("smsid."):
+            return model
+        waiting.extend(model.__subclasses__())
+    return None

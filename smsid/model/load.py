@@ -1,0 +1,103 @@
+"""Reading URDFs into Pinocchio models, and mounting one on another."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.description.schema import Arm, Description
+from smsid.description.urdf_check import check_inertias, check_meshes, mimicking, read_urdf, without_meshes
+from smsid.errors import DescriptionError
+from smsid.model.assembly import find_frame
+from smsid.model.robots import robot_urdf
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass
+class Loaded:
+    """A Pinocchio model with its visuals, if asked for; joint 0 is the universe."""
+
+    model: pin.Model
+    visual: pin.GeometryModel | None
+
+
+def load_bus(d: Description, visuals: bool) -> Loaded:
+    """Return the spacecraft's own URDF, on a free-flyer if its root is free."""
+    path = d.folder / d.urdf
+    folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
+    root = pin.JointModelFreeFlyer() if d.root == "free" else None
+    return _load(path, folders, d, root, visuals, d.inertias == "trusted", "the TOML (before its tables)")
+
+
+def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]:
+    """Return the model with an arm's URDF mounted, and the names of the arm's joints.
+
+    Every joint and frame of the arm gets the prefix ``<arm>/``; its root link becomes part of the body it is
+    mounted on. Raises `DescriptionError` for a missing file, frame or robot.
+    """
+    if arm.robot is not None:
+        path, folders = robot_urdf(arm.robot)
+    else:
+        path = d.folder / str(arm.urdf)
+        folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
+    trusted = arm.inertias == "trusted"
+    child = _load(path, folders, d, None, bus.visual is not None, trusted, f"[[arm]] '{arm.name}'")
+    names = []
+    for j in range(1, child.model.njoints):
+        child.model.names[j] = f"{arm.name}/{child.model.names[j]}"
+        names.append(child.model.names[j])
+    for k in range(1, child.model.nframes):
+        child.model.frames[k].name = f"{arm.name}/{child.model.frames[k].name}"
+    if arm.mount.frame is not None:
+        frame = find_frame(bus.model, arm.mount.frame)
+    else:
+        frame = bus.model.getFrameId(bus.model.names[1], pin.JOINT) if d.root == "free" else 0
+    placement = pin.SE3(pin.rpy.rpyToMatrix(*arm.mount.rpy), np.asarray(arm.mount.xyz))
+    if bus.visual is None or child.visual is None:
+        return Loaded(pin.appendModel(bus.model, child.model, frame, placement), None), names
+    for geometry in child.visual.geometryObjects:
+        geometry.name = f"{arm.name}/{geometry.name}"
+    model, visual = pin.appendModel(bus.model, child.model, bus.visual, child.visual, frame, placement)
+    return Loaded(model, visual), names
+
+
+def _load(
+    path: Path,
+    folders: list[Path],
+    d: Description,
+    root: pin.JointModel | None,
+    visuals: bool,
+    trusted: bool,
+    where: str,
+) -> Loaded:
+    text = read_urdf(path)
+    check_inertias(text, str(path), trusted=trusted, where=where)
+    if d.meshes == "required":
+        check_meshes(text, str(path), folders)
+    followers = mimicking(text)
+    if followers:
+        logger.warning("%s: joints %s mimic another; here each moves on its own.", path, ", ".join(followers))
+    try:
+        model = pin.buildModelFromXML(text) if root is None else pin.buildModelFromXML(text, root)
+    except (ValueError, RuntimeError) as error:
+        raise DescriptionError(
+            f"Pinocchio cannot read '{path}': {error}.",
+            advice="What urdfdom printed above says where.",
+            path=str(path),
+        ) from error
+    if not visuals:
+        return Loaded(model, None)
+    places = [str(f) for f in folders]
+    shown = without_meshes(text) if d.meshes == "ignored" else text
+    try:
+        visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
+    except (ValueError, RuntimeError) as error:
+        raise DescriptionError(
+            f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
+        ) from error
+    return Loaded(model, visual)

@@ -1,0 +1,130 @@
+"""Fixed-step integration for closed loops: fourth-order Runge-Kutta on the configuration manifold.
+
+Every step runs in its own chart q = q_n (+) xi (Munthe-Kaas), so the stages are combined in the tangent
+space and quaternions stay unit. The controller is called at its own rate and held in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.errors import ExperimentError, SimulationError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.integrate import ChartDerivative, initial_state
+from smsid.simulate.trajectory import Audit, closing_audit, external_rates
+
+Controller = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+"""Called with (t, q (nq,), v (nv,)); returns the applied generalised forces tau (nv,)."""
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A motion under feedback at times (N + 1,) [s]: q (N + 1, nq), v (N + 1, nv), tau (N + 1, nv).
+
+    ``tau[i]`` acts from ``time[i]`` to ``time[i + 1]``; the last row repeats the one before. ``audit`` tells
+    how well momentum and energy were kept.
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+    audit: Audit
+
+
+def simulate_closed_loop(
+    model: SpacecraftModel,
+    controller: Controller,
+    duration: float,
+    *,
+    dt: float,
+    control_rate: float,
+    q0: np.ndarray | None = None,
+    v0: np.ndarray | None = None,
+    delay: int = 0,
+) -> ClosedLoop:
+    """Simulate from q0 (nq,), v0 (nv,) (default: home, at rest) with steps of ``dt`` [s] under a controller.
+
+    The controller is called at t = k / control_rate; what it returns acts, held, from ``delay`` samples
+    later until the next; before the first, nothing acts. The control period and the duration must be whole
+    numbers of steps, since a step across a jump of tau would lose the order of the method.
+
+    Raises `ExperimentError` when they are not or the controller returns another shape, `SimulationError`
+    when the start is no state of the spacecraft or the state is no longer finite.
+    """
+    hold = _whole(1.0 / control_rate, dt, "The control period")
+    steps = _whole(duration, dt, "The duration")
+    if delay < 0:
+        raise ExperimentError(f"A delay of {delay} samples is in the future.", advice="Give 0 or more.")
+    nv = model.nv
+    time = dt * np.arange(steps + 1)
+    q, v = np.empty((steps + 1, model.nq)), np.empty((steps + 1, nv))
+    tau, gained = np.zeros((steps + 1, nv)), np.zeros((steps + 1, 7))
+    q[0], v[0] = initial_state(model, q0, v0)
+    pending = [np.zeros(nv)] * delay
+    with np.errstate(over="ignore", invalid="ignore"):
+        for i in range(steps):
+            if i % hold == 0:
+                pending.append(_asked(controller, time[i], q[i], v[i]))
+                tau[i] = pending.pop(0)
+            else:
+                tau[i] = tau[i - 1]
+            q[i + 1], v[i + 1], gain = _step(model, time[i], dt, q[i], v[i], tau[i])
+            gained[i + 1] = gained[i] + gain
+            if not np.isfinite(v[i + 1]).all():
+                raise SimulationError(
+                    f"The closed loop blew up at t = {time[i + 1]:.6g} s.",
+                    advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
+                    time=time[i + 1],
+                    q=q[i],
+                    v=v[i],
+                    tau=tau[i],
+                )
+    tau[-1] = tau[-2]
+    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained))
+
+
+def _step(
+    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return q, v after a step, and by how much momentum and energy should have changed (7,)."""
+    nv = model.nv
+    rates: list[np.ndarray] = []
+
+    def acceleration(at: float, x: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        rates.append(external_rates(model, at, x, rate, tau))
+        return model.acceleration(at, x, rate, tau)
+
+    derivative = ChartDerivative(model, acceleration, q)
+    y, k = np.concatenate([np.zeros(nv), v]), np.empty((4, 2 * nv))
+    k1 = derivative(t, y, k[0])
+    k2 = derivative(t + h / 2, y + h / 2 * k1, k[1])
+    k3 = derivative(t + h / 2, y + h / 2 * k2, k[2])
+    k4 = derivative(t + h, y + h * k3, k[3])
+    y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    gain = h / 6 * (rates[0] + 2 * rates[1] + 2 * rates[2] + rates[3])
+    return pin.integrate(model.pin, q, y[:nv]), y[nv:], gain
+
+
+def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    tau = np.array(controller(t, q.copy(), v.copy()), dtype=float)
+    if tau.shape != v.shape:
+        raise ExperimentError(
+            f"The controller returned shape {tau.shape} at t = {t:.6g} s, the spacecraft takes {v.shape}.",
+            advice="Return generalised forces, one per degree of freedom.",
+        )
+    return tau
+
+
+def _whole(length: float, dt: float, what: str) -> int:
+    count = round(length / dt) if dt > 0.0 and 0.0 < length < np.inf else 0
+    if count < 1 or abs(count * dt - length) > 1e-9 * length:
+        raise ExperimentError(
+            f"{what}, {length:.9g} s, is not a whole number of steps of {dt:.9g} s.",
+            advice=f"Take for instance dt = {length / max(count, 1):.9g} s.",
+        )
+    return count
