@@ -99,7 +99,10 @@ def test_free_floating_experiment():
 
 
 def test_thrust_experiment():
-    """Exp. 1: thrust (48) along z, attitude held, arm and wheels locked; also the holding torque."""
+    """Exp. 1: thrust (48) along z, attitude held, arm and wheels locked; also the holding torque.
+
+    RK4 at 10 ms leaves 3e-7 on the panel's acceleration: mode 3 at 5 rad/s, stepped at 0, 20 and 40 s.
+    """
     model = build_model(load_description(URDF / "paper_sms.toml"))
     force = Steps((0.0, 20.0, 40.0), np.array([[0, 0, 40.0], [0, 0, -40.0], [0, 0, 0.0]]))
     inputs = Inputs(force=force, hold_attitude=True, lock_joints=True, lock_wheels=True)

@@ -23,7 +23,7 @@ from twins.symbolic import SymbolicTwin
 from smsid.description import load_description
 from smsid.model import SpacecraftModel, build_model
 
-EXACT = 1e-10  # relative; round-off amplified by the mass matrix stays two orders below
+EXACT = 1e-10  # relative; measured: 5e-14 on accelerations, 6e-15 on the rest
 URDF = Path(__file__).parents[2] / "urdf"
 
 Case = tuple[SpacecraftModel, Spacecraft]
