@@ -132,8 +132,8 @@ def _number(tag: ElementTree.Element, key: str, place: str, default: str = "miss
 
 
 def mimicking(text: str) -> list[str]:
-    """Return the names of the joints of a URDF that mimic another."""
-    joints = ElementTree.fromstring(text).iter("joint")
+    """Return the names of the moving joints of a URDF that mimic another."""
+    joints = [j for j in ElementTree.fromstring(text).findall("joint") if j.get("type") != "fixed"]
     return [str(j.get("name")) for j in joints if j.find("mimic") is not None]
 
 

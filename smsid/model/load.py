@@ -51,8 +51,12 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
     for j in range(1, child.model.njoints):
         child.model.names[j] = f"{arm.name}/{child.model.names[j]}"
         names.append(child.model.names[j])
-    for k in range(1, child.model.nframes):
-        child.model.frames[k].name = f"{arm.name}/{child.model.frames[k].name}"
+    taken: set[str] = set()
+    for k in sorted(range(1, child.model.nframes), key=lambda k: child.model.frames[k].type != pin.BODY):
+        name = f"{arm.name}/{child.model.frames[k].name}"
+        # a link and a joint may share a name in a URDF, but not when models are appended
+        child.model.frames[k].name = f"{name}.joint" if name in taken else name
+        taken.add(name)
     if arm.mount.frame is not None:
         frame = find_frame(bus.model, arm.mount.frame)
     else:

@@ -44,25 +44,24 @@ def robots_folder() -> Path:
 def robot_files(folder: Path | None = None) -> dict[str, Path]:
     """Return the URDFs by name.
 
-    A robot's name is its file's (``panda``, ``talos_reduced``), without ``_robot`` (``ur5``), or its
-    folder's without ``_description`` where that holds one URDF (``xarm``). Where two files share a name,
-    each is called ``<folder>/<file>`` (``anymal_b_simple/anymal``).
+    A robot's name is that of its file without ``_robot`` (``panda``, ``talos_reduced``, ``ur5``), and as well
+    that of its folder without ``_description`` where that holds one URDF (``xarm``). A file whose name another
+    one has too is called ``<folder>/<file>`` (``anymal_b_simple/anymal``).
     """
-    files = sorted((folder or robots_folder()).rglob("*.urdf"))
-    exact: dict[str, list[Path]] = {}
-    short: dict[str, list[Path]] = {}
-    for file in files:
-        exact.setdefault(file.stem, []).append(file)
-        if file.stem.endswith("_robot"):
-            short.setdefault(file.stem.removesuffix("_robot"), []).append(file)
-        short.setdefault(_family(file), []).append(file)
-    found = {name: paths[0] for name, paths in exact.items() if len(paths) == 1}
-    for paths in exact.values():
-        if len(paths) > 1:
-            found.update({f"{_family(p)}/{p.stem}": p for p in paths})
-    for name, paths in short.items():
-        if len(paths) == 1 and name not in exact:
-            found[name] = paths[0]
+    named: dict[str, list[Path]] = {}
+    families: dict[str, list[Path]] = {}
+    for file in sorted((folder or robots_folder()).rglob("*.urdf")):
+        named.setdefault(file.stem.removesuffix("_robot"), []).append(file)
+        families.setdefault(_family(file), []).append(file)
+    found = {}
+    for name, paths in named.items():
+        first = [p for p in paths if p.stem != name] if len(paths) > 1 else paths
+        if len(first) == 1:
+            found[name] = first[0]
+        found.update({f"{_family(p)}/{p.stem}": p for p in paths if p not in first or len(first) > 1})
+    for name, paths in families.items():
+        if len(paths) == 1:
+            found.setdefault(name, paths[0])
     return found
 
 
