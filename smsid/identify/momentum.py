@@ -35,11 +35,15 @@ class HiddenStates:
 
 @dataclass(frozen=True)
 class Regression:
-    """Base parameters of a linear regression and their total-least-squares estimate."""
+    """Base parameters of a linear regression and their total-least-squares estimate.
+
+    ``shares`` (b,): norm of each column times its value, relative to the norm of the measured momentum.
+    """
 
     base: BaseParameters
     solution: TlsSolution
     theta_names: tuple[str, ...]
+    shares: np.ndarray | None = None
 
     @property
     def values(self) -> np.ndarray:
@@ -179,7 +183,9 @@ def step_b(
         size = np.sqrt(np.mean(left**2, axis=0))
         weights = np.tile(1.0 / np.maximum(size, 1e-9 * size.max()), n)
     assert found is not None
-    return Regression(base, _head(found, len(base)), parts.names)
+    measured = np.linalg.norm(spin_rhs)
+    shares = np.linalg.norm(spin_rows[:, :, base.independent], axis=(0, 1)) * np.abs(found.x[: len(base)]) / measured
+    return Regression(base, _head(found, len(base)), parts.names, shares)
 
 
 def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:

@@ -18,15 +18,15 @@ from smsid.simulate.truth import station_indices
 class Roles:
     """Which sensor of the description plays which part. ``panels`` by appendage."""
 
-    pose: Sensor
+    pose: Sensor | None
     imu: Sensor
     encoder: Sensor | None
     tachometer: Sensor | None
     panels: dict[str, Sensor]
 
     @classmethod
-    def of(cls, model: SpacecraftModel, recording: Recording) -> Roles:
-        """Find the sensors whose channels the recording has.
+    def of(cls, model: SpacecraftModel, recording: Recording, *, joints: bool = True) -> Roles:
+        """Find the sensors whose channels the recording has; ``joints``: encoders and tachometers are needed.
 
         Raises `RecordingError` naming what is missing.
         """
@@ -48,9 +48,9 @@ class Roles:
                 )
             return None
 
-        pose = find("pose", ("position", "attitude", "velocity"), True)
+        pose = find("pose", ("position", "attitude", "velocity"), joints)
         imu = find("imu", ("acceleration", "angular_rate"), True)
-        assert pose is not None and imu is not None
+        assert imu is not None
         panels = {
             str(s.appendage): s
             for s in model.description.sensor
@@ -59,8 +59,8 @@ class Roles:
         return cls(
             pose,
             imu,
-            find("encoder", ("joint_position", "joint_velocity"), len(model.arm_joints) > 0),
-            find("tachometer", ("wheel_rate",), len(model.wheels) > 0),
+            find("encoder", ("joint_position", "joint_velocity"), joints and len(model.arm_joints) > 0),
+            find("tachometer", ("wheel_rate",), joints and len(model.wheels) > 0),
             panels,
         )
 
@@ -135,6 +135,7 @@ def prepare(
     ``cutoff = None`` leaves the samples as they are. Raises `RecordingError` for missing or unusable channels.
     """
     roles = Roles.of(model, recording)
+    assert roles.pose is not None
     used = [*roles.pose.channels, *roles.imu.channels]
     used += [c for s in (roles.encoder, roles.tachometer, *roles.panels.values()) if s for c in s.channels]
     clock = recording.time(roles.imu.channels[0])
