@@ -40,7 +40,7 @@ class Mode(BaseModel):
     shape: tuple[Vector3, ...] = ()
 
 
-class _Appendage(Effect):
+class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
     frame: str | None = None
@@ -122,7 +122,7 @@ def _point(r: np.ndarray) -> np.ndarray:
 
 
 @register
-class BeamAppendage(_Appendage):
+class BeamAppendage(Appendage):
     """A rectangular plate bending as a cantilever: along its x axis, deflecting along its z axis.
 
     ``stations`` are distances from the clamp where sensors sit [m].
@@ -193,7 +193,7 @@ class BeamAppendage(_Appendage):
 
 
 @register
-class ModalAppendage(_Appendage):
+class ModalAppendage(Appendage):
     """An appendage given by modal data of a finite-element program.
 
     ``center_of_mass`` [m] and ``inertia`` (xx, xy, yy, xz, yz, zz) [kg m^2] about the root, in appendage

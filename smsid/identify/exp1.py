@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from smsid.effects.appendage import BeamAppendage
+from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.motion import Roles
 from smsid.identify.panel_modes import PanelModes, panel_modes
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, combine, identify_axis, panel_weights
+from smsid.identify.translation import AxisData, AxisEstimate, Combined, combine, identify_axis, panel_weights
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -26,16 +27,38 @@ HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 
 @dataclass(frozen=True)
 class TranslationResult:
-    """What Exp. 1 identified. ``values`` are by the description's parameter names (``tank.mass`` and so on)."""
+    """What Exp. 1 identified.
+
+    ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter name of
+    a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
+    """
 
     axes: tuple[AxisEstimate, ...]
-    mass: tuple[float, float]
-    values: dict[str, float]
-    density_factor: float
+    combined: Combined
+    symbols: dict[str, str]
     modes: dict[str, PanelModes]
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def mass(self) -> float:
+        """Total mass M [kg]."""
+        return self.combined["M"][0]
+
+    def values(self, change: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Return values by the description's names, with a change by symbol added; damping is never negative."""
+        out = {}
+        for symbol, name in self.symbols.items():
+            value = self.combined[symbol][0] + (change or {}).get(symbol, 0.0)
+            out[name] = max(value, 0.0)
+        return out
+
+    def density_factor(self, change: Mapping[str, float] | None = None) -> float:
+        """Return rho relative to the description's, 1 when it was not identified."""
+        if "rho" not in self.combined:
+            return 1.0
+        return self.combined["rho"][0] + (change or {}).get("rho", 0.0)
 
 
 def excited_axes(recording: Recording) -> str:
@@ -207,68 +230,64 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
 def _assemble(
     model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, PanelModes], notes: list[str]
 ) -> TranslationResult:
-    mass = combine(axes, "M")
-    parameters = [judged("total.mass", *_in_order(mass, "kg"), "exp1", nominal=model.mass)]
-    values: dict[str, float] = {}
+    found = combine(axes)
+    value, sigma = found["M"]
+    parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
+    symbols: dict[str, str] = {}  # the description's parameter name of each symbol
     tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
-    many = len(tanks) > 1
     for i, tank in enumerate(sorted(tanks, key=lambda t: min(t.stiffness) / t.mass)):
-        mark = f"{i + 1}" if many else ""
-        usable = [e for e in axes if np.isfinite(e[f"m_s{mark}"]).all()]
-        if not usable:
+        mark = f"{i + 1}" if len(tanks) > 1 else ""
+        if f"m_s{mark}" not in found:
             notes.append(f"{tank.name}: no axis separates it from the other tanks; it stays as described")
             continue
-        m_s = combine(usable, f"m_s{mark}")
-        parameters.append(judged(f"{tank.name}.mass", *_in_order(m_s, "kg"), "exp1", nominal=tank.mass))
-        values[f"{tank.name}.mass"] = m_s[0]
-        for e in usable:
-            k = "xyz".index(e.axis)
-            for symbol, field_name, unit, nominal in (
-                ("k_s", "stiffness", "N/m", tank.stiffness[k]),
-                ("b_s", "damping", "N s/m", tank.damping[k]),
-            ):
-                found = e[f"{symbol}{mark}"]
-                key = f"{tank.name}.{field_name}.{e.axis}"
-                parameters.append(judged(key, *_in_order(found, unit), "exp1", nominal=nominal))
-                values[key] = max(found[0], 0.0)
-    factor = 1.0
-    bending = [e for e in axes if "rho" in e.names]
-    if bending:
-        rho = combine(bending, "rho")
-        factor = rho[0]
-        for joints in model.appendages:
-            part = joints.appendage
-            nominal = part.linear_density if isinstance(part, BeamAppendage) else 1.0
-            beam = isinstance(part, BeamAppendage)
-            key, unit = (f"{part.name}.linear_density", "kg/m") if beam else (f"{part.name}.participation_factor", "1")
-            note = "" if len(model.appendages) == 1 else "one common factor for all appendages along the axis"
-            parameters.append(judged(key, rho[0] * nominal, unit, rho[1] * nominal, "exp1", nominal=nominal, note=note))
-    for name, found in modes.items():
+        symbols[f"m_s{mark}"] = f"{tank.name}.mass"
+        value, sigma = found[f"m_s{mark}"]
+        parameters.append(judged(f"{tank.name}.mass", value, "kg", sigma, "exp1", nominal=tank.mass))
+        for k, axis in enumerate("xyz"):
+            for symbol, field_name, unit in (("k_s", "stiffness", "N/m"), ("b_s", "damping", "N s/m")):
+                if f"{symbol}{mark}.{axis}" not in found:
+                    continue
+                key = f"{tank.name}.{field_name}.{axis}"
+                symbols[f"{symbol}{mark}.{axis}"] = key
+                value, sigma = found[f"{symbol}{mark}.{axis}"]
+                nominal = getattr(tank, field_name)[k]
+                parameters.append(judged(key, value, unit, sigma, "exp1", nominal=nominal))
+    if "rho" in found:
+        parameters += _densities(model, *found["rho"])
+    for name, panel in modes.items():
         described = {j.appendage.name: j.appendage for j in model.appendages}[name].modal_data()
-        if len(found.clamped) < len(described):
-            notes.append(f"{name}: {len(found.clamped)} of {len(described)} described modes found. {found.status}")
-        for k, mode in enumerate(found.clamped[: len(described)]):
-            key = f"{name}.mode{k + 1}"
-            parameters.append(
-                judged(f"{key}.frequency", mode.frequency, "Hz", mode.frequency_order_spread, "modes",
-                       nominal=described[k].frequency,
-                       note="clamped; sigma is the spread over model orders")
-            )
-            parameters.append(
-                judged(f"{key}.damping", mode.damping, "1", mode.damping_order_spread, "modes",
-                       nominal=described[k].damping, note="clamped; sigma is the spread over model orders")
-            )
-        for k, mode in enumerate(found.coupled):
-            parameters.append(
-                ParameterEstimate(f"{name}.coupled{k + 1}.frequency", mode.frequency, "Hz",
-                                  mode.frequency_order_spread, "by_product", "modes",
-                                  note="coupled to the spacecraft; sigma is the spread over model orders")
-            )
+        if len(panel.clamped) < len(described):
+            notes.append(f"{name}: {len(panel.clamped)} of {len(described)} described modes found. {panel.status}")
+        parameters += _mode_parameters(name, panel, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
     return TranslationResult(
-        tuple(axes), mass, values, factor, modes, tuple(parameters), tuple(notes), conditions
+        tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions
     )
 
 
-def _in_order(found: tuple[float, float], unit: str) -> tuple[float, str, float]:
-    return found[0], unit, found[1]
+def _densities(model: SpacecraftModel, factor: float, sigma: float) -> list[ParameterEstimate]:
+    out = []
+    note = "" if len(model.appendages) == 1 else "one common factor for all appendages along the axis"
+    for joints in model.appendages:
+        part = joints.appendage
+        if isinstance(part, BeamAppendage):
+            key, unit, nominal = f"{part.name}.linear_density", "kg/m", part.linear_density
+        else:
+            key, unit, nominal = f"{part.name}.participation_factor", "1", 1.0
+        out.append(judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note))
+    return out
+
+
+def _mode_parameters(name: str, panel: PanelModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
+    out = []
+    for k, (mode, nominal) in enumerate(zip(panel.clamped, described, strict=False), start=1):
+        note = "clamped; sigma is the spread over model orders"
+        out.append(judged(f"{name}.mode{k}.frequency", mode.frequency, "Hz", mode.frequency_order_spread, "modes",
+                          nominal=nominal.frequency, note=note))
+        out.append(judged(f"{name}.mode{k}.damping", mode.damping, "1", mode.damping_order_spread, "modes",
+                          nominal=nominal.damping, note=note))
+    for k, mode in enumerate(panel.coupled, start=1):
+        out.append(ParameterEstimate(f"{name}.coupled{k}.frequency", mode.frequency, "Hz",
+                                     mode.frequency_order_spread, "by_product", "modes",
+                                     note="coupled to the spacecraft; sigma is the spread over model orders"))
+    return out

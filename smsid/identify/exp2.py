@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.modal_state import integrate_accelerometers, smooth_modes
-from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
+from smsid.identify.momentum import HiddenStates, Regression, StepA, carried_by_bus, step_a, step_b
 from smsid.identify.momentum_printed import printed_parameters, step_b_printed
 from smsid.identify.motion import Motion, prepare
 from smsid.identify.robust import white_sigma
@@ -49,11 +50,14 @@ def identify_momentum(
     rate: float | None = 20.0,
     modal: str = "smoother",
     prior: tuple[np.ndarray, np.ndarray] | None = None,
+    perturbed: Sequence[tuple[SpacecraftModel, float]] = (),
+    described: SpacecraftModel | None = None,
 ) -> MomentumResult:
     """Identify inertial parameters from one recording of Exp. 2, starting at rest, without thrust.
 
     ``model`` carries what Exp. 1 found for slosh and appendages, ``mass`` is M [kg]. ``modal``: 'smoother' (with
-    the identified modes) or 'printed' ((31)-(32) as printed). Raises `NotIdentifiableError` when the recording
+    the identified modes) or 'printed' ((31)-(32) as printed). ``perturbed`` are the model and mass with one result of
+    Exp. 1 after the other moved by its standard deviation: what that moves is added to the covariance. Raises `NotIdentifiableError` when the recording
     cannot identify inertia, saying why.
     """
     started = time.perf_counter()
@@ -73,6 +77,9 @@ def identify_momentum(
     mark = timed("Exp. 2: Step A", mark)
     b = step_b(model, motion, hidden, mass, a.position, prior=prior)
     mark = timed("Exp. 2: Step B", mark)
+    if perturbed:
+        a, b = _with_carried_errors(model, recording, motion, mass, modal, perturbed, a, b)
+        mark = timed("Exp. 2: errors carried over from Exp. 1", mark)
     without = HiddenStates({}, hidden.modes)
     a_printed = step_a(model, motion, without, mass)
     b_printed, notes = None, []
@@ -82,7 +89,7 @@ def identify_momentum(
     except NotIdentifiableError as error:
         notes.append(f"Step B as printed: {error}")
     timed("Exp. 2: as printed", mark)
-    parameters = [*_of_step_a(a), *_of_step_b(model, motion, hidden, b)]
+    parameters = [*_of_step_a(a), *_of_step_b(described or model, b)]
     if b_printed is not None:
         nominal = b_printed.base.values(printed_parameters(model, motion, without, _slosh_mass(model)))
         for name, value, sigma, unit, n in zip(
@@ -95,6 +102,46 @@ def identify_momentum(
     return MomentumResult(
         motion, hidden, a, b, a_printed, b_printed, tuple(parameters), timing, tuple(notes), conditions
     )
+
+
+def _with_carried_errors(
+    model: SpacecraftModel,
+    recording: Recording,
+    motion: Motion,
+    mass: float,
+    modal: str,
+    perturbed: Sequence[tuple[SpacecraftModel, float]],
+    a: StepA,
+    b: Regression,
+) -> tuple[StepA, Regression]:
+    """Add to the covariances what errors of Exp. 1's results do, one at a time, on every fourth sample."""
+    coarse = motion.thinned(4)
+
+    def both(m: SpacecraftModel, total: float) -> tuple[StepA, Regression]:
+        hidden = hidden_states(m, recording, coarse, modal)
+        first = step_a(m, coarse, hidden, total)
+        return first, step_b(m, coarse, hidden, total, first.position)
+
+    a0, b0 = both(model, mass)
+    position = np.diag(a.position_sigma**2)
+    moments, inertia = a.moments.solution.covariance.copy(), b.solution.covariance.copy()
+    for other, total in perturbed:
+        a1, b1 = both(other, total)
+        if b1.base.names != b.base.names or a1.moments.base.names != a.moments.base.names:
+            raise NotIdentifiableError(
+                "The identifiable combinations change within the uncertainty of Exp. 1.",
+                advice="Fly a richer Exp. 2: some combination is excited only marginally.",
+                names=b.base.names,
+            )
+        position += np.diag((a1.position - a0.position) ** 2)
+        moments += np.outer(*[a1.moments.values - a0.moments.values] * 2)
+        inertia += np.outer(*[b1.values - b0.values] * 2)
+    a = replace(
+        a,
+        position_sigma=np.sqrt(np.diag(position)),
+        moments=replace(a.moments, solution=replace(a.moments.solution, covariance=moments)),
+    )
+    return a, replace(b, solution=replace(b.solution, covariance=inertia))
 
 
 def hidden_states(model: SpacecraftModel, recording: Recording, motion: Motion, modal: str) -> HiddenStates:
@@ -157,11 +204,9 @@ def _of_step_a(a: StepA) -> list[ParameterEstimate]:
     ]
 
 
-def _of_step_b(
-    model: SpacecraftModel, motion: Motion, hidden: HiddenStates, b: Regression
-) -> list[ParameterEstimate]:
+def _of_step_b(model: SpacecraftModel, b: Regression) -> list[ParameterEstimate]:
     regressor = Regressor(model)
-    theta = regressor.parameters
+    theta = regressor.parameters + carried_by_bus(model, regressor)
     nominal = b.base.values(theta[[regressor.names.index(n) for n in b.theta_names]])
     return [
         judged(name, value, unit, sigma, "exp2.step_b", nominal=float(n), reference=ref)

@@ -7,7 +7,7 @@ are linear in ordinary inertial parameters; ``momentum_printed.py`` has Step B a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from smsid.identify.motion import Motion
 from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.robust import hac_covariance
 from smsid.identify.tls import TlsSolution, total_least_squares
+from smsid.model.assembly import move_parameters
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -132,7 +133,9 @@ def step_b(
     sample: the angular momentum about the CM is zero, and the CM (6) is where Step A found it (its offset is left
     free). Taken about the CM, errors of the measured velocity cancel. Wheels, slosh and modes are known and go to
     the right-hand side. ``prior`` (mean (b,), covariance (b, b)) of the base parameters enters through recursive
-    TLS. Raises `NotIdentifiableError` when no known momentum is exchanged.
+    TLS. In the result, "bus" includes its wheels and undeformed appendages (`carried_by_bus`).
+
+    Raises `NotIdentifiableError` when no known momentum is exchanged.
     """
     regressor = Regressor(model)
     n = len(motion)
@@ -185,7 +188,26 @@ def step_b(
     assert found is not None
     measured = np.linalg.norm(spin_rhs)
     shares = np.linalg.norm(spin_rows[:, :, base.independent], axis=(0, 1)) * np.abs(found.x[: len(base)]) / measured
-    return Regression(base, _head(found, len(base)), parts.names, shares)
+    solution = _head(found, len(base))
+    solution = replace(solution, x=solution.x + base.matrix @ carried_by_bus(model, regressor)[parts.unknown])
+    return Regression(base, solution, parts.names, shares)
+
+
+def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
+    """Return the inertial parameters (10 bodies,) that wheels and undeformed appendages add to the bus.
+
+    With them "bus" means everything that is rigid with it while nothing turns or bends; how the model splits an
+    appendage into modes and remainder does not show.
+    """
+    theta = regressor.parameters
+    out = np.zeros_like(theta)
+    tanks = {j.joint for j in model.slosh}
+    parent = list(model.pin.parents)
+    modes = {int(j) for j in model.modes.joints} | {int(j) for j in model.wheels.joints}
+    for j in modes - tanks:
+        if parent[j] == 1:
+            out[:10] += move_parameters(model.pin.jointPlacements[j], theta[10 * (j - 1) : 10 * j])
+    return out
 
 
 def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -97,6 +97,15 @@ class Motion:
     def step(self) -> float:
         """Sampling time T_s [s]."""
         return float(self.time[1] - self.time[0])
+
+    def thinned(self, factor: int) -> Motion:
+        """Return every ``factor``-th sample; what was low-passed for it loses nothing."""
+        changed = {
+            f.name: getattr(self, f.name)[::factor]
+            for f in fields(self)
+            if f.name not in ("panels", "stations", "pose_point", "imu_point")
+        }
+        return replace(self, **changed, panels={k: x[::factor] for k, x in self.panels.items()})
 
     def rigid_acceleration(self, point: np.ndarray) -> np.ndarray:
         """Return the acceleration of a bus-fixed point (3,), or points (N, 3), in bus axes (N, 3)."""

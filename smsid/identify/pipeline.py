@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
+from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
+from smsid.effects.appendage import Appendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
 from smsid.identify.exp2 import MomentumResult, identified_modes, identify_momentum
-from smsid.model import build_model
+from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
 
 
@@ -40,6 +41,11 @@ def identify(
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot identify
     what is asked.
     """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
+        return _identify(description, recordings, modal)
+
+
+def _identify(description: Description, recordings: Sequence[Recording], modal: str) -> Identification:
     started = time.perf_counter()
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
@@ -49,7 +55,8 @@ def identify(
                 f"'{recording.name}' is for validation.", advice="Identify from recordings in the role estimation."
             )
         recording.check()
-    model = build_model(description)
+    original = description
+    model = described = build_model(description)
     pushed = [r for r in recordings if excited_axes(r)]
     floating = [r for r in recordings if not excited_axes(r)]
     parameters: list[ParameterEstimate] = []
@@ -64,9 +71,9 @@ def identify(
         parameters += translation.parameters
         notes += translation.notes
         conditions |= translation.conditions
-        description = with_translation(description, translation)
+        description = with_translation(original, translation)
         model = build_model(description)
-    mass = translation.mass[0] if translation else model.mass
+    mass = translation.mass if translation else model.mass
     if floating:
         if not translation:
             notes.append("no Exp. 1 was given: total mass, slosh and appendages are taken from the description")
@@ -75,7 +82,10 @@ def identify(
                 f"{len(floating)} recordings of Exp. 2 were given; the linear method takes one.",
                 advice="Give one recording without thrust.",
             )
-        momentum = identify_momentum(model, floating[0], mass, modal=modal)
+        perturbed = _perturbed(original, translation) if translation else []
+        momentum = identify_momentum(
+            model, floating[0], mass, modal=modal, perturbed=perturbed, described=described
+        )
         parameters += momentum.parameters
         notes += momentum.notes
         timing |= momentum.timing
@@ -93,14 +103,25 @@ def identify(
     return Identification(estimate, description, translation, momentum)
 
 
-def with_translation(description: Description, found: TranslationResult) -> Description:
-    """Return the description with slosh and appendages as Exp. 1 found them."""
+def _perturbed(original: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
+    """Model and mass moved by one standard deviation along each principal direction of Exp. 1's covariance."""
+    return [
+        (build_model(with_translation(original, found, change)), found.mass + change["M"])
+        for change in found.combined.directions()
+    ]
+
+
+def with_translation(
+    description: Description, found: TranslationResult, change: Mapping[str, float] | None = None
+) -> Description:
+    """Return the description with slosh and appendages as Exp. 1 found them, plus a change by symbol."""
+    values, factor = found.values(change), found.density_factor(change)
     effects = []
     for effect in description.effect:
-        values = {k: v for k, v in found.values.items() if k.startswith(f"{effect.name}.") and np.isfinite(v)}
-        if values:
-            effects.append(effect.with_values(values))
-        elif hasattr(effect, "modal_data") and (effect.name in found.modes or found.density_factor != 1.0):
+        own = {k: v for k, v in values.items() if k.startswith(f"{effect.name}.")}
+        if own:
+            effects.append(effect.with_values(own))
+        elif isinstance(effect, Appendage) and (effect.name in found.modes or factor != 1.0):
             panel = found.modes.get(effect.name)
-            effects.append(identified_modes(effect, found.density_factor, panel.clamped if panel else ()))
+            effects.append(identified_modes(effect, factor, panel.clamped if panel else ()))
     return description.with_effects(*effects)

@@ -109,11 +109,51 @@ def panel_weights(shapes: np.ndarray, participation: np.ndarray) -> np.ndarray:
     return np.asarray(participation @ np.linalg.pinv(shapes))
 
 
-def combine(estimates: Sequence[AxisEstimate], name: str) -> tuple[float, float]:
-    """Return value and standard deviation of a parameter that all axes share, weighed by their variances."""
-    found = np.array([e[name] for e in estimates if name in e.names])
-    weight = 1.0 / found[:, 1] ** 2
-    return float(weight @ found[:, 0] / weight.sum()), float(weight.sum() ** -0.5)
+@dataclass(frozen=True)
+class Combined:
+    """Parameters of several axes brought together: those that axes share are averaged.
+
+    ``names``: the shared ones as they are (``M``, ``m_s``, ``rho``), the others with their axis (``k_s.x``).
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Return value and standard deviation."""
+        i = self.names.index(name)
+        return float(self.values[i]), float(np.sqrt(self.covariance[i, i]))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def directions(self) -> list[dict[str, float]]:
+        """Return changes of the parameters, by name, whose outer products add up to the covariance."""
+        size, vectors = np.linalg.eigh(self.covariance)
+        moves = vectors * np.sqrt(np.maximum(size, 0.0))
+        return [dict(zip(self.names, column, strict=True)) for column in moves.T]
+
+
+def combine(estimates: Sequence[AxisEstimate]) -> Combined:
+    """Bring axes together; shared parameters are weighed by their variances, not-a-number is left out."""
+    rows: dict[str, list[tuple[int, int]]] = {}
+    for e, estimate in enumerate(estimates):
+        for i, name in enumerate(estimate.names):
+            if np.isfinite(estimate.values[i]) and np.isfinite(estimate.covariance[i, i]):
+                shared = name == "M" or name == "rho" or name.startswith("m_s")
+                rows.setdefault(name if shared else f"{name}.{estimate.axis}", []).append((e, i))
+    offsets = np.cumsum([0, *(len(e.names) for e in estimates)])
+    weights = np.zeros((len(rows), offsets[-1]))
+    for r, places in enumerate(rows.values()):
+        share = np.array([1.0 / estimates[e].covariance[i, i] for e, i in places])
+        for (e, i), w in zip(places, share / share.sum(), strict=True):
+            weights[r, offsets[e] + i] = w
+    stacked = np.nan_to_num(np.concatenate([e.values for e in estimates]))
+    full = np.zeros((offsets[-1], offsets[-1]))
+    for e, estimate in enumerate(estimates):
+        full[offsets[e] : offsets[e + 1], offsets[e] : offsets[e + 1]] = np.nan_to_num(estimate.covariance)
+    return Combined(tuple(rows), weights @ stacked, weights @ full @ weights.T)
 
 
 def _integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:

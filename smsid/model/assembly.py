@@ -14,14 +14,14 @@ from smsid.effects.base import ForceTerm
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.effects.appendage import _Appendage
+    from smsid.effects.appendage import Appendage
 
 
 @dataclass(frozen=True)
 class AppendageJoints:
     """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate."""
 
-    appendage: _Appendage
+    appendage: Appendage
     parent: int
     placement: pin.SE3  # root axes in the parent joint's frame
     joints: tuple[int, ...]
@@ -118,7 +118,7 @@ class Assembly:
         """Remember which joint is a slosh mass."""
         self.slosh[name] = joint
 
-    def note_appendage(self, appendage: _Appendage, joints: Sequence[int], scale: Sequence[float]) -> None:
+    def note_appendage(self, appendage: Appendage, joints: Sequence[int], scale: Sequence[float]) -> None:
         """Remember which joints are the modes of an appendage."""
         parent, offset = self.frame(appendage.frame)
         self.appendages.append(
