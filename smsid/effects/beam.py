@@ -46,9 +46,10 @@ class Cantilever:
     def shape(self, x: np.ndarray | float) -> np.ndarray:
         """Return the mode shapes at stations x [m] from the clamp: (..., modes), dimensionless."""
         beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
-        # cosh - s sinh written with exponentials: no cancellation for the higher modes
-        s = self._sigma
-        grow = 0.5 * (1.0 - s) * np.exp(beta_x)
+        # cosh - s sinh written with exponentials, and 1 - s without the difference: for the twelfth mode on,
+        # s is one to machine precision
+        r, s = self.roots, self._sigma
+        grow = (np.sin(r) - np.cos(r) - np.exp(-r)) / (np.sinh(r) + np.sin(r)) * 0.5 * np.exp(beta_x)
         decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
         return grow + decay - np.cos(beta_x) + s * np.sin(beta_x)
 

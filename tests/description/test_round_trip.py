@@ -93,7 +93,7 @@ def descriptions(draw) -> Description:
             stations=draw(st.tuples(vector, vector)),
         ),
     )
-    axis = draw(vector.filter(lambda a: np.dot(a, a) > 1e-6))
+    axis = draw(st.tuples(*[st.floats(-10.0, 10.0)] * 3).filter(lambda a: np.dot(a, a) > 1e-6))
     arm = Arm(
         name="arm",
         urdf=draw(st.sampled_from(["arm.urdf", "parts/arm.urdf", "../arm.urdf"])),
