@@ -1,0 +1,29 @@
+"""The spacecraft in 3-D: scenes, replays of simulations and recordings, live or as one HTML file.
+
+>>> played = replay(model, trajectory)
+>>> export_html(played, "view.html")
+
+meshcat is needed for `export_html`, `show` and `LiveView` only; importing this starts nothing.
+"""
+
+from smsid.view.export import export_html
+from smsid.view.live import LiveView, show
+from smsid.view.look import Look
+from smsid.view.main import live_main, view_main
+from smsid.view.motion import Motion
+from smsid.view.replay import Replay, replay
+from smsid.view.scene import Scene, build_scene
+
+__all__ = [
+    "LiveView",
+    "Look",
+    "Motion",
+    "Replay",
+    "Scene",
+    "build_scene",
+    "export_html",
+    "live_main",
+    "replay",
+    "show",
+    "view_main",
+]

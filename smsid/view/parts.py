@@ -1,0 +1,237 @@
+"""The parts a scene is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from smsid.effects.slosh import Slosh
+from smsid.model.assembly import AppendageJoints
+from smsid.model.spacecraft import SloshJoint, SpacecraftModel
+from smsid.simulate.truth import station_indices
+from smsid.view.drivers import Driver, ForceDriver, StripDriver
+from smsid.view.look import Look
+from smsid.view.motion import Motion
+from smsid.view.shapes import (
+    Box,
+    Cylinder,
+    Material,
+    Shape,
+    Sphere,
+    box_edges,
+    boxes_mesh,
+    contains,
+    half_size,
+)
+from smsid.view.surface import inertia_box, solar_strip, surface_of
+from smsid.view.visuals import shape_of
+
+FUEL = Material((0.95, 0.42, 0.12), shine=0.9)
+TANK = Material((0.72, 0.86, 1.0), opacity=0.22, shine=1.0)
+WHEEL = Material((0.62, 0.64, 0.68), shine=0.8)
+MARK = Material((0.90, 0.22, 0.16))
+PLAIN = Material()
+ARROW = Material((1.0, 0.55, 0.10), unlit=True)
+EDGE = Material((1.0, 0.86, 0.50), opacity=0.9, unlit=True)
+LINK = Material((0.70, 0.72, 0.76))
+LARGEST_TANK, TANK_MARGIN = 3.0, 1.05  # radius of a tank in those of its ball; room at the wall
+WATER = 1000.0  # [kg/m^3] density that turns a slosh mass into a ball
+WHEEL_SIZE = (0.21, 0.159)  # [m], [kg m^2]: radius drawn for a spin inertia; others scale as similar discs
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A node of the scene: its path below the root, and its pose (4, 4) in the parent node (with scale).
+
+    A part without shape groups others; one with a driver moves.
+    """
+
+    path: str
+    pose: np.ndarray
+    shape: Shape | None = None
+    material: Material = PLAIN
+    driver: Driver | None = None
+    shadow: bool = True
+
+    @property
+    def half_size(self) -> np.ndarray:
+        """Half its extent along its own axes (3,) [m]."""
+        return np.zeros(3) if self.shape is None else half_size(self.shape)
+
+
+def node_name(name: str) -> str:
+    """Return a name that is one step of a path."""
+    return name.replace("/", ".")
+
+
+def moved(translation: Any = (0.0, 0.0, 0.0), rotation: np.ndarray | None = None) -> np.ndarray:
+    """Return a pose (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.eye(3) if rotation is None else rotation
+    pose[:3, 3] = translation
+    return pose
+
+
+def hidden_points(model: SpacecraftModel) -> list[np.ndarray]:
+    """Return the points (3,) of the bus frame that the hull must not hide: tanks and wheels."""
+    bus = 1 if model.free else 0
+    joints = [*(s.joint for s in model.slosh), *(int(j) for j in model.wheels.joints)]
+    return [model.pin.jointPlacements[j].translation for j in joints if model.pin.parents[j] == bus]
+
+
+def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: float) -> list[Part]:
+    """Return a URDF visual; one that has any of the points inside becomes see-through, its edges drawn."""
+    found = shape_of(geometry)
+    if found is None:
+        return []
+    shape, material = found
+    path, pose = f"{parent}/{node_name(geometry.name)}", geometry.placement.homogeneous
+    if opacity < 1.0 and any(contains(shape, geometry.placement.inverse().act(p)) for p in inside):
+        hull = Part(path, pose, shape, replace(material, opacity=opacity * material.opacity), shadow=False)
+        edges = (
+            [Part(f"{path}/edges", np.eye(4), box_edges(shape.size), EDGE)] if isinstance(shape, Box) else []
+        )
+        return [hull, *edges]
+    return [Part(path, pose, shape, material)]
+
+
+def inertia_parts(model: SpacecraftModel, paths: dict[int, str], shown: set[int]) -> list[Part]:
+    """Return for each body without visuals the box of its inertia."""
+    drawn = shown | {int(j) for j in model.wheels.joints} | {s.joint for s in model.slosh}
+    parts = []
+    for joint, path in paths.items():
+        inertia = model.pin.inertias[joint]
+        if joint in drawn or joint == 0 or inertia.mass <= 0.0:
+            continue
+        size, pose = inertia_box(inertia)
+        parts.append(Part(f"{path}/inertia", pose, Box((size[0], size[1], size[2])), LINK))
+    return parts
+
+
+def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
+    """Return the discs of the wheels without a link of their own; those at one point are drawn apart."""
+    parts = []
+    wheels = [w for w in model.description.wheel if w.joint is None]
+    for wheel in wheels:
+        axis = np.asarray(wheel.axis) / np.linalg.norm(wheel.axis)
+        radius = WHEEL_SIZE[0] * (wheel.inertia / WHEEL_SIZE[1]) ** 0.2
+        shared = sum(w.position == wheel.position for w in wheels) > 1
+        disc = f"{paths[model.pin.getJointId(wheel.name)]}/disc"
+        # a wheel moved along its own axis still spins in place
+        pose = moved(-1.7 * radius * axis if shared else np.zeros(3), _z_to(axis))
+        parts.append(Part(disc, pose, Cylinder(radius, 0.4 * radius), WHEEL))
+        stripe = ((0.5 * radius, 0.0, 0.0), (0.9 * radius, 0.2 * radius, 0.46 * radius), MARK.color)
+        hub = ((0.0, 0.0, 0.0), (0.3 * radius, 0.3 * radius, 0.6 * radius), (0.2, 0.21, 0.24))
+        parts.append(Part(f"{disc}/mark", np.eye(4), boxes_mesh([stripe, hub])))
+    return parts
+
+
+def slosh_factor(model: SpacecraftModel, motion: Motion, look: Look) -> float:
+    """Return how many times larger slosh is drawn, so that no ball leaves the largest tank it may have."""
+    needed = [
+        look.slosh_factor * _reach(motion, slosh) / ((LARGEST_TANK / TANK_MARGIN - 1.0) * _ball(model, slosh))
+        for slosh in model.slosh
+    ]
+    return look.slosh_factor / max(1.0, *np.ceil(needed)) if needed else look.slosh_factor
+
+
+def tank_parts(model: SpacecraftModel, paths: dict[int, str], motion: Motion, factor: float) -> list[Part]:
+    """Return the slosh masses as balls of fuel, each in a tank that is wide enough for its motion."""
+    parts = []
+    for slosh in model.slosh:
+        ball = _ball(model, slosh)
+        tank = max(1.7 * ball, TANK_MARGIN * (ball + factor * _reach(motion, slosh)))
+        parent = paths[model.pin.parents[slosh.joint]]
+        rest = model.pin.jointPlacements[slosh.joint].homogeneous
+        parts.append(Part(f"{parent}/{node_name(slosh.name)}.tank", rest, Sphere(tank), TANK, shadow=False))
+        parts.append(Part(f"{paths[slosh.joint]}/ball", np.eye(4), Sphere(ball), FUEL))
+    return parts
+
+
+def _ball(model: SpacecraftModel, slosh: SloshJoint) -> float:
+    """Return the radius of a slosh mass [m]."""
+    effect = model.description.get_effect(slosh.name)
+    mass = effect.mass if isinstance(effect, Slosh) else model.pin.inertias[slosh.joint].mass
+    return float((3.0 * mass / (4.0 * np.pi * WATER)) ** (1.0 / 3.0))
+
+
+def _reach(motion: Motion, slosh: SloshJoint) -> float:
+    return float(np.linalg.norm(motion.q[:, slosh.q], axis=1).max())
+
+
+def appendage_parts(
+    model: SpacecraftModel, appendage: AppendageJoints, paths: dict[int, str], look: Look
+) -> tuple[list[Part], list[str]]:
+    """Return an appendage's strips and accelerometer marks, and a remark if it cannot bend on screen."""
+    effect = appendage.appendage
+    surface = surface_of(effect)
+    path = f"{paths[appendage.parent]}/{node_name(effect.name)}"
+    parts = [Part(path, appendage.placement.homogeneous @ surface.frame)]
+    q = np.array([model.pin.joints[j].idx_q for j in appendage.joints], dtype=int)
+    marks = _marked_stations(model, appendage) if look.sensors else np.zeros((0, 3))
+    local = (marks - surface.frame[:3, 3]) @ surface.frame[:3, :3]
+    step = surface.length / look.strips
+    owner = np.clip(local[:, 0] / step - 1e-6, 0, look.strips - 1).astype(int)
+    for k in range(look.strips):
+        driver = StripDriver(surface, look.strips, k, q, np.asarray(appendage.scale))
+        rest = moved(((k + 0.5) * step, 0.0, 0.0))
+        strip = f"{path}/strip{k:02d}"
+        parts.append(Part(strip, rest, solar_strip(surface, look.strips, k), Material(shine=0.7), driver))
+        for i in np.flatnonzero(owner == k):
+            size = 0.014 * surface.length
+            at = local[i] - rest[:3, 3] + [0.0, 0.0, 0.5 * size + 0.5 * surface.thickness]
+            parts.append(Part(f"{strip}/station{i}", moved(at), Box((size, size, size)), MARK))
+    rigid = surface.rigid and len(appendage.joints) > 0
+    return parts, [f"'{effect.name}' has no mode shapes: drawn rigid"] if rigid else []
+
+
+def sensor_parts(model: SpacecraftModel, bus: str) -> list[Part]:
+    """Return a frame of three coloured bars at each place where a pose sensor or IMU sits."""
+    parts, places = [], set()
+    for sensor in model.description.sensor:
+        place = (*sensor.position, *sensor.orientation)
+        if sensor.kind not in ("pose", "imu") or place in places:
+            continue
+        places.add(place)
+        size, thin = 0.5, 0.02
+        bars = [
+            (tuple(size / 2 * e), tuple(thin + (size - thin) * e), tuple(0.15 + 0.85 * e)) for e in np.eye(3)
+        ]
+        pose = moved(sensor.position, sensor.rotation)
+        parts.append(
+            Part(f"{bus}/{node_name(sensor.name)}.frame", pose, boxes_mesh(bars), Material(shine=0.0))
+        )
+    return parts
+
+
+def thrust_parts(model: SpacecraftModel, bus: str, motion: Motion, length: float) -> list[Part]:
+    """Return the arrow of the thrust; ``length`` [m] is that of the largest force of the motion."""
+    largest = float(np.linalg.norm(motion.force, axis=1).max())
+    driver = ForceDriver(model.thrust_point, length / largest)
+    turn = _z_to(np.array([1.0, 0.0, 0.0]))
+    path = f"{bus}/thrust"
+    return [
+        Part(path, moved(model.thrust_point) @ np.diag([1e-4, 1e-4, 1e-4, 1.0]), driver=driver),
+        Part(f"{path}/shaft", moved((0.42, 0.0, 0.0), turn), Cylinder(0.009, 0.84), ARROW, shadow=False),
+        Part(
+            f"{path}/head", moved((0.91, 0.0, 0.0), turn), Cylinder(0.03, 0.18, top=0.0), ARROW, shadow=False
+        ),
+    ]
+
+
+def _marked_stations(model: SpacecraftModel, appendage: AppendageJoints) -> np.ndarray:
+    positions = appendage.appendage.station_positions()
+    for sensor in model.description.sensor:
+        if sensor.kind == "accelerometers" and sensor.appendage == appendage.appendage.name:
+            return positions[station_indices(appendage, sensor)]
+    return np.zeros((0, 3))
+
+
+def _z_to(axis: np.ndarray) -> np.ndarray:
+    """Return a rotation (3, 3) that takes z to a unit axis."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = np.cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)

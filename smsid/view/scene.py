@@ -1,0 +1,148 @@
+"""The scene of a spacecraft: a tree of parts, with what moves each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.view import parts as make
+from smsid.view.drivers import Frames, JointDriver, Scale
+from smsid.view.look import Look
+from smsid.view.motion import Motion
+from smsid.view.parts import Part
+from smsid.view.visuals import visuals_of
+
+ROOT = "spacecraft"
+FITTED_FRAMES = 12  # of a motion, that the camera is fitted to
+WHEEL_STEP = 0.35  # [rad] a wheel turns at most between frames, or it would seem to stand or run backwards
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Parts of a spacecraft with their poses at rest, and what the view has to say about itself.
+
+    ``scale`` says what is drawn larger or smaller than life; ``corners`` (K, 3) [m] are those of the parts'
+    extents on their way, in inertial axes (as seen from the bus origin if the camera follows it).
+    """
+
+    model: SpacecraftModel
+    look: Look
+    parts: tuple[Part, ...]
+    rest: Frames
+    scale: Scale
+    corners: np.ndarray
+    notes: tuple[str, ...]
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal of the extent [m]."""
+        return float(np.linalg.norm(np.ptp(self.corners, axis=0)) / 2)
+
+    def part(self, path: str) -> Part:
+        """Return a part by its path; raises KeyError."""
+        return {p.path: p for p in self.parts}[path]
+
+    def poses(self, frames: Frames) -> dict[str, np.ndarray]:
+        """Return the poses (N, 4, 4) in parent axes of every moving part, by path."""
+        return {p.path: p.driver.poses(frames) for p in self.parts if p.driver is not None}
+
+    def world_poses(self, frames: Frames) -> dict[str, np.ndarray]:
+        """Return the poses (N, 4, 4) in inertial axes of every part, by path."""
+        local = self.poses(frames)
+        world: dict[str, np.ndarray] = {}
+        for part in self.parts:
+            pose = local.get(part.path, part.pose[None])
+            above = world.get(part.path.rpartition("/")[0])
+            world[part.path] = pose if above is None else above @ pose
+        return world
+
+
+def build_scene(model: SpacecraftModel, motion: Motion | None = None, look: Look | None = None) -> Scene:
+    """Return the scene of a spacecraft, home at rest; a motion sizes tanks, arrows and wheel speed.
+
+    Needs no meshcat and no server. A model built without visuals gets those of its description.
+
+    Raises:
+        DescriptionError: a mesh of the URDFs is missing.
+    """
+    look = look or Look()
+    still = Motion(np.zeros(1), model.home[None], np.zeros((1, 3)))
+    motion = motion or still
+    scale = Scale(make.slosh_factor(model, motion, look), look.panel_factor, _wheel_factor(model, motion))
+    visual = visuals_of(model)
+    paths = joint_paths(model)
+    bus = 1 if model.free else 0
+    inside = make.hidden_points(model)
+    parts: list[Part] = []
+    for joint, path in paths.items():
+        placed = np.eye(4) if joint == 0 else model.pin.jointPlacements[joint].homogeneous
+        parts.append(Part(path, placed, driver=JointDriver(joint) if joint else None))
+    for geometry in visual.geometryObjects:
+        parent = geometry.parentJoint
+        see_through = look.hull_opacity if parent == bus else 1.0
+        parts += make.visual_parts(paths[parent], geometry, inside if parent == bus else [], see_through)
+    shown = {g.parentJoint for g in visual.geometryObjects}
+    parts += make.inertia_parts(model, paths, shown)
+    parts += make.wheel_parts(model, paths)
+    parts += make.tank_parts(model, paths, motion, scale.slosh)
+    notes = [*scale.notes]
+    for appendage in model.appendages:
+        surface_parts, remark = make.appendage_parts(model, appendage, paths, look)
+        parts += surface_parts
+        notes += remark
+    if look.sensors:
+        parts += make.sensor_parts(model, paths[bus])
+    rest = Frames.of(model, still, scale)
+    corners = _corners(parts, Frames.of(model, _sampled(model, motion, look), scale))
+    scene = Scene(model, look, tuple(parts), rest, scale, corners, (*notes, *motion.notes))
+    if model.free and np.any(motion.force):
+        parts += make.thrust_parts(model, paths[bus], motion, 0.75 * scene.radius)
+    return replace(scene, parts=tuple(parts))
+
+
+def joint_paths(model: SpacecraftModel) -> dict[int, str]:
+    """Return the path of every joint but those of modes; a joint's path starts with its parent's."""
+    modes = {int(j) for j in model.modes.joints}
+    paths = {0: ROOT}
+    for joint in range(1, model.pin.njoints):
+        if joint not in modes:
+            paths[joint] = f"{paths[model.pin.parents[joint]]}/{make.node_name(model.pin.names[joint])}"
+    return paths
+
+
+def _sampled(model: SpacecraftModel, motion: Motion, look: Look) -> Motion:
+    """Return a few frames of a motion, where the camera sees them."""
+    chosen = np.unique(np.linspace(0, len(motion.time) - 1, FITTED_FRAMES).astype(int))
+    q = motion.q[chosen].copy()
+    if look.follow and model.free:
+        q[:, :3] = model.home[:3]
+    return Motion(motion.time[chosen], q, motion.force[chosen])
+
+
+def _corners(parts: list[Part], frames: Frames) -> np.ndarray:
+    """Return the corners (K, 3) [m] of the extents of all shapes in all frames."""
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    world: dict[str, np.ndarray] = {}
+    found = [np.zeros((1, 3))]
+    for part in parts:
+        pose = part.pose[None] if part.driver is None else part.driver.poses(frames)
+        world[part.path] = world.get(part.path.rpartition("/")[0], np.eye(4)) @ pose
+        if part.half_size.any():
+            at = world[part.path]
+            corners = (signs * part.half_size) @ at[:, :3, :3].swapaxes(1, 2) + at[:, None, :3, 3]
+            found.append(corners.reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def _wheel_factor(model: SpacecraftModel, motion: Motion) -> float:
+    columns = [
+        k
+        for j, k in zip(model.wheels.joints, model.wheels.q, strict=True)
+        if model.pin.joints[int(j)].nq == 1
+    ]
+    if len(motion.time) < 2 or not columns:
+        return 1.0
+    fastest = float(np.abs(np.diff(motion.q[:, columns], axis=0)).max())
+    return 1.0 if fastest <= WHEEL_STEP else 1.0 / float(np.ceil(fastest / WHEEL_STEP))
