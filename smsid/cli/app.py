@@ -1,0 +1,198 @@
+"""``smsid``: from a spacecraft's description and its recordings to an identified model."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+import smsid
+from smsid.errors import SmsidError
+
+app = typer.Typer(
+    name="smsid",
+    help="Identify the dynamics of space manipulator systems from measured data.\n\n"
+    "A spacecraft is a URDF and a TOML beside it (DESC.toml). Start with `smsid demo`; then\n"
+    "`smsid simulate` or `smsid import` to get recordings, `smsid identify` to identify the spacecraft from\n"
+    "them, `smsid show` and `smsid view` to look at anything.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+console = Console()
+errors = Console(stderr=True)
+
+DescriptionPath = Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")]
+Seed = Annotated[int, typer.Option(help="seed of sensor noise and turn-on biases")]
+
+
+@app.callback()
+def _common(verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False) -> None:
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    console.print(smsid.__version__)
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings, estimate and view")] = Path(
+        "demo-out"
+    ),
+    seed: Seed = 1,
+) -> None:
+    """Fly both experiments of the paper, identify the spacecraft, print Tables 2 and 3 beside the paper's."""
+    from smsid.cli.demo import run_demo
+
+    run_demo(output, seed, console)
+
+
+@app.command()
+def simulate(
+    description: DescriptionPath,
+    experiment: Annotated[str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")],
+    output: Output = Path("recording.nc"),
+    seed: Seed = 1,
+    role: Annotated[str, typer.Option(help="estimation or validation")] = "estimation",
+    save_experiment_to: Annotated[
+        Path | None, typer.Option("--save-experiment", help="also write the experiment as a TOML")
+    ] = None,
+) -> None:
+    """Fly an experiment in simulation and record it with the description's sensors."""
+    import numpy as np
+
+    from smsid.cli.tables import limits_table
+    from smsid.description import load_description
+    from smsid.experiments import fly, named_experiment, save_experiment
+    from smsid.model import build_model
+    from smsid.recording import save_recording
+
+    if role not in ("estimation", "validation"):
+        raise SmsidError(f"'{role}' is no role of a recording.", advice="Use estimation or validation.")
+    model = build_model(load_description(description))
+    plan = named_experiment(experiment, model)
+    with _progress(f"simulating {plan.name}", plan.duration) as tell:
+        flight = fly(model, plan, np.random.default_rng(seed), role=role, progress=tell)
+    audit = flight.trajectory.audit()
+    recording = flight.recording.with_provenance(seed=seed)
+    save_recording(recording, output)
+    if save_experiment_to is not None:
+        save_experiment(plan, save_experiment_to)
+    console.print(limits_table(flight.limits))
+    console.print(
+        f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
+        f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"
+    )
+    for use in flight.exceeded:
+        errors.print(f"warning: {use} exceeded", style="yellow")
+    console.print(f"wrote {output}")
+
+
+@app.command(name="import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT or HDF5 file")],
+    mapping: Annotated[
+        str, typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones")
+    ],
+    output: Output = Path("recording.nc"),
+) -> None:
+    """Turn a log into a recording: a mapping file says which column is which channel, in what unit and frame."""
+    from smsid.cli.tables import recording_table
+    from smsid.recording import import_recording, save_recording
+
+    recording = import_recording(file, mapping)
+    save_recording(recording, output)
+    console.print(recording_table(recording))
+    console.print(f"wrote {output}")
+
+
+@app.command()
+def identify(
+    description: DescriptionPath,
+    recordings: Annotated[list[Path], typer.Argument(help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust)")],
+    output: Output = Path("estimate.json"),
+    method: Annotated[str, typer.Option(help="paper: total least squares and SSI-COV")] = "paper",
+    show_all: Annotated[bool, typer.Option("--all", help="print Step B as printed in the paper as well")] = False,
+) -> None:
+    """Identify a spacecraft from recordings; the description's values are only the starting guess."""
+    from smsid.cli.tables import estimate_table
+    from smsid.description import load_description
+    from smsid.identify.estimate import save_estimate
+    from smsid.identify.pipeline import identify as run
+    from smsid.recording import load_recording
+
+    if method != "paper":
+        raise SmsidError(f"There is no method '{method}'.", advice="Use --method paper.")
+    loaded = [load_recording(path) for path in recordings]
+    with console.status("identifying"):
+        result = run(load_description(description), loaded)
+    save_estimate(result.estimate, output)
+    for table in estimate_table(result.estimate, everything=show_all):
+        console.print(table)
+    for note in result.estimate.notes:
+        console.print(f"note: {note}")
+    console.print(f"{result.estimate.timing['total']:.1f} s; wrote {output}")
+
+
+@app.command()
+def show(file: Annotated[Path, typer.Argument(help="a recording, estimate, description or experiment")]) -> None:
+    """Show what is in a file."""
+    from smsid.cli.show import show_file
+
+    for part in show_file(file):
+        console.print(part)
+
+
+@app.command()
+def view(
+    description: DescriptionPath,
+    recording: Annotated[Path | None, typer.Argument(help="recording to replay")] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="self-contained HTML to write")] = Path("view.html"),
+) -> None:
+    """Write a 3-D view of a spacecraft, or the replay of a recording, as one HTML file (extra: view)."""
+    from smsid.view import view_main
+
+    view_main(description, recording, output)
+    console.print(f"wrote {output}")
+
+
+@contextmanager
+def _progress(label: str, total: float) -> Iterator:  # type: ignore[type-arg]
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
+        TimeRemainingColumn(), console=errors, transient=True,
+    )
+    with bar:
+        task = bar.add_task(label, total=total)
+        yield lambda t: bar.update(task, completed=t)
+
+
+def main() -> None:
+    """Run the command line; errors of smsid are told in one line, without a traceback."""
+    try:
+        app(standalone_mode=False)
+    except SmsidError as error:
+        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
+    except typer.Abort:
+        sys.exit(130)
+    except KeyboardInterrupt:
+        errors.print("interrupted; nothing was written")
+        sys.exit(130)
+    except Exception as error:
+        if hasattr(error, "format_message"):  # click's usage errors
+            errors.print(f"error: {error.format_message()} See `smsid --help`.", style="red", markup=False)
+            sys.exit(2)
+        raise

@@ -1,0 +1,18 @@
+"""Where the spacecraft that come with smsid are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def urdf_folder() -> Path:
+    """Return the folder of the bundled URDFs and TOMLs (installed beside the package, or of the checkout)."""
+    inside = Path(__file__).parent / "urdf"
+    return inside if inside.is_dir() else Path(__file__).parent.parent / "urdf"
+
+
+def oracle_folder() -> Path | None:
+    """Return the folder of recordings of an independent engine, from ``SMSID_ORACLE``; None when absent."""
+    name = os.environ.get("SMSID_ORACLE", "")
+    return Path(name) if name and Path(name).is_dir() else None
