@@ -25,48 +25,14 @@ SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie f
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 
 
-@dataclass(frozen=True)
-class TranslationResult:
-    """What Exp. 1 identified.
-
-    ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter name of
-    a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
-    """
-
-    axes: tuple[AxisEstimate, ...]
-    combined: Combined
-    symbols: dict[str, str]
-    modes: dict[str, PanelModes]
-    parameters: tuple[ParameterEstimate, ...]
-    notes: tuple[str, ...] = ()
-    conditions: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def mass(self) -> float:
-        """Total mass M [kg]."""
-        return self.combined["M"][0]
-
-    def values(self, change: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Return values by the description's names, with a change by symbol added; damping is never negative."""
-        out = {}
-        for symbol, name in self.symbols.items():
-            value = self.combined[symbol][0] + (change or {}).get(symbol, 0.0)
-            out[name] = max(value, 0.0)
-        return out
-
-    def density_factor(self, change: Mapping[str, float] | None = None) -> float:
-        """Return rho relative to the description's, 1 when it was not identified."""
-        if "rho" not in self.combined:
-            return 1.0
-        return self.combined["rho"][0] + (change or {}).get("rho", 0.0)
-
-
 def excited_axes(recording: Recording) -> str:
     """Return the body axes along which thrust acted, as letters of 'xyz'."""
     if "command.force" not in recording:
         return ""
     peak = np.abs(recording["command.force"]).max(axis=0)
-    return "".join(a for a, f in zip("xyz", peak, strict=True) if f > 1e-6 * max(peak.max(), 1e-30) and f > 0.0)
+    return "".join(
+        a for a, f in zip("xyz", peak, strict=True) if f > 1e-6 * max(peak.max(), 1e-30) and f > 0.0
+    )
 
 
 def identify_translation(model: SpacecraftModel, recordings: list[Recording]) -> TranslationResult:
@@ -98,7 +64,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
             "Exp. 1 identifies nothing: " + ("; ".join(notes) or "no recording has thrust") + ".",
             advice="Fly thrust along at least one body axis with the attitude held.",
         )
-    return _assemble(model, axes, modes, notes)
+    return assemble(model, axes, modes, notes)
 
 
 def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
@@ -156,7 +122,9 @@ def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarra
 
 
 def _participates(joints: AppendageJoints, axis: int) -> bool:
-    along = np.array([joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()])
+    along = np.array(
+        [joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()]
+    )
     return bool(len(along)) and np.abs(along[:, axis]).max() > 1e-6 * np.abs(along).max()
 
 
@@ -207,7 +175,9 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
     for joints in model.appendages:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
-        along = np.array([joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()])
+        along = np.array(
+            [joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()]
+        )
         if sensor is None or not len(along):
             continue
         axis = int(np.argmax(np.abs(along).max(axis=0)))
@@ -219,75 +189,11 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
         if len(y) != len(time):
             y = recording.resampled(time)[f"{sensor.name}.acceleration"][:, :, axis]
         thrust = np.flatnonzero(np.abs(recording["command.force"]).max(axis=1) > 0.0)
-        last = float(recording.time("command.force")[min(thrust[-1] + 1, len(recording.time("command.force")) - 1)])
+        last = float(
+            recording.time("command.force")[min(thrust[-1] + 1, len(recording.time("command.force")) - 1)]
+        )
         try:
             found[name] = panel_modes(time, y, recording[channel][:, axis], free_from=last)
         except (NotIdentifiableError, RecordingError) as error:
             notes.append(f"modes of {name}: {error}")
     return found
-
-
-def _assemble(
-    model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, PanelModes], notes: list[str]
-) -> TranslationResult:
-    found = combine(axes)
-    value, sigma = found["M"]
-    parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
-    symbols: dict[str, str] = {}  # the description's parameter name of each symbol
-    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
-    for i, tank in enumerate(sorted(tanks, key=lambda t: min(t.stiffness) / t.mass)):
-        mark = f"{i + 1}" if len(tanks) > 1 else ""
-        if f"m_s{mark}" not in found:
-            notes.append(f"{tank.name}: no axis separates it from the other tanks; it stays as described")
-            continue
-        symbols[f"m_s{mark}"] = f"{tank.name}.mass"
-        value, sigma = found[f"m_s{mark}"]
-        parameters.append(judged(f"{tank.name}.mass", value, "kg", sigma, "exp1", nominal=tank.mass))
-        for k, axis in enumerate("xyz"):
-            for symbol, field_name, unit in (("k_s", "stiffness", "N/m"), ("b_s", "damping", "N s/m")):
-                if f"{symbol}{mark}.{axis}" not in found:
-                    continue
-                key = f"{tank.name}.{field_name}.{axis}"
-                symbols[f"{symbol}{mark}.{axis}"] = key
-                value, sigma = found[f"{symbol}{mark}.{axis}"]
-                nominal = getattr(tank, field_name)[k]
-                parameters.append(judged(key, value, unit, sigma, "exp1", nominal=nominal))
-    if "rho" in found:
-        parameters += _densities(model, *found["rho"])
-    for name, panel in modes.items():
-        described = {j.appendage.name: j.appendage for j in model.appendages}[name].modal_data()
-        if len(panel.clamped) < len(described):
-            notes.append(f"{name}: {len(panel.clamped)} of {len(described)} described modes found. {panel.status}")
-        parameters += _mode_parameters(name, panel, described)
-    conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
-    return TranslationResult(
-        tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions
-    )
-
-
-def _densities(model: SpacecraftModel, factor: float, sigma: float) -> list[ParameterEstimate]:
-    out = []
-    note = "" if len(model.appendages) == 1 else "one common factor for all appendages along the axis"
-    for joints in model.appendages:
-        part = joints.appendage
-        if isinstance(part, BeamAppendage):
-            key, unit, nominal = f"{part.name}.linear_density", "kg/m", part.linear_density
-        else:
-            key, unit, nominal = f"{part.name}.participation_factor", "1", 1.0
-        out.append(judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note))
-    return out
-
-
-def _mode_parameters(name: str, panel: PanelModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
-    out = []
-    for k, (mode, nominal) in enumerate(zip(panel.clamped, described, strict=False), start=1):
-        note = "clamped; sigma is the spread over model orders"
-        out.append(judged(f"{name}.mode{k}.frequency", mode.frequency, "Hz", mode.frequency_order_spread, "modes",
-                          nominal=nominal.frequency, note=note))
-        out.append(judged(f"{name}.mode{k}.damping", mode.damping, "1", mode.damping_order_spread, "modes",
-                          nominal=nominal.damping, note=note))
-    for k, mode in enumerate(panel.coupled, start=1):
-        out.append(ParameterEstimate(f"{name}.coupled{k}.frequency", mode.frequency, "Hz",
-                                     mode.frequency_order_spread, "by_product", "modes",
-                                     note="coupled to the spacecraft; sigma is the spread over model orders"))
-    return out
