@@ -9,7 +9,7 @@ straight beam.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pinocchio as pin
@@ -33,19 +33,25 @@ class Mode(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    frequency: float = Field(gt=0.0)
-    damping: float = Field(ge=0.0)
-    translation: Vector3
-    rotation: Vector3
-    shape: tuple[Vector3, ...] = ()
+    frequency: float = Field(gt=0.0, description="of the clamped mode [Hz]")
+    damping: float = Field(ge=0.0, description="damping ratio [1]")
+    translation: Vector3 = Field(description="L_t, translational participation, appendage axes [kg^.5]")
+    rotation: Vector3 = Field(description="L_r, rotational participation about the root [kg^.5 m]")
+    shape: tuple[Vector3, ...] = Field(
+        default=(), description="mass-normalised displacement at each station, appendage axes [kg^-.5]"
+    )
 
 
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
-    frame: str | None = None
-    position: Vector3
-    rpy: Vector3 = (0.0, 0.0, 0.0)
+    frame: str | None = Field(
+        default=None, description="frame it is mounted on; the bus frame when not given"
+    )
+    position: Vector3 = Field(description="root of the appendage in `frame` [m]")
+    rpy: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="roll, pitch, yaw of the appendage axes in `frame` [rad]"
+    )
 
     @property
     def placement(self) -> pin.SE3:
@@ -130,14 +136,16 @@ class BeamAppendage(Appendage):
 
     summary: ClassVar[str] = "flexible panel: Euler-Bernoulli cantilever plate"
     kind: Literal["beam_appendage"] = "beam_appendage"
-    length: float = physical("m", lower=0.0, gt=0.0)
-    width: float = physical("m", lower=0.0, gt=0.0)
-    thickness: float = physical("m", lower=0.0, gt=0.0)
-    density: float = physical("kg/m^3", lower=0.0, gt=0.0)
-    youngs_modulus: float = physical("Pa", lower=0.0, gt=0.0)
-    damping: float = physical("1", lower=0.0, ge=0.0)
-    modes: Annotated[int, Field(ge=1, le=20)] = 3
-    stations: tuple[float, ...] = ()
+    length: float = physical("m", lower=0.0, gt=0.0, description="along x, from the clamp")
+    width: float = physical("m", lower=0.0, gt=0.0, description="along y")
+    thickness: float = physical("m", lower=0.0, gt=0.0, description="along z, the direction it bends")
+    density: float = physical("kg/m^3", lower=0.0, gt=0.0, description="mass per volume")
+    youngs_modulus: float = physical("Pa", lower=0.0, gt=0.0, description="E")
+    damping: float = physical("1", lower=0.0, ge=0.0, description="damping ratio of every mode")
+    modes: int = Field(default=3, ge=1, le=20, description="number of bending modes")
+    stations: tuple[float, ...] = Field(
+        default=(), description="where accelerometers sit, distance from the clamp [m]"
+    )
 
     @model_validator(mode="after")
     def _stations_on_the_plate(self) -> BeamAppendage:
@@ -202,11 +210,15 @@ class ModalAppendage(Appendage):
 
     summary: ClassVar[str] = "flexible appendage from finite-element modal data"
     kind: Literal["modal_appendage"] = "modal_appendage"
-    mass: float = physical("kg", lower=0.0, gt=0.0)
-    center_of_mass: Vector3
-    inertia: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
-    mode: tuple[Mode, ...] = ()
-    stations: tuple[Vector3, ...] = ()
+    mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage")
+    center_of_mass: Vector3 = Field(description="in appendage axes [m]")
+    inertia: tuple[float, ...] = Field(
+        min_length=6, max_length=6, description="about the root: xx, xy, yy, xz, yz, zz [kg m^2]"
+    )
+    mode: tuple[Mode, ...] = Field(default=(), description="list of tables `[[effect.mode]]`, see below")
+    stations: tuple[Vector3, ...] = Field(
+        default=(), description="where accelerometers sit, appendage axes [m]"
+    )
 
     @model_validator(mode="after")
     def _shapes_match_stations(self) -> ModalAppendage:

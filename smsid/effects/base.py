@@ -41,8 +41,10 @@ class Effect(BaseModel):
 
     summary: ClassVar[str] = ""
     kind: str
-    name: Name
-    prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(default_factory=dict)
+    name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
+    prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
+        default_factory=dict, description="standard deviation by parameter, as in `{ mass = 2.0 }`"
+    )
 
     @model_validator(mode="after")
     def _within_bounds(self) -> Effect:

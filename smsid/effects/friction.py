@@ -19,10 +19,14 @@ class JointFriction(Effect):
 
     summary: ClassVar[str] = "viscous and Coulomb friction of one joint"
     kind: Literal["joint_friction"] = "joint_friction"
-    joint: str
-    viscous: float = physical("N m s/rad", lower=0.0, default=0.0)
-    coulomb: float = physical("N m", lower=0.0, default=0.0)
-    smoothing: float = Field(default=0.005, gt=0.0)  # [rad/s]
+    joint: str = Field(
+        description="joint of the model: `joint2`, or `left/joint2` of a mounted arm, or a wheel"
+    )
+    viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
+    coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")
+    smoothing: float = Field(
+        default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
+    )
 
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; the viscous part is a linear damper."""

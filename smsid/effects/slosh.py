@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from smsid.effects.base import Effect, Vector3, physical, register
 
@@ -22,11 +23,11 @@ class Slosh(Effect):
 
     summary: ClassVar[str] = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
     kind: Literal["slosh"] = "slosh"
-    frame: str | None = None
-    position: Vector3
-    mass: float = physical("kg", lower=0.0, gt=0.0)
-    stiffness: Vector3 = physical("N/m", lower=0.0)
-    damping: Vector3 = physical("N s/m", lower=0.0)
+    frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
+    position: Vector3 = Field(description="equilibrium c_s of the mass in `frame` [m]")
+    mass: float = physical("kg", lower=0.0, gt=0.0, description="m_s, beside the mass of the bus")
+    stiffness: Vector3 = physical("N/m", lower=0.0, description="of the springs along the axes of `frame`")
+    damping: Vector3 = physical("N s/m", lower=0.0, description="of the dampers along the axes of `frame`")
 
     def attach(self, assembly: Assembly) -> None:
         """Add a translation joint carrying the point mass, with its springs and dampers."""

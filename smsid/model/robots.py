@@ -45,8 +45,8 @@ def robot_files(folder: Path | None = None) -> dict[str, Path]:
     """Return the URDFs by name.
 
     A robot's name is that of its file without ``_robot`` (``panda``, ``talos_reduced``, ``ur5``), and as well
-    that of its folder without ``_description`` where that holds one URDF (``xarm``). A file whose name another
-    one has too is called ``<folder>/<file>`` (``anymal_b_simple/anymal``).
+    that of its folder without ``_description`` where that holds one URDF (``xarm``). A file whose name
+    another has too is called ``<folder>/<file>`` (``anymal_b_simple/anymal``).
     """
     named: dict[str, list[Path]] = {}
     families: dict[str, list[Path]] = {}

@@ -24,6 +24,7 @@ from smsid.simulate.inputs import Inputs
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
+STEP_ANGLE = 1.0  # [rad] turn of the bus in one step at most
 STAGES = 12
 STAGE_ROWS = tuple(np.ascontiguousarray(DOP853.A[s, :s]) for s in range(1, STAGES))
 STAGE_TIMES = tuple(float(c) for c in DOP853.C[1:STAGES])
@@ -127,7 +128,10 @@ def _run_chart(
         step = _first_step(derivative, t, y, rate, tol) if step is None else step
         times, pieces = [t0], []
         while t < t1:
-            piece, step = _step(derivative, t, y, rate, t1, min(step, max_step), tol)
+            # the error estimate does not see a chart turned beyond pi when the motion is a plain spin
+            turning = float(np.sqrt(y[nv + 3 : nv + 6] @ y[nv + 3 : nv + 6])) if free else 0.0
+            longest = min(max_step, STEP_ANGLE / turning) if turning > 0.0 else max_step
+            piece, step = _step(derivative, t, y, rate, t1, min(step, longest), tol)
             t, y, rate = piece.t, piece.y, piece.stages[STAGES]
             times.append(t)
             pieces.append(piece)

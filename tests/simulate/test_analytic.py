@@ -116,6 +116,19 @@ def test_a_fast_torque_free_symmetric_top_turns_as_the_closed_form(tmp_path):
     assert audit.energy_drift < 1e-9 * audit.energy_scale
 
 
+@pytest.mark.parametrize("omega", [(0.0, 0.0, 50.0), (3.0, 4.0, 5.0)])
+def test_no_step_turns_the_chart_beyond_where_its_logarithm_is_regular(omega):
+    """A plain spin has no error to control: only the bound on the angle of a step keeps them short."""
+    bus = build_model(Description(name="x", urdf="bus.urdf", folder=URDF))
+    trajectory = simulate(bus, Inputs(), 10.0, v0=np.array([0.0, 0.0, 0.0, *omega]))
+    for chart in trajectory.charts:
+        assert np.linalg.norm(chart.raw(chart.times)[:, 3:6], axis=1).max() < np.pi
+    times = np.linspace(0.0, 10.0, 101)
+    for t, q in zip(times, trajectory.states(times).q, strict=True):
+        expected = pin.exp3(np.array(omega) * t)
+        np.testing.assert_allclose(pin.Quaternion(q[3:7]).toRotationMatrix(), expected, atol=1e-10)
+
+
 def test_a_spinning_bus_far_from_the_origin_flies_straight():
     """Its CM is the bus origin, which must keep its velocity in the inertial frame."""
     model = two_masses()
