@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
     ConfigDict,
     Field,
     SerializeAsAny,
@@ -19,6 +18,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
+from smsid.effects.table import Table
 from smsid.errors import DescriptionError, SmsidError
 from smsid.sensing.sensor import Sensor
 
@@ -27,11 +27,7 @@ SCHEMA_VERSION = 1
 Inertias = Literal["checked", "trusted"]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-
-
-class Mount(_Table):
+class Mount(Table):
     """Where a part sits: a named frame of the spacecraft (default: the bus frame) and a pose in it."""
 
     frame: str | None = None
@@ -39,7 +35,7 @@ class Mount(_Table):
     rpy: Vector3 = (0.0, 0.0, 0.0)  # [rad]
 
 
-class Wheel(_Table):
+class Wheel(Table):
     """A reaction wheel.
 
     ``inertia`` is the spin inertia I_rw [kg m^2]; its mass is part of the bus, and so is its spin inertia
@@ -71,7 +67,7 @@ class Wheel(_Table):
         return self
 
 
-class Arm(_Table):
+class Arm(Table):
     """An arm: joints of the spacecraft's own URDF, or another URDF mounted on the bus.
 
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
@@ -106,7 +102,7 @@ class Arm(_Table):
         return self
 
 
-class Thrust(_Table):
+class Thrust(Table):
     """The net thrust: its point of application in the bus frame and its limit per axis."""
 
     point: Vector3 = (0.0, 0.0, 0.0)  # [m]
@@ -133,7 +129,7 @@ AnyEffect = Annotated[
 AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
-class Description(_Table):
+class Description(Table):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
     ``folder`` is where relative paths start; it is not part of the file.
@@ -153,6 +149,8 @@ class Description(_Table):
     effect: tuple[AnyEffect, ...] = ()
     sensor: tuple[AnySensor, ...] = ()
     folder: Annotated[Path, Field(exclude=True)] = Path(".")
+
+    model_config = ConfigDict(populate_by_name=True)
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Description:

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pinocchio as pin
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.beam import Cantilever
+from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
@@ -24,14 +25,12 @@ if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
 
 
-class Mode(BaseModel):
+class Mode(Table):
     """One mass-normalised mode as a finite-element program delivers it.
 
     ``frequency`` [Hz], ``damping`` ratio, ``translation`` L_t [kg^.5] and ``rotation`` L_r about the root
     [kg^.5 m] in appendage axes, ``shape`` at the appendage's stations (stations, 3) [kg^-.5].
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frequency: float = Field(gt=0.0, description="of the clamped mode [Hz]")
     damping: float = Field(ge=0.0, description="damping ratio [1]")

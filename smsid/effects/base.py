@@ -9,8 +9,9 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
@@ -26,7 +27,7 @@ def physical(unit: str, *, lower: float = -math.inf, upper: float = math.inf, **
     return Field(json_schema_extra={"unit": unit, "lower": lower, "upper": upper}, **kwargs)
 
 
-class Effect(BaseModel):
+class Effect(Table):
     """An effect with its physical parameters.
 
     Subclasses declare their parameters as fields made with `physical`, and override what they do:
@@ -36,8 +37,6 @@ class Effect(BaseModel):
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     summary: ClassVar[str] = ""
     kind: str

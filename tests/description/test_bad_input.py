@@ -110,6 +110,17 @@ TOML_CASES = {
         ["sensor number 1 ('imu'), errors, acceleration, noise_sigmas", "'noise_sigma'"],
     ),
     "wrong type": (PANEL.replace("2.0", '"long"', 1), ["('panel'), length", "valid number", "'long'"]),
+    "a number in quotes": (TANK.replace("5.0", '"5.0"'), ["('tank'), mass", "valid number", "'5.0'"]),
+    "a truth value": (
+        WHEEL.replace("0.1", "true"),
+        ["wheel number 1 ('w'), inertia", "valid number", "True"],
+    ),
+    "a string in a vector": (
+        "gravity = [0.0, 0.0, '-9.81']\n",
+        ["gravity number 3: Input should be a valid number, not '-9.81'"],
+    ),
+    "a truth value at home": (ARM + "home = { shoulder = true }\n", ["('arm'), home, shoulder", "not True"]),
+    "a string in a mode": (SAIL.replace("0.5", "'0.5'", 1), ["('sail'), mode number 1, frequency", "number"]),
     "a vector of two": (TANK.replace("[0.4, 0.4, 0.4]", "[0.4, 0.4]"), ["('tank'), stiffness", "3 items"]),
     "missing key": (TANK.replace("mass = 5.0\n", ""), ["effect number 1 ('tank'), mass", "missing"]),
     "one bracket": ("[effect]\nkind = 'slosh'\n", ["effect", "[[effect]] with two brackets"]),
