@@ -27,7 +27,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-console = Console()
+# piped output is not squeezed into 80 columns
+_width = None if sys.stdout.isatty() else 132
+console = Console(width=_width)
 errors = Console(stderr=True)
 
 DescriptionPath = Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")]

@@ -147,10 +147,14 @@ def table_3(estimate: Estimate) -> Table:
         shown = [("best", p) for p in ranked[:2]] + [("worst", p) for p in ranked[-2:]]
         for rank, p in shown:
             table.add_row(
-                f"{label}, {rank}", Text(p.name), f"{p.nominal:.6g}", f"{p.value:.6g}", f"{1.96 * p.sigma:.2g}",
+                f"{label}, {rank}", Text(_short(p.name)), f"{p.nominal:.6g}", f"{p.value:.6g}", f"{1.96 * p.sigma:.2g}",
                 f"{100 * _error(p):.3g}",
             )
     return table
+
+
+def _short(name: str, width: int = 52) -> str:
+    return name if len(name) <= width else name[: width - 4] + " ..."
 
 
 def _error(p: ParameterEstimate) -> float:
