@@ -72,7 +72,8 @@ class Arm(Table):
 
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
     name of example-robot-data, see `smsid.model.robots`). Names of a mounted URDF get the prefix ``<name>/``.
-    ``home`` gives joint positions by name (without prefix) [rad | m]. ``inertias = "trusted"`` takes the
+    ``home`` gives joint positions by name (without prefix) [rad | m]; joints of a mounted URDF listed in
+    ``fixed`` are welded there. ``inertias = "trusted"`` takes the
     inertias of a mounted URDF as they are, where ``"checked"`` refuses those no rigid body can have.
     """
 
@@ -82,6 +83,7 @@ class Arm(Table):
     robot: str | None = None
     mount: Mount = Mount()
     home: dict[str, float] = Field(default_factory=dict)
+    fixed: tuple[str, ...] = ()
     inertias: Inertias = "checked"
 
     @property
@@ -95,6 +97,8 @@ class Arm(Table):
             raise ValueError(f"arm '{self.name}': give one of `joints`, `urdf`, `robot`")
         if not self.mounted and self.mount != Mount():
             raise ValueError(f"arm '{self.name}' has a `mount` but no `urdf` or `robot` to mount")
+        if not self.mounted and self.fixed:
+            raise ValueError(f"arm '{self.name}' has `fixed` joints but no `urdf` or `robot` to fix them in")
         if not self.mounted and self.inertias != "checked":
             raise ValueError(
                 f"arm '{self.name}' is part of the spacecraft's own URDF: `inertias` goes to the file's top"
@@ -132,7 +136,9 @@ AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 class Description(Table):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
-    ``folder`` is where relative paths start; it is not part of the file.
+    ``folder`` is where relative paths start; it is not part of the file. Made in Python, a description (like
+    its parts) raises pydantic's ``ValidationError`` for what `load_description` reports as
+    `DescriptionError`.
     """
 
     schema_version: Literal[1] = Field(default=SCHEMA_VERSION, alias="schema")

@@ -147,6 +147,8 @@ def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.n
         names = arms[arm.name].names if arm.name in arms else ()
         prefix = f"{arm.name}/" if arm.mounted else ""
         for name, angle in arm.home.items():
+            if name in arm.fixed:
+                continue
             if prefix + name not in names:
                 raise DescriptionError(
                     f"[[arm]] '{arm.name}': `home` names joint '{name}', which it does not have.",
@@ -197,6 +199,7 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
     )
     raise DescriptionError(
         f"Moving joint '{model.names[joint]}' takes no inertia: its acceleration is undefined.",
-        advice="Give the links beyond it an <inertial> with mass and positive moments, or fix the joint.",
+        advice="Give the links beyond it an <inertial> with mass and positive moments, or make it a fixed "
+        "joint (for a mounted arm, list it in `fixed`).",
         joint=model.names[joint],
     )

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from smsid.description.schema import Arm, Description
+from smsid.description.schema import Arm, Description, did_you_mean
 from smsid.description.urdf_check import check_inertias, check_meshes, mimicking, read_urdf, without_meshes
 from smsid.errors import DescriptionError
 from smsid.model.assembly import find_frame
 from smsid.model.robots import robot_urdf
+from smsid.model.spacecraft import JointGroup, set_group_angles
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +47,9 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
         path = d.folder / str(arm.urdf)
         folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
     trusted = arm.inertias == "trusted"
-    child = _load(path, folders, d, None, bus.visual is not None, trusted, f"[[arm]] '{arm.name}'")
+    child = _load(path, folders, d, None, bus.visual is not None, trusted, f"[[arm]] '{arm.name}'", arm.fixed)
+    if arm.fixed:
+        child = _with_fixed(child, arm)
     names = []
     for j in range(1, child.model.njoints):
         child.model.names[j] = f"{arm.name}/{child.model.names[j]}"
@@ -70,6 +73,27 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
     return Loaded(model, visual), names
 
 
+def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
+    """Return an arm's model with its ``fixed`` joints welded at home."""
+    model = child.model
+    q = pin.neutral(model)
+    joints = []
+    for name in arm.fixed:
+        if not model.existJointName(name):
+            known = list(model.names)[1:]
+            raise DescriptionError(
+                f"`fixed` names joint '{name}', which the URDF does not have." + did_you_mean(name, known),
+                advice=f"It has: {', '.join(known)}.",
+                joint=name,
+            )
+        joints.append(model.getJointId(name))
+        one = JointGroup.of(model, joints[-1:])
+        q = set_group_angles(model, one, q, np.array([arm.home.get(name, 0.0)]))
+    if child.visual is None:
+        return Loaded(pin.buildReducedModel(model, joints, q), None)
+    return Loaded(*pin.buildReducedModel(model, child.visual, joints, q))
+
+
 def _load(
     path: Path,
     folders: list[Path],
@@ -78,12 +102,13 @@ def _load(
     visuals: bool,
     trusted: bool,
     where: str,
+    fixed: tuple[str, ...] = (),
 ) -> Loaded:
     text = read_urdf(path)
     check_inertias(text, str(path), trusted=trusted, where=where)
     if d.meshes == "required":
         check_meshes(text, str(path), folders)
-    followers = mimicking(text)
+    followers = [name for name in mimicking(text) if name not in fixed]
     if followers:
         logger.warning("%s: joints %s mimic another; here each moves on its own.", path, ", ".join(followers))
     try:

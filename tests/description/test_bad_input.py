@@ -168,6 +168,11 @@ TOML_CASES = {
         ARM + 'joints = ["shoulder"]\n' + ARM.replace("arm", "b").replace("[[b]]", "[[arm]]"),
         ["'shoulder' belongs to two"],
     ),
+    "fixing no joint": (
+        ARM + 'urdf = "bus.urdf"\nfixed = ["sholder"]\n',
+        ["[[arm]] 'arm'", "`fixed`", "Did you mean 'shoulder'?"],
+    ),
+    "fixing joints of the bus": (ARM + 'fixed = ["shoulder"]\n', ["('arm')", "`fixed`", "`urdf`"]),
     "home of no joint": (ARM + "home = { elbow = 0.1 }\n", ["[[arm]] 'arm'", "'elbow'", "shoulder"]),
     "friction of no joint": (
         '[[effect]]\nkind = "joint_friction"\nname = "f"\njoint = "sholder"\n',

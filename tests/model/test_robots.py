@@ -130,6 +130,35 @@ def test_a_joint_that_moves_no_mass_is_named():
 
 
 @needs_robots
+@pytest.mark.parametrize("visuals", [False, True])
+def test_fixed_joints_are_welded_at_home(visuals):
+    home = {"panda_joint2": -0.5, "panda_joint4": -1.5, "panda_finger_joint1": 0.03}
+    fixed = ("panda_finger_joint1", "panda_finger_joint2", "panda_joint4")
+    whole = build_model(bus_with("panda", home=home))
+    model = build_model(bus_with("panda", home=home, fixed=fixed), visuals=visuals)
+    assert len(model.arm_joints) == len(whole.arm_joints) - 3
+    assert not set(model.arm_joints.names) & {f"arm/{n}" for n in fixed}
+    assert model.mass == pytest.approx(whole.mass, rel=1e-12)
+    full = np.triu(pin.crba(whole.pin, whole.data, whole.home))
+    kept = [*range(6), *(whole.pin.joints[whole.pin.getJointId(n)].idx_v for n in model.arm_joints.names)]
+    mass = np.triu(pin.crba(model.pin, model.data, model.home))
+    np.testing.assert_allclose(mass, full[np.ix_(kept, kept)], atol=1e-9)
+    for one, q in ((model, model.home), (whole, whole.home)):
+        pin.framesForwardKinematics(one.pin, one.data, q)
+    ends = [m.data.oMf[m.pin.getFrameId("arm/panda_leftfinger", pin.BODY)] for m in (model, whole)]
+    np.testing.assert_allclose(ends[0].homogeneous, ends[1].homogeneous, atol=1e-12)
+
+
+@needs_robots
+def test_icub_moves_once_a_joint_of_its_neck_is_fixed():
+    """Its head is a point mass: of three axes through the neck, two can move it."""
+    model = build_model(bus_with("icub", fixed=("neck_yaw",)))
+    audit = simulate(model, Inputs(joint_torque=example.random_torques(model, np.random.default_rng(0))), 1.0)
+    drift = audit.audit()
+    assert drift.momentum_drift < 1e-9 * drift.momentum_scale
+
+
+@needs_robots
 def test_mimicking_joints_are_told_to_move_on_their_own(caplog):
     with caplog.at_level(logging.WARNING, "smsid"):
         model = build_model(bus_with("panda"))
