@@ -150,8 +150,7 @@ class Fourier:
 class Sampled:
     """A signal known at samples, interpolated by a B-spline (``degree`` 0 holds, 1 linear, 3 or 5 smooth).
 
-    Between the samples of a held signal the integration restarts at every one; a linear one has kinks, which
-    the integrator's error control resolves.
+    The integration restarts at every sample of a held signal; kinks of a linear one are left to error control.
     """
 
     spline: BSpline
@@ -194,16 +193,13 @@ class Sampled:
 
     def mapped(self, matrix: np.ndarray) -> Sampled:
         """Return ``matrix @ self``."""
-        return Sampled(
-            BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k), self.degree, self.knots
-        )
+        spline = BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k)
+        return Sampled(spline, self.degree, self.knots)
 
     def derivative(self) -> Sampled:
         """Return the time derivative; raises `ExperimentError` for a held signal."""
         if self.degree == 0:
-            raise ExperimentError(
-                "A held signal has no derivative.", advice="Interpolate with degree 1 or up."
-            )
+            raise ExperimentError("A held signal has no derivative.", advice="Interpolate with degree 1.")
         spline = self.spline.derivative()
         knots = np.unique(spline.t)[:-1] if self.degree == 1 else ()
         return Sampled(spline, self.degree - 1, tuple(float(k) for k in knots))

@@ -1,4 +1,4 @@
-"""Every bad input gives a DescriptionError whose message names the place and the mend."""
+"""Every bad TOML gives a DescriptionError whose message names the place and the mend."""
 
 from __future__ import annotations
 
@@ -10,70 +10,9 @@ from smsid.description import load_description
 from smsid.errors import DescriptionError
 from smsid.model import build_model
 
+from .pieces import ARM, BUS, HEAD, IMU, PANEL, SAIL, TANK, WHEEL
+
 URDF = Path(__file__).resolve().parents[2] / "urdf"
-
-BUS = """<robot name="bus">
-  <link name="bus"><inertial><mass value="100"/>
-    <inertia ixx="20" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="bus"/><child link="upper"/>
-    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-  <link name="upper"><inertial><mass value="2"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="mount" type="fixed"><parent link="bus"/><child link="arm_mount"/></joint>
-  <link name="arm_mount"/>
-</robot>
-"""
-HEAD = 'schema = 1\nname = "x"\nurdf = "bus.urdf"\n'
-PANEL = """[[effect]]
-kind = "beam_appendage"
-name = "panel"
-position = [1.0, 0.0, 0.0]
-length = 2.0
-width = 1.0
-thickness = 0.002
-density = 2700.0
-youngs_modulus = 70e9
-damping = 0.005
-stations = [1.0]
-"""
-TANK = """[[effect]]
-kind = "slosh"
-name = "tank"
-position = [0.0, 0.0, 0.0]
-mass = 5.0
-stiffness = [0.4, 0.4, 0.4]
-damping = [0.0, 0.0, 0.0]
-"""
-SAIL = """[[effect]]
-kind = "modal_appendage"
-name = "sail"
-position = [0.0, 0.0, 0.0]
-mass = 5.0
-center_of_mass = [1.0, 0.0, 0.0]
-inertia = [0.1, 0.0, 7.0, 0.0, 0.0, 7.0]
-[[effect.mode]]
-frequency = 0.5
-damping = 0.01
-translation = [0.0, 0.0, 1.0]
-rotation = [0.0, -1.0, 0.0]
-"""
-IMU = '[[sensor]]\nname = "imu"\nkind = "imu"\nrate = 100.0\n'
-WHEEL = '[[wheel]]\nname = "w"\ninertia = 0.1\n'
-ARM = '[[arm]]\nname = "arm"\n'
-
-
-@pytest.fixture
-def fails(tmp_path):
-    """Return a function that loads and builds a TOML and URDF and returns the error's text."""
-
-    def load(toml: str, urdf: str = BUS) -> str:
-        (tmp_path / "bus.urdf").write_text(urdf)
-        (tmp_path / "x.toml").write_text(toml)
-        with pytest.raises(DescriptionError) as caught:
-            build_model(load_description(tmp_path / "x.toml"))
-        return str(caught.value)
-
-    return load
 
 
 def test_what_the_bad_inputs_are_made_of_is_good(tmp_path):
@@ -210,94 +149,6 @@ def test_bad_toml(fails, case):
     text = fails(HEAD + tables)
     for piece in expected:
         assert piece in text
-
-
-URDF_CASES = {
-    "negative mass": (('mass value="2"', 'mass value="-2"'), ["'upper'", "-2 kg", "positive"]),
-    "NaN mass": (('mass value="2"', 'mass value="nan"'), ["mass of link 'upper'", "nan", "finite"]),
-    "mass in words": (('mass value="2"', 'mass value="two"'), ["mass of link 'upper'", "'two'"]),
-    "triangle inequality": (('izz="0.1"', 'izz="0.3"'), ["'upper'", "0.1, 0.1, 0.3", 'inertias = "trusted"']),
-    "negative moment": (
-        (
-            'ixy="0" ixz="0" iyz="0"/></inertial></link>\n  <joint name="mount"',
-            'ixy="0.3" ixz="0" iyz="0"/></inertial></link>\n  <joint name="mount"',
-        ),
-        ["'upper'", "-0.2", "signs of the products"],
-    ),
-    "no mass": (('<mass value="2"/>', ""), ["'upper'", "Give both"]),
-    "infinite inertia": (('izz="0.1"', 'izz="inf"'), ["'upper'", "izz", "finite"]),
-    "bus without mass": (('<mass value="100"/>', '<mass value="0"/>'), ["bus", "no mass", "<inertial>"]),
-    "arm without mass": (
-        (
-            '<mass value="2"/>\n    <inertia ixx="0.1" iyy="0.1" izz="0.1"',
-            '<mass value="0"/>\n    <inertia ixx="0" iyy="0" izz="0"',
-        ),
-        ["'shoulder'", "takes no inertia", "<inertial>"],
-    ),
-    "missing mesh": (
-        (
-            '<link name="arm_mount"/>',
-            '<link name="arm_mount"><visual><geometry><mesh filename="package://a/b.stl"/></geometry>'
-            "</visual></link>",
-        ),
-        ["'package://a/b.stl'", "'arm_mount'", "package_dirs", "ignored"],
-    ),
-    "cut short": (('<link name="arm_mount"/>\n</robot>', "<link na"), ["bus.urdf", "cut short", "line"]),
-    "not XML": ((BUS, "hello"), ["bus.urdf", "not well-formed"]),
-    "empty": ((BUS, ""), ["bus.urdf", "not well-formed"]),
-    "another XML": ((BUS, "<html/>"), ["no URDF"]),
-    "joint to nowhere": (
-        ('<child link="upper"/>', '<child link="uper"/>'),
-        ["'shoulder'", "'uper'", "exist"],
-    ),
-    "two links of a name": (('<link name="arm_mount"/>', '<link name="upper"/>'), ["links", "'upper'"]),
-    "two roots": (("</robot>", '<link name="lost"/></robot>'), ["no tree", "bus, lost", "exactly one joint"]),
-    "joint without limit": (
-        ('<limit lower="-3" upper="3" velocity="1" effort="1"/>', ""),
-        ["'shoulder'", "<limit>", "continuous"],
-    ),
-    "joint of no type": (('type="revolute"', 'type="hinge"'), ["'shoulder'", "'hinge'", "revolute"]),
-    "floating arm": (('type="revolute"', 'type="floating"'), ["'shoulder'", "6 degrees of freedom"]),
-}
-
-
-@pytest.mark.parametrize("case", URDF_CASES)
-def test_bad_urdf(fails, case):
-    (old, new), expected = URDF_CASES[case]
-    assert old in BUS
-    text = fails(HEAD, BUS.replace(old, new, 1))
-    for piece in expected:
-        assert piece in text
-
-
-def test_bad_arm_urdf_names_the_arm(fails, tmp_path):
-    (tmp_path / "arm.urdf").write_text(BUS.replace('izz="0.1"', 'izz="0.3"'))
-    text = fails(HEAD + ARM + 'urdf = "arm.urdf"\n')
-    assert "[[arm]] 'arm'" in text and "`inertias = \"trusted\"` in [[arm]] 'arm'" in text
-
-
-def test_trusted_inertias_are_taken(tmp_path):
-    (tmp_path / "bus.urdf").write_text(BUS.replace('izz="0.1"', 'izz="0.3"'))
-    (tmp_path / "x.toml").write_text(HEAD + 'inertias = "trusted"\n')
-    model = build_model(load_description(tmp_path / "x.toml"))
-    assert model.pin.inertias[2].inertia[2, 2] == pytest.approx(0.3)
-
-
-def test_urdf_missing(fails, tmp_path):
-    assert "nowhere.urdf" in fails(HEAD.replace("bus.urdf", "nowhere.urdf"))
-    with pytest.raises(DescriptionError, match="does not exist"):
-        load_description(tmp_path / "nowhere.urdf")
-    with pytest.raises(DescriptionError, match="does not exist"):
-        load_description(tmp_path / "nowhere.toml")
-
-
-def test_not_text(tmp_path):
-    (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
-    (tmp_path / "x.urdf").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DescriptionError, match="not valid TOML"):
-        load_description(tmp_path / "x.toml")
-    with pytest.raises(DescriptionError, match="not well-formed"):
-        build_model(load_description(tmp_path / "x.urdf"))
 
 
 @pytest.mark.parametrize("length", range(60, 2000, 97))

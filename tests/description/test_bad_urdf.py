@@ -1,0 +1,98 @@
+"""Every bad URDF gives a DescriptionError whose message names the place and the mend."""
+
+from __future__ import annotations
+
+import pytest
+
+from smsid.description import load_description
+from smsid.errors import DescriptionError
+from smsid.model import build_model
+
+from .pieces import ARM, BUS, HEAD
+
+URDF_CASES = {
+    "negative mass": (('mass value="2"', 'mass value="-2"'), ["'upper'", "-2 kg", "positive"]),
+    "NaN mass": (('mass value="2"', 'mass value="nan"'), ["mass of link 'upper'", "nan", "finite"]),
+    "mass in words": (('mass value="2"', 'mass value="two"'), ["mass of link 'upper'", "'two'"]),
+    "triangle inequality": (('izz="0.1"', 'izz="0.3"'), ["'upper'", "0.1, 0.1, 0.3", 'inertias = "trusted"']),
+    "negative moment": (
+        (
+            'ixy="0" ixz="0" iyz="0"/></inertial></link>\n  <joint name="mount"',
+            'ixy="0.3" ixz="0" iyz="0"/></inertial></link>\n  <joint name="mount"',
+        ),
+        ["'upper'", "-0.2", "signs of the products"],
+    ),
+    "no mass": (('<mass value="2"/>', ""), ["'upper'", "Give both"]),
+    "infinite inertia": (('izz="0.1"', 'izz="inf"'), ["'upper'", "izz", "finite"]),
+    "bus without mass": (('<mass value="100"/>', '<mass value="0"/>'), ["bus", "no mass", "<inertial>"]),
+    "arm without mass": (
+        (
+            '<mass value="2"/>\n    <inertia ixx="0.1" iyy="0.1" izz="0.1"',
+            '<mass value="0"/>\n    <inertia ixx="0" iyy="0" izz="0"',
+        ),
+        ["'shoulder'", "takes no inertia", "<inertial>"],
+    ),
+    "missing mesh": (
+        (
+            '<link name="arm_mount"/>',
+            '<link name="arm_mount"><visual><geometry><mesh filename="package://a/b.stl"/></geometry>'
+            "</visual></link>",
+        ),
+        ["'package://a/b.stl'", "'arm_mount'", "package_dirs", "ignored"],
+    ),
+    "cut short": (('<link name="arm_mount"/>\n</robot>', "<link na"), ["bus.urdf", "cut short", "line"]),
+    "not XML": ((BUS, "hello"), ["bus.urdf", "not well-formed"]),
+    "empty": ((BUS, ""), ["bus.urdf", "not well-formed"]),
+    "another XML": ((BUS, "<html/>"), ["no URDF"]),
+    "joint to nowhere": (
+        ('<child link="upper"/>', '<child link="uper"/>'),
+        ["'shoulder'", "'uper'", "exist"],
+    ),
+    "two links of a name": (('<link name="arm_mount"/>', '<link name="upper"/>'), ["links", "'upper'"]),
+    "two roots": (("</robot>", '<link name="lost"/></robot>'), ["no tree", "bus, lost", "exactly one joint"]),
+    "joint without limit": (
+        ('<limit lower="-3" upper="3" velocity="1" effort="1"/>', ""),
+        ["'shoulder'", "<limit>", "continuous"],
+    ),
+    "joint of no type": (('type="revolute"', 'type="hinge"'), ["'shoulder'", "'hinge'", "revolute"]),
+    "floating arm": (('type="revolute"', 'type="floating"'), ["'shoulder'", "6 degrees of freedom"]),
+}
+
+
+@pytest.mark.parametrize("case", URDF_CASES)
+def test_bad_urdf(fails, case):
+    (old, new), expected = URDF_CASES[case]
+    assert old in BUS
+    text = fails(HEAD, BUS.replace(old, new, 1))
+    for piece in expected:
+        assert piece in text
+
+
+def test_bad_arm_urdf_names_the_arm(fails, tmp_path):
+    (tmp_path / "arm.urdf").write_text(BUS.replace('izz="0.1"', 'izz="0.3"'))
+    text = fails(HEAD + ARM + 'urdf = "arm.urdf"\n')
+    assert "[[arm]] 'arm'" in text and "`inertias = \"trusted\"` in [[arm]] 'arm'" in text
+
+
+def test_trusted_inertias_are_taken(tmp_path):
+    (tmp_path / "bus.urdf").write_text(BUS.replace('izz="0.1"', 'izz="0.3"'))
+    (tmp_path / "x.toml").write_text(HEAD + 'inertias = "trusted"\n')
+    model = build_model(load_description(tmp_path / "x.toml"))
+    assert model.pin.inertias[2].inertia[2, 2] == pytest.approx(0.3)
+
+
+def test_urdf_missing(fails, tmp_path):
+    assert "nowhere.urdf" in fails(HEAD.replace("bus.urdf", "nowhere.urdf"))
+    with pytest.raises(DescriptionError, match="does not exist"):
+        load_description(tmp_path / "nowhere.urdf")
+    with pytest.raises(DescriptionError, match="does not exist"):
+        load_description(tmp_path / "nowhere.toml")
+
+
+def test_not_text(tmp_path):
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "x.urdf").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DescriptionError, match="not valid TOML"):
+        load_description(tmp_path / "x.toml")
+    with pytest.raises(DescriptionError, match="not well-formed"):
+        build_model(load_description(tmp_path / "x.urdf"))
