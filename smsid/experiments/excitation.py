@@ -61,10 +61,10 @@ def fourier_experiment(
 ) -> Excitation:
     """Return Exp. 2: truncated Fourier series on wheels (torque) and arm joints (motion), free floating.
 
-    Two periods in ``duration`` [s]. Of ``candidates`` random draws within joint, rate, torque and wheel limits,
-    the one whose column-scaled momentum regressor has the smallest condition number is kept. ``amplitude`` [rad]
-    is the peak joint motion about home before limits shrink it, ``wheel_share`` the share of wheel torque and
-    rate limits used. The arm starts at rest.
+    Two periods in ``duration`` [s]. Of ``candidates`` random draws within joint, rate, torque and wheel
+    limits, the one whose column-scaled momentum regressor has the smallest condition number is kept.
+    ``amplitude`` [rad] is the peak joint motion about home before limits shrink it, ``wheel_share`` the share
+    of wheel torque and rate limits used. The arm starts at rest.
 
     Raises `ExperimentError` when no candidate respects the limits.
     """
@@ -75,7 +75,9 @@ def fourier_experiment(
     for _ in range(candidates):
         scale = 1.0
         for _ in range(6):  # torque depends on the motion: shrink until within limits
-            experiment = _draw(model, rng.spawn(1)[0], duration, harmonics, amplitude * scale, wheel_share, name)
+            experiment = _draw(
+                model, rng.spawn(1)[0], duration, harmonics, amplitude * scale, wheel_share, name
+            )
             trajectory = simulate(
                 model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT
             )
@@ -100,7 +102,7 @@ def fourier_experiment(
 
 
 def momentum_condition(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> float:
-    """Return the condition number of the column-scaled base regressor of angular momentum, rigid bodies only."""
+    """Return the condition number of the column-scaled regressor of angular momentum, rigid bodies only."""
     regressor = Regressor(model)
     rigid = set(regressor.bodies[: 1 + len(model.arm_joints)])
     keep = [i for i, n in enumerate(regressor.names) if n.rsplit(".", 1)[0] in rigid]
@@ -138,7 +140,9 @@ def _draw(
         speed = np.where((speed > 0) & np.isfinite(speed), speed, np.inf)
         factor = np.minimum(factor, 0.9 * speed / np.abs(rate).max(axis=1))
         a, b = a * factor[:, None], b * factor[:, None]
-        motion = FourierProfile(frequency=frequency, cos=_rows(a), sin=_rows(b), offset=tuple(home - a.sum(axis=1)))
+        motion = FourierProfile(
+            frequency=frequency, cos=_rows(a), sin=_rows(b), offset=tuple(home - a.sum(axis=1))
+        )
     torque = None
     if w:
         a, b = rng.normal(size=(2, w, harmonics)) / order
@@ -150,7 +154,9 @@ def _draw(
         limit = np.array([x.max_torque or 1.0 for x in model.description.wheel])
         rates = np.array([(x.max_rate or 400.0) * (x.inertia or 0.1) for x in model.description.wheel])
         factor = wheel_share * np.minimum(limit / peak, rates / swing)
-        torque = FourierProfile(frequency=frequency, cos=_rows(a * factor[:, None]), sin=_rows(b * factor[:, None]))
+        torque = FourierProfile(
+            frequency=frequency, cos=_rows(a * factor[:, None]), sin=_rows(b * factor[:, None])
+        )
     return Experiment(
         name=name,
         note="Exp. 2: truncated Fourier series on wheels and arms, free floating",

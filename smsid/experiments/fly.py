@@ -120,7 +120,9 @@ def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) ->
         torque = np.abs(s.tau[:, k] + s.reaction[:, k]).max()
         found.append(LimitUse(f"torque of {name}", float(torque), _limit(model.pin.effortLimit[k]), "N m"))
         found.append(
-            LimitUse(f"rate of {name}", float(np.abs(s.v[:, k]).max()), _limit(model.pin.velocityLimit[k]), "rad/s")
+            LimitUse(
+                f"rate of {name}", float(np.abs(s.v[:, k]).max()), _limit(model.pin.velocityLimit[k]), "rad/s"
+            )
         )
         low, high = model.pin.lowerPositionLimit[kq], model.pin.upperPositionLimit[kq]
         if np.isfinite([low, high]).all() and model.pin.joints[int(model.arm_joints.joints[i])].nq == 1:
@@ -131,7 +133,9 @@ def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) ->
         force = np.abs(s.tau[:, :3]).max()
         found.append(LimitUse("thrust per axis", float(force), d.thrust.max_force, "N"))
         if hold_attitude:
-            found.append(LimitUse("torque holding the attitude", float(np.abs(s.reaction[:, 3:6]).max()), None, "N m"))
+            found.append(
+                LimitUse("torque holding the attitude", float(np.abs(s.reaction[:, 3:6]).max()), None, "N m")
+            )
     for joint in model.slosh:
         stroke = np.linalg.norm(s.q[:, joint.q], axis=1).max()
         found.append(LimitUse(f"stroke of {joint.name}", float(stroke), None, "m"))

@@ -47,7 +47,9 @@ class FourierProfile(_Table):
         """Return the signal."""
         cos, sin = np.array(self.cos, dtype=float), np.array(self.sin, dtype=float)
         if cos.shape != sin.shape or cos.ndim != 2:
-            raise ExperimentError("`cos` and `sin` of a Fourier series need the same number of rows and terms.")
+            raise ExperimentError(
+                "`cos` and `sin` of a Fourier series need the same number of rows and terms."
+            )
         offset = np.zeros(len(cos)) if self.offset is None else np.array(self.offset, dtype=float)
         return Fourier(self.frequency, cos, sin, offset)
 
@@ -70,8 +72,9 @@ class Experiment(_Table):
     """What is flown.
 
     ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``wheel_torque`` and
-    ``joint_torque`` [N m]; ``joint_motion`` [rad] prescribes all arm joints by a Fourier series (its rates and
-    accelerations follow; the torque that takes is recorded as commanded). ``joints`` overrides the start angles.
+    ``joint_torque`` [N m]; ``joint_motion`` [rad] prescribes all arm joints by a Fourier series (its rates
+    and accelerations follow; the torque that takes is recorded as commanded). ``joints`` overrides the start
+    angles.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")

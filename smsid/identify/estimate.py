@@ -25,9 +25,9 @@ Status = Literal["identifiable", "not_identifiable", "known", "by_product"]
 class ParameterEstimate:
     """One estimated parameter.
 
-    ``sigma`` is one predicted standard deviation; ``reference`` what it is judged against: the value itself, or
-    for a parameter near zero the largest of its kind on the same body (then ``small`` is true). ``nominal`` is
-    the description's value. ``group`` names the step it comes from.
+    ``sigma`` is one predicted standard deviation; ``reference`` what it is judged against: the value itself,
+    or for a parameter near zero the largest of its kind on the same body (then ``small`` is true).
+    ``nominal`` is the description's value. ``group`` names the step it comes from.
     """
 
     name: str
@@ -93,7 +93,8 @@ def judged(
 class Estimate:
     """An identified spacecraft.
 
-    ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and why.
+    ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
+    why.
     """
 
     description: str
@@ -152,7 +153,8 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
         document = json.loads(file.read_text(encoding="utf-8"))
         if document.get("kind") != "estimate" or document.get("schema") != SCHEMA_VERSION:
             raise SmsidError(
-                f"'{file}' is no estimate of schema {SCHEMA_VERSION}.", advice="Was it made by another version?"
+                f"'{file}' is no estimate of schema {SCHEMA_VERSION}.",
+                advice="Was it made by another version?",
             )
         fields = ParameterEstimate.__dataclass_fields__
         parameters = []
@@ -171,7 +173,9 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             conditions={k: v["value"] for k, v in document["conditions"].items()},
         )
     except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise SmsidError(f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?") from error
+        raise SmsidError(
+            f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?"
+        ) from error
 
 
 def _finite(x: Any) -> Any:

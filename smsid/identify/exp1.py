@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.identify.estimate import ParameterEstimate, judged
-from smsid.identify.motion import Roles
+from smsid.identify.clocks import event_times, rate_of, sampled
+from smsid.identify.exp1_result import (
+    TranslationResult,
+    assemble,
+    participates,
+    participation_along,
+    tank_marks,
+)
+from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import PanelModes, panel_modes
+from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, Combined, combine, identify_axis, panel_weights
+from smsid.identify.translation import AxisData, AxisEstimate, identify_axis, panel_weights
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -23,6 +27,9 @@ from smsid.simulate.truth import station_indices
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
+ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
+
+__all__ = ["TranslationResult", "excited_axes", "identify_translation"]
 
 
 def excited_axes(recording: Recording) -> str:
@@ -38,22 +45,25 @@ def excited_axes(recording: Recording) -> str:
 def identify_translation(model: SpacecraftModel, recordings: list[Recording]) -> TranslationResult:
     """Identify M, slosh and appendages from recordings of Exp. 1 (several: one per axis, say).
 
-    Raises `NotIdentifiableError` when no axis can be identified; axes that cannot are named in ``notes``.
+    An axis is taken from the first recording that identifies it. Raises `NotIdentifiableError` when a
+    recording rotates or does not start at rest, or no axis can be identified; axes that cannot are named in
+    ``notes``.
     """
-    axes: list[AxisEstimate] = []
+    axes: dict[str, AxisEstimate] = {}
     notes: list[str] = []
     modes: dict[str, PanelModes] = {}
     wanted: set[str] = set()
     for recording in recordings:
         _check_attitude_held(model, recording)
+        notes += _check_start(model, recording)
         for axis in excited_axes(recording):
-            if axis in wanted:
-                continue
             wanted.add(axis)
+            if axis in axes:
+                continue
             try:
-                axes.append(_one_axis(model, recording, axis))
+                axes[axis] = _one_axis(model, recording, axis)
             except NotIdentifiableError as error:
-                notes.append(f"axis {axis}: {error}")
+                notes.append(f"axis {axis} of '{recording.name}': {error}")
         for name, found in _modes(model, recording, notes).items():
             modes.setdefault(name, found)
     missing = sorted(set("xyz") - wanted)
@@ -64,12 +74,13 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
             "Exp. 1 identifies nothing: " + ("; ".join(notes) or "no recording has thrust") + ".",
             advice="Fly thrust along at least one body axis with the attitude held.",
         )
-    return assemble(model, axes, modes, notes)
+    return assemble(model, list(axes.values()), modes, notes)
 
 
 def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
-    roles = Roles.of(model, recording, joints=False)
-    rate = zero_phase(recording[f"{roles.imu.name}.angular_rate"], _rate(recording, roles.imu), SMOOTHING)
+    imu = Roles.of(model, recording, joints=False).imu
+    fs = rate_of(recording, imu, "angular_rate")
+    rate = zero_phase(recording[f"{imu.name}.angular_rate"], fs, SMOOTHING)
     worst = float(np.abs(rate - np.median(rate, axis=0)).max())
     if worst > HOLDING:
         raise NotIdentifiableError(
@@ -79,66 +90,82 @@ def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
         )
 
 
-def _rate(recording: Recording, sensor: Sensor) -> float:
-    return 1.0 / float(np.median(np.diff(recording.time(sensor.channels[0]))))
+def _check_start(model: SpacecraftModel, recording: Recording) -> list[str]:
+    """Refuse a record cut out of a longer one; a steady drift would do no harm but looks the same."""
+    rates = raw_rates(model, recording, joints=False)
+    label = "the velocity of the tracked point"
+    if label not in rates:
+        return [f"'{recording.name}' has no velocity: that it starts at rest is taken on trust"]
+    check_at_rest(recording.name, {label: rates[label]})
+    return []
 
 
 def _one_axis(model: SpacecraftModel, recording: Recording, axis: str) -> AxisEstimate:
     roles = Roles.of(model, recording, joints=False)
-    channel = f"{roles.imu.name}.acceleration"
-    time = recording.time(channel)
-    k = "xyz".index(axis)
-    raw = recording[channel][:, k]
-    force = recording["command.force"][:, k]
-    if len(force) != len(raw):
-        force = np.asarray(_held(recording.time("command.force"), recording["command.force"][:, k], time))
-    fs = _rate(recording, roles.imu)
+    imu, k = roles.imu, "xyz".index(axis)
+    time = event_times(recording, imu, "acceleration")
+    raw = recording[f"{imu.name}.acceleration"][:, k]
+    force = _held(recording.time("command.force"), recording["command.force"][:, k], time)
+    fs = rate_of(recording, imu, "acceleration")
 
     def smooth(x: np.ndarray) -> np.ndarray:
         return zero_phase(x, fs, SMOOTHING)
 
-    p, weights, panel_noise = None, None, 0.0
-    moving = [a for a in model.appendages if _participates(a, k)]
+    p, weights, panel_noise, panel_bias = None, None, 0.0, 0.0
+    moving = [a for a in model.appendages if participates(a, k)]
     if moving:
-        p, weights, panel_noise = _panel_force(model, recording, roles, moving, k, raw, time)
+        p, weights, panel_noise, panel_bias = _panel_force(recording, roles, moving, k, smooth(raw), time, fs)
     return identify_axis(
         AxisData(
             axis=axis,
             time=time,
             force=smooth(force),
             acceleration=smooth(raw),
-            noise=float(white_sigma(raw)),
-            panel=None if p is None else smooth(p),
+            noise=_noise(raw),
+            panel=p,
             panel_weights=weights,
             panel_noise=panel_noise,
             filtered=smooth,
+            bias=_bias(imu),
+            panel_bias=panel_bias,
         ),
-        max(len(model.slosh), 1),
+        len(model.slosh),
+        _marks(model, k),
     )
+
+
+def _noise(x: np.ndarray) -> float:
+    return max(float(np.sqrt(np.mean(white_sigma(x) ** 2))), ROUND_OFF * float(np.std(x)))
+
+
+def _bias(sensor: Sensor) -> float:
+    """One sigma of a sensor's described constant error that a recording does not reveal [m/s^2]."""
+    error = sensor.error("acceleration")
+    return float(np.hypot(np.max(error.bias_sigma), np.max(error.bias_instability)))
+
+
+def _marks(model: SpacecraftModel, axis: int) -> list[str]:
+    """Marks of the tanks by rising described frequency along an axis."""
+    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    pairs = sorted(zip(tanks, tank_marks(tanks), strict=True), key=lambda x: x[0].stiffness[axis] / x[0].mass)
+    return [mark for _, mark in pairs]
 
 
 def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
     return values[np.clip(np.searchsorted(source, time, side="right") - 1, 0, len(values) - 1)]
 
 
-def _participates(joints: AppendageJoints, axis: int) -> bool:
-    along = np.array(
-        [joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()]
-    )
-    return bool(len(along)) and np.abs(along[:, axis]).max() > 1e-6 * np.abs(along).max()
-
-
 def _panel_force(
-    model: SpacecraftModel,
     recording: Recording,
     roles: Roles,
     moving: list[AppendageJoints],
     axis: int,
     base: np.ndarray,
     time: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Inertia force of bending at the described density, its weights on the accelerometers, and their noise."""
-    force, weights, noises = np.zeros(len(time)), [], []
+    fs: float,
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Inertia force of bending at the described density, weights of the accelerometers, noise and bias."""
+    force, weights, noises, biases = np.zeros(len(time)), [], [], []
     for joints in moving:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
@@ -147,24 +174,26 @@ def _panel_force(
                 f"'{name}' bends along this axis but the recording has no accelerometers on it.",
                 advice=f"Record a sensor of kind 'accelerometers' with appendage = \"{name}\".",
             )
-        y = recording[f"{sensor.name}.acceleration"][:, :, axis]
-        if len(y) != len(time):
-            y = recording.resampled(time)[f"{sensor.name}.acceleration"][:, :, axis]
+        y = sampled(recording, sensor, "acceleration", time, SMOOTHING)[:, :, axis]
         chosen = station_indices(joints, sensor)
         data = joints.appendage.modal_data()
         rotation = joints.placement.rotation
         shapes = np.array([[(rotation @ np.asarray(m.shape[s]))[axis] for m in data] for s in chosen])
-        along = np.array([(rotation @ np.asarray(m.translation))[axis] for m in data])
-        if np.linalg.matrix_rank(shapes) < len(data):
+        along = participation_along(joints, axis)
+        bends = np.abs(along) > 1e-6 * np.abs(along).max()
+        seen = bends | (np.abs(shapes).max(axis=0, initial=0.0) > 1e-9 * np.abs(shapes).max(initial=0.0))
+        if np.linalg.matrix_rank(shapes[:, seen]) < seen.sum():
             raise NotIdentifiableError(
-                f"{len(chosen)} accelerometers cannot tell the {len(data)} modes of '{name}' apart.",
+                f"{len(chosen)} accelerometers cannot tell the {seen.sum()} modes of '{name}' apart.",
                 advice="Describe fewer modes, or add stations.",
             )
-        w = panel_weights(shapes, along)
+        w = panel_weights(shapes[:, seen], along[seen])
         force += (y - base[:, None]) @ w
         weights.append(w)
-        noises.append(float(np.sqrt(np.mean(white_sigma(y) ** 2))))
-    return force, np.concatenate(weights), float(np.max(noises))
+        raw = recording[f"{sensor.name}.acceleration"][:, :, axis]
+        noises.append(_noise(raw) * np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
+        biases.append(_bias(sensor))
+    return force, np.concatenate(weights), float(np.max(noises)), float(np.max(biases))
 
 
 def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> dict[str, PanelModes]:
@@ -172,28 +201,21 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
     roles = Roles.of(model, recording, joints=False)
     excited = excited_axes(recording)
     found: dict[str, PanelModes] = {}
+    time = event_times(recording, roles.imu, "acceleration")
+    base = recording[f"{roles.imu.name}.acceleration"]
+    thrust = np.abs(recording["command.force"]).max(axis=1) > 0.0
+    clock = recording.time("command.force")
+    last = float(clock[min(np.flatnonzero(thrust)[-1] + 1, len(clock) - 1)])
     for joints in model.appendages:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
-        along = np.array(
-            [joints.placement.rotation @ np.asarray(m.translation) for m in joints.appendage.modal_data()]
-        )
-        if sensor is None or not len(along):
+        size = [np.abs(participation_along(joints, k)).max(initial=0.0) for k in range(3)]
+        axis = int(np.argmax(size))
+        if sensor is None or max(size) == 0.0 or "xyz"[axis] not in excited:
             continue
-        axis = int(np.argmax(np.abs(along).max(axis=0)))
-        if "xyz"[axis] not in excited:
-            continue
-        channel = f"{roles.imu.name}.acceleration"
-        time = recording.time(channel)
-        y = recording[f"{sensor.name}.acceleration"][:, :, axis]
-        if len(y) != len(time):
-            y = recording.resampled(time)[f"{sensor.name}.acceleration"][:, :, axis]
-        thrust = np.flatnonzero(np.abs(recording["command.force"]).max(axis=1) > 0.0)
-        last = float(
-            recording.time("command.force")[min(thrust[-1] + 1, len(recording.time("command.force")) - 1)]
-        )
         try:
-            found[name] = panel_modes(time, y, recording[channel][:, axis], free_from=last)
+            y = sampled(recording, sensor, "acceleration", time, None)[:, :, axis]
+            found[name] = panel_modes(time, y, base[:, axis], free_from=last)
         except (NotIdentifiableError, RecordingError) as error:
             notes.append(f"modes of {name}: {error}")
     return found

@@ -1,4 +1,4 @@
-"""Estimating the modal states of Exp. 2 from panel accelerometers: as printed in (31)-(32), and with the modes.
+"""Estimating the modal states of Exp. 2 from panel accelerometers: as printed in (31)-(32), and with modes.
 
 A station at r_j on the panel moves with
 ``y_j = a(r_j) + S_j dd + 2 w x S_j d' + wd x S_j d + w x (w x S_j d)``, delta = d the mass-normalised modal
@@ -100,16 +100,18 @@ def integrate_accelerometers(motion: Motion, joints: AppendageJoints) -> ModalSt
 def smooth_modes(motion: Motion, joints: AppendageJoints, *, accelerometer: float, imu: float) -> ModalState:
     """Return the modal state by a Kalman filter and Rauch-Tung-Striebel smoother with the identified modes.
 
-    The modes obey ``dd + 2 zeta w d' + w^2 d = -drive(rigid motion)``; the accelerometers see ``S dd`` and more.
-    ``accelerometer``, ``imu``: noise of the prepared samples, one sigma [m/s^2]; only their ratio to the signal
-    decides how far each is trusted. The panel starts at rest.
+    The modes obey ``dd + 2 zeta w d' + w^2 d = -drive(rigid motion)``; the accelerometers see ``S dd`` and
+    more. ``accelerometer``, ``imu``: noise of the prepared samples, one sigma [m/s^2]; only their ratio to
+    the signal decides how far each is trusted. The panel starts at rest.
     """
     name = joints.appendage.name
     chosen = motion.stations.get(name, np.zeros(0, dtype=int))
     panel = _Panel.of(joints, chosen)
     m = len(panel.omega)
     drive = panel.drive(motion)
-    a = np.block([[np.zeros((m, m)), np.eye(m)], [-np.diag(panel.omega**2), -np.diag(2 * panel.damping * panel.omega)]])
+    a = np.block(
+        [[np.zeros((m, m)), np.eye(m)], [-np.diag(panel.omega**2), -np.diag(2 * panel.damping * panel.omega)]]
+    )
     h = motion.step
     # drive interpolated linearly between samples (first-order hold), exact discretisation
     big = np.zeros((4 * m, 4 * m))
@@ -137,7 +139,12 @@ def smooth_modes(motion: Motion, joints: AppendageJoints, *, accelerometer: floa
         y = panel.excess(motion, motion.panels[name]).reshape(n, -1)[:, use] + drive @ s.T
         r = np.eye(len(s)) * (accelerometer**2 + imu**2)
         r_inv = np.linalg.inv(r)
-    xs, ps, xf, pf = np.empty((n, 2 * m)), np.empty((n, 2 * m, 2 * m)), np.empty((n, 2 * m)), np.empty((n, 2 * m, 2 * m))
+    xs, ps, xf, pf = (
+        np.empty((n, 2 * m)),
+        np.empty((n, 2 * m, 2 * m)),
+        np.empty((n, 2 * m)),
+        np.empty((n, 2 * m, 2 * m)),
+    )
     for i in range(n):
         if i:
             force = drive[i - 1 : i + 1] - soft[i - 1 : i + 1] * x[:m]

@@ -1,4 +1,4 @@
-"""How far sensor noise moves identified modes: the same identification on data with more of the same noise."""
+"""How far sensor noise moves identified modes: identified again with more of the same noise."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def mode_sigmas(
 ) -> tuple[tuple[ModeSigma, ...], tuple[ModeSigma, ...]]:
     """Return standard deviations of the clamped and the coupled modes.
 
-    Noise of the sensors' own level (``panel_noise`` (stations,), ``base_noise`` [m/s^2]) is added once more to the
-    measured ``panel`` (N, stations) and ``base`` (N,) accelerations; where estimates answer noise linearly they
-    scatter about the estimate as it does about the truth. With 8 replicates a standard deviation is itself known to
-    about a quarter.
+    Noise of the sensors' own level (``panel_noise`` (stations,), ``base_noise`` [m/s^2]) is added once more
+    to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations; where estimates answer noise
+    linearly they scatter about the estimate as it does about the truth. With 8 replicates a standard
+    deviation is itself known to about a quarter.
     """
     highest = 1.5 * max((m.frequency for m in (*found.clamped, *found.coupled)), default=1.0)
     again = [

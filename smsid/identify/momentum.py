@@ -1,8 +1,8 @@
 """Exp. 2: momentum of the free-floating spacecraft, linear in inertial parameters.
 
-Step A, (33)-(37): the inertial position of the system CM and the first moments of the links, from the velocity of
-P. Step B, (38)-(39): inertias from the conserved angular momentum. Here the slosh state is put back in, so both
-are linear in ordinary inertial parameters; ``momentum_printed.py`` has Step B as printed.
+Step A, (33)-(37): the inertial position of the system CM and the first moments of the links, from the
+velocity of P. Step B, (38)-(39): inertias from the conserved angular momentum. Here the slosh state is put
+back in, so both are linear in ordinary inertial parameters; ``momentum_printed.py`` has Step B as printed.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.errors import NotIdentifiableError
+from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.modal_state import ModalState
+from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, part, scaled_tls, skew
 from smsid.identify.motion import Motion
-from smsid.identify.recursive_tls import RecursiveTls
-from smsid.identify.robust import hac_covariance
-from smsid.identify.tls import TlsSolution, total_least_squares
-from smsid.model.assembly import move_parameters
+from smsid.identify.tls import TlsSolution
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -61,14 +59,18 @@ class Regression:
 class StepA:
     """Result of Step A.
 
-    ``velocity`` (3,) and ``position`` (3,) of the system CM, inertial axes, from the inertial origin [m/s, m];
-    ``moments``: identifiable first moments of the links [kg m].
+    ``velocity`` (3,) and ``position`` (3,) of the system CM, inertial axes, from the inertial origin [m/s,
+    m]; ``moments``: identifiable first moments of the links [kg m].
     """
 
     velocity: np.ndarray
     position: np.ndarray
     position_sigma: np.ndarray
     moments: Regression
+
+
+NOTHING = BaseParameters((), (), np.zeros(0, dtype=int), np.zeros((0, 0)), (), 1.0)
+"""The base parameters of a spacecraft without arms in Step A."""
 
 
 def full_states(
@@ -100,12 +102,16 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     still = v.copy()
     still[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
     y = regressor.momentum(q, still)[:, :3]
-    parts = _Split.of(model, regressor, bus_first=False)
-    base = base_parameters(y[:, :, parts.unknown].reshape(-1, len(parts.unknown)), parts.names, parts.units)
+    parts = Split.of(model, regressor, bus_first=False)
+    base = NOTHING
+    if parts.unknown:
+        base = base_parameters(
+            y[:, :, parts.unknown].reshape(-1, len(parts.unknown)), parts.names, parts.units
+        )
     known = y[:, :, parts.known] @ regressor.parameters[parts.known]
     to_body = motion.rotation.transpose(0, 2, 1)
-    chosen = y[:, :, parts.unknown][:, :, base.independent]
-    columns = np.concatenate([to_body, -_skew(motion.rate) @ to_body, -chosen / mass], axis=2)
+    chosen = y[:, :, [parts.unknown[i] for i in base.independent]]
+    columns = np.concatenate([to_body, -skew(motion.rate) @ to_body, -chosen / mass], axis=2)
     position = np.einsum("nij,nj->ni", to_body, motion.position)
     rhs = motion.velocity - np.cross(motion.rate, position) + known / mass
     labels = ["v_cm.x", "v_cm.y", "v_cm.z", "r_cm.x", "r_cm.y", "r_cm.z", *base.names]
@@ -114,7 +120,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
         velocity=found.x[:3],
         position=found.x[3:6],
         position_sigma=found.standard_deviation[3:6],
-        moments=Regression(base, _tail(found, 6), parts.names),
+        moments=Regression(base, part(found, slice(6, None)), parts.names),
     )
 
 
@@ -129,23 +135,25 @@ def step_b(
 ) -> Regression:
     """Estimate the inertial parameters of bus and links from (38)-(39) with the slosh state put back in.
 
-    Total mass ``mass`` [kg] from Exp. 1 and the CM ``centre`` (3,) [m, inertial] from Step A. The equations, per
-    sample: the angular momentum about the CM is zero, and the CM (6) is where Step A found it (its offset is left
-    free). Taken about the CM, errors of the measured velocity cancel. Wheels, slosh and modes are known and go to
-    the right-hand side. ``prior`` (mean (b,), covariance (b, b)) of the base parameters enters through recursive
-    TLS. In the result, "bus" includes its wheels and undeformed appendages (`carried_by_bus`).
+    Total mass ``mass`` [kg] from Exp. 1 and the CM ``centre`` (3,) [m, inertial] from Step A. The equations,
+    per sample: the angular momentum about the CM is zero, and the CM (6) is where Step A found it (its offset
+    is left free). Taken about the CM, errors of the measured velocity cancel. Wheels, slosh and modes are
+    known and go to the right-hand side. ``prior`` (mean (b,), covariance (b, b)) of the base parameters
+    enters through recursive TLS. In the result, and in the prior, "bus" includes its wheels and undeformed
+    appendages (`carried_by_bus`).
 
-    Raises `NotIdentifiableError` when no known momentum is exchanged.
+    Raises `NotIdentifiableError` when no known momentum is exchanged, `SmsidError` for a prior that does not
+    fit the base parameters of this motion.
     """
     regressor = Regressor(model)
     n = len(motion)
     q, v = full_states(model, motion, hidden)
     theta = regressor.parameters
-    parts = _Split.of(model, regressor, bus_first=True)
+    parts = Split.of(model, regressor, bus_first=True)
     y = regressor.momentum(q, v)
     rotated = motion.rotation.transpose(0, 2, 1)
     cm = np.einsum("nij,nj->ni", rotated, centre - motion.position) + motion.pose_point  # from the bus origin
-    spin = y[:, 3:] - _skew(cm) @ y[:, :3]
+    spin = y[:, 3:] - skew(cm) @ y[:, :3]
     moments = first_moments(model, regressor, q)
     # the bus' mass is what the others leave of M
     bus = regressor.names.index(f"{regressor.bodies[0]}.m")
@@ -163,8 +171,8 @@ def step_b(
     place_rhs = place_rhs + mass * cm
     if np.linalg.norm(y[:, 3:][:, :, parts.known] @ theta[parts.known]) < 1e-9:
         raise NotIdentifiableError(
-            "No known momentum is exchanged: wheels, slosh and panel stay still, so inertias are known only up to "
-            "a common factor.",
+            "No known momentum is exchanged: wheels, slosh and panel stay still, so inertias are known "
+            "only up to a common factor.",
             advice="Spin a wheel of known inertia during Exp. 2.",
         )
     both = np.concatenate([spin_rows.reshape(3 * n, -1), place_rows.reshape(3 * n, -1)])
@@ -174,147 +182,40 @@ def step_b(
     columns = np.column_stack([stacked, offset])
     rhs = np.concatenate([spin_rhs, place_rhs], axis=1).reshape(-1)
     labels = [*base.names, "r_cm.x", "r_cm.y", "r_cm.z"]
+    carried = base.matrix @ carried_by_bus(model, regressor)[parts.unknown]
     if prior is not None:
-        wide = np.diag([1e6] * 3)
-        prior = (np.concatenate([prior[0], np.zeros(3)]), np.block([
-            [prior[1], np.zeros((len(base), 3))], [np.zeros((3, len(base))), wide]]))
+        prior = _with_offset(prior, carried, base)
     weights = np.ones(6 * n)
     found = None
-    for _ in range(2):  # weigh the two kinds of equation by what they leave
-        found = scaled_tls(columns, rhs, labels, motion, weights=weights, prior=prior)
+    for k in range(2):  # weigh the two kinds of equation by what they leave
+        found = scaled_tls(columns, rhs, labels, motion, weights=weights, prior=prior if k else None)
         left = (rhs - columns @ found.x).reshape(n, 6)
         size = np.sqrt(np.mean(left**2, axis=0))
         weights = np.tile(1.0 / np.maximum(size, 1e-9 * size.max()), n)
     assert found is not None
     measured = np.linalg.norm(spin_rhs)
-    shares = np.linalg.norm(spin_rows[:, :, base.independent], axis=(0, 1)) * np.abs(found.x[: len(base)]) / measured
-    solution = _head(found, len(base))
-    solution = replace(solution, x=solution.x + base.matrix @ carried_by_bus(model, regressor)[parts.unknown])
+    shares = (
+        np.linalg.norm(spin_rows[:, :, base.independent], axis=(0, 1))
+        * np.abs(found.x[: len(base)])
+        / measured
+    )
+    solution = part(found, slice(0, len(base)))
+    solution = replace(solution, x=solution.x + carried)
     return Regression(base, solution, parts.names, shares)
 
 
-def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
-    """Return the inertial parameters (10 bodies,) that wheels and undeformed appendages add to the bus.
-
-    With them "bus" means everything that is rigid with it while nothing turns or bends; how the model splits an
-    appendage into modes and remainder does not show.
-    """
-    theta = regressor.parameters
-    out = np.zeros_like(theta)
-    tanks = {j.joint for j in model.slosh}
-    parent = list(model.pin.parents)
-    modes = {int(j) for j in model.modes.joints} | {int(j) for j in model.wheels.joints}
-    for j in modes - tanks:
-        if parent[j] == 1:
-            out[:10] += move_parameters(model.pin.jointPlacements[j], theta[10 * (j - 1) : 10 * j])
-    return out
-
-
-def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:
-    """Return Y with Y theta = sum m c about the bus origin in bus axes, (N, 3, 10 bodies) [kg m].
-
-    The angular momentum of a pure translation e_k is (sum m c) x e_k, so the momentum regressor gives it.
-    """
-    out = np.zeros((len(q), 3, regressor.columns))
-    v = np.zeros((len(q), model.nv))
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        # (S x e_k) has components S_j along i and -S_i along j
-        v[:] = 0.0
-        v[:, k] = 1.0
-        y = regressor.momentum(q, v)[:, 3:]
-        out[:, j] += 0.5 * y[:, i]
-        out[:, i] -= 0.5 * y[:, j]
-    return out
-
-
-@dataclass(frozen=True)
-class _Split:
-    """Which inertial parameters are sought and which are known."""
-
-    unknown: list[int]
-    known: list[int]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-    @classmethod
-    def of(cls, model: SpacecraftModel, regressor: Regressor, *, bus_first: bool) -> _Split:
-        bodies = regressor.bodies
-        rigid = set(bodies[: 1 + len(model.arm_joints)])
-        body = [name.rsplit(".", 1)[0] for name in regressor.names]
-        kind = [name.rsplit(".", 1)[1] for name in regressor.names]
-        if bus_first:
-            unknown = [i for i in range(len(body)) if body[i] in rigid and not (body[i] == bodies[0] and kind[i] == "m")]
-            known = [i for i in range(len(body)) if body[i] not in rigid]
-        else:
-            moments = ("m", "mx", "my", "mz")
-            unknown = [i for i in range(len(body)) if body[i] in rigid - {bodies[0]} and kind[i] in moments]
-            known = [i for i in range(len(body)) if body[i] not in rigid and kind[i] in moments]
-        return cls(
-            unknown,
-            known,
-            tuple(regressor.names[i] for i in unknown),
-            tuple(regressor.units[i] for i in unknown),
+def _with_offset(
+    prior: tuple[np.ndarray, np.ndarray], carried: np.ndarray, base: BaseParameters
+) -> tuple[np.ndarray, np.ndarray]:
+    """Add the CM's offset, unknown within a kilometre, to a prior of the base parameters."""
+    mean, covariance = np.asarray(prior[0], dtype=float), np.asarray(prior[1], dtype=float)
+    if mean.shape != (len(base),) or covariance.shape != (len(base), len(base)):
+        raise SmsidError(
+            f"The prior has mean {mean.shape} and covariance {covariance.shape}; this motion has {len(base)} "
+            "base parameters.",
+            advice="Take the prior from the same spacecraft moving the same joints.",
+            names=base.names,
         )
-
-
-CORRELATION_TIME = 2.0  # [s] over which equation errors are taken as correlated
-
-
-def scaled_tls(
-    rows: np.ndarray,
-    rhs: np.ndarray,
-    names: tuple[str, ...] | list[str],
-    motion: Motion,
-    *,
-    weights: np.ndarray | None = None,
-    prior: tuple[np.ndarray, np.ndarray] | None = None,
-) -> TlsSolution:
-    """Recursive TLS with columns brought to the length of the right-hand side, results in physical units.
-
-    The covariance allows for equation errors correlated in time (`hac_covariance`).
-    """
-    if weights is not None:
-        rows, rhs = rows * weights[:, None], rhs * weights
-    scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
-    if prior is None:
-        found = total_least_squares(rows / scale, rhs, names=names)
-    else:
-        recursive = RecursiveTls(
-            len(scale), prior_mean=prior[0] * scale, prior_covariance=prior[1] * np.outer(scale, scale), names=names
-        )
-        recursive.update(rows / scale, rhs)
-        found = recursive.solution()
-    lags = max(1, round(CORRELATION_TIME / motion.step))
-    x = found.x / scale
-    covariance = found.covariance / np.outer(scale, scale)
-    if prior is None:
-        covariance = hac_covariance(rows, rhs - rows @ x, len(motion), lags)
-    return TlsSolution(
-        x, covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
-    )
-
-
-def _part(found: TlsSolution, chosen: slice) -> TlsSolution:
-    return TlsSolution(
-        found.x[chosen],
-        found.covariance[chosen, chosen],
-        found.sigma,
-        found.singular_values,
-        found.condition,
-        found.rows,
-        found.status,
-    )
-
-
-def _head(found: TlsSolution, count: int) -> TlsSolution:
-    return _part(found, slice(0, count))
-
-
-def _tail(found: TlsSolution, start: int) -> TlsSolution:
-    return _part(found, slice(start, None))
-
-
-def _skew(w: np.ndarray) -> np.ndarray:
-    out = np.zeros((len(w), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
-    return out - out.transpose(0, 2, 1)
+    out = np.zeros((len(base) + 3, len(base) + 3))
+    out[:-3, :-3], out[-3:, -3:] = covariance, 1e6 * np.eye(3)
+    return np.concatenate([mean - carried, np.zeros(3)]), out

@@ -5,20 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
+from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.sensing import Sensor, differentiate, zero_phase
+from smsid.sensing import Sensor, differentiate
 from smsid.simulate.truth import station_indices
+
+Rates = dict[str, tuple[np.ndarray, np.ndarray, str]]
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Which sensor of the description plays which part. ``panels`` by appendage."""
+    """Which sensor of the description plays which part. ``panels`` by appendage.
+
+    ``pose`` gives position and velocity, ``attitude`` the attitude: a star tracker, say, or the same sensor.
+    """
 
     pose: Sensor | None
+    attitude: Sensor | None
     imu: Sensor
     encoder: Sensor | None
     tachometer: Sensor | None
@@ -32,23 +40,24 @@ class Roles:
         """
 
         def find(kind: str, quantities: tuple[str, ...], needed: bool) -> Sensor | None:
-            sensors = [s for s in model.description.sensor if s.kind == kind and set(quantities) <= set(s.quantities)]
-            for s in sensors:
-                if all(f"{s.name}.{q}" in recording for q in quantities):
-                    return s
+            sensors = [
+                s for s in model.description.sensor if s.kind == kind and set(quantities) <= set(s.quantities)
+            ]
+            found = [s for s in sensors if all(f"{s.name}.{q}" in recording for q in quantities)]
+            if found:
+                return min(found, key=lambda s: _noise(s, quantities[0]))
             if needed:
                 wanted = [f"{s.name}.{q}" for s in sensors for q in quantities]
                 raise RecordingError(
                     f"Recording '{recording.name}' has no {kind} with {', '.join(quantities)}.",
                     advice=f"It needs the channels {', '.join(wanted)}."
                     if wanted
-                    else f"The description needs a sensor of kind '{kind}'.",
+                    else f"The description needs a sensor of kind '{kind}' that measures them.",
                     missing=wanted,
                     present=list(recording.channels),
                 )
             return None
 
-        pose = find("pose", ("position", "attitude", "velocity"), joints)
         imu = find("imu", ("acceleration", "angular_rate"), True)
         assert imu is not None
         panels = {
@@ -57,22 +66,30 @@ class Roles:
             if s.kind == "accelerometers" and f"{s.name}.acceleration" in recording
         }
         return cls(
-            pose,
-            imu,
-            find("encoder", ("joint_position", "joint_velocity"), joints and len(model.arm_joints) > 0),
-            find("tachometer", ("wheel_rate",), joints and len(model.wheels) > 0),
-            panels,
+            pose=find("pose", ("position", "velocity"), joints),
+            attitude=find("pose", ("attitude",), joints),
+            imu=imu,
+            encoder=find(
+                "encoder", ("joint_position", "joint_velocity"), joints and len(model.arm_joints) > 0
+            ),
+            tachometer=find("tachometer", ("wheel_rate",), joints and len(model.wheels) > 0),
+            panels=panels,
         )
+
+
+def _noise(sensor: Sensor, quantity: str) -> float:
+    """White noise of a quantity as a density, [unit/sqrt(Hz)]: of several sensors the quietest is used."""
+    return float(np.max(sensor.error(quantity).white_sigma(sensor.rate))) / np.sqrt(sensor.rate)
 
 
 @dataclass(frozen=True)
 class Motion:
     """Measured motion on a common clock (N,), body vectors in bus axes.
 
-    ``position`` of P (N, 3) inertial [m]; ``rotation`` (N, 3, 3) bus to inertial; ``velocity`` of P (N, 3) bus
-    axes [m/s]; ``rate``, ``rate_derivative`` [rad/s, rad/s^2]; ``acceleration`` of the IMU's point [m/s^2];
-    ``angles``, ``angle_rates`` of the arm joints; ``wheel_rates``; ``panels`` (N, stations, 3) by appendage.
-    ``pose_point``, ``imu_point`` in the bus frame [m].
+    ``position`` of P (N, 3) inertial [m]; ``rotation`` (N, 3, 3) bus to inertial; ``velocity`` of P (N, 3)
+    bus axes [m/s]; ``rate``, ``rate_derivative`` [rad/s, rad/s^2]; ``acceleration`` of the IMU's point
+    [m/s^2]; ``angles``, ``angle_rates`` of the arm joints; ``wheel_rates``; ``panels`` (N, stations, 3) by
+    appendage. ``pose_point``, ``imu_point`` in the bus frame [m].
     """
 
     time: np.ndarray
@@ -118,11 +135,16 @@ class Motion:
         return self.velocity - np.cross(self.rate, self.pose_point)
 
     def states(self, model: SpacecraftModel) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (N, nq) and v (N, nv) of the model with slosh and modes at rest; fill those in yourself."""
+        """Return q (N, nq) and v (N, nv) of the model, slosh and modes at rest: fill those in yourself."""
         n = len(self)
         q, v = np.tile(model.home, (n, 1)), np.zeros((n, model.nv))
         if len(model.arm_joints):
-            q = np.array([set_group_angles(model.pin, model.arm_joints, a, b) for a, b in zip(q, self.angles, strict=True)])
+            q = np.array(
+                [
+                    set_group_angles(model.pin, model.arm_joints, a, b)
+                    for a, b in zip(q, self.angles, strict=True)
+                ]
+            )
             v[:, model.arm_joints.v] = self.angle_rates
         q[:, 0:3] = self.position - np.einsum("nij,j->ni", self.rotation, self.pose_point)
         q[:, 3:7] = Rotation.from_matrix(self.rotation).as_quat()
@@ -139,57 +161,85 @@ def prepare(
     cutoff: float | None = 2.0,
     rate: float | None = 20.0,
 ) -> Motion:
-    """Return the measured motion, low-passed without phase at ``cutoff`` [Hz], thinned to about ``rate`` [Hz].
+    """Return the measured motion, low-passed without phase at ``cutoff`` [Hz], on one clock.
 
-    ``cutoff = None`` leaves the samples as they are. Raises `RecordingError` for missing or unusable channels.
+    The clock is the IMU's, thinned to ``rate`` [Hz]; channels on other clocks are interpolated after their
+    own filter, and delays that the description states are taken out. ``cutoff = None`` leaves the samples as
+    they are. Raises `RecordingError` for missing or unusable channels, or columns that do not fit the model.
     """
     roles = Roles.of(model, recording)
-    assert roles.pose is not None
-    used = [*roles.pose.channels, *roles.imu.channels]
-    used += [c for s in (roles.encoder, roles.tachometer, *roles.panels.values()) if s for c in s.channels]
-    clock = recording.time(roles.imu.channels[0])
-    if any(not np.array_equal(recording.time(c), clock) for c in used):
-        start = max(float(recording.time(c)[0]) for c in used)
-        stop = min(float(recording.time(c)[-1]) for c in used)
-        recording = recording.resampled(clock[(clock >= start) & (clock <= stop)])
-        clock = recording.time(roles.imu.channels[0])
-    fs = 1.0 / float(np.median(np.diff(clock)))
-    thin = max(1, round(fs / rate)) if rate else 1
+    assert roles.pose is not None and roles.attitude is not None
+    sources = [(roles.pose, "position"), (roles.pose, "velocity"), (roles.attitude, "attitude")]
+    sources.append((roles.imu, "angular_rate"))
+    sources += [(roles.encoder, q) for q in ("joint_position", "joint_velocity") if roles.encoder]
+    sources += [(roles.tachometer, "wheel_rate")] if roles.tachometer else []
+    sources += [(s, "acceleration") for s in roles.panels.values()]
+    full = common_times(recording, (roles.imu, "acceleration"), sources)
+    fs = rate_of(recording, roles.imu, "acceleration")
+    times = full[:: max(1, round(fs / rate)) if rate else 1]
 
-    def smooth(x: np.ndarray) -> np.ndarray:
-        return zero_phase(x, fs, cutoff) if cutoff is not None and x.size else np.asarray(x)
-
-    def get(sensor: Sensor | None, quantity: str, width: int) -> np.ndarray:
+    def get(sensor: Sensor | None, quantity: str, width: int | None = None) -> np.ndarray:
         if sensor is None:
-            return np.zeros((len(clock[::thin]), width))
-        return smooth(recording[f"{sensor.name}.{quantity}"])[::thin]
+            return np.zeros((len(times), width or 0))
+        found = sampled(recording, sensor, quantity, times, cutoff)
+        if width is not None and found.shape[1] != width:
+            raise RecordingError(
+                f"'{sensor.name}.{quantity}' has {found.shape[1]} columns, the description {width}.",
+                advice="Recording and description must be of the same spacecraft.",
+                columns=found.shape[1],
+                expected=width,
+            )
+        return found
 
-    attitude = recording[f"{roles.pose.name}.attitude"]
-    flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
-    attitude = smooth(attitude * np.concatenate([[1.0], flips])[:, None])[::thin]
-    rotation = Rotation.from_quat(attitude).as_matrix()
-    gyro = recording[f"{roles.imu.name}.angular_rate"]
-    derivative = differentiate(gyro, fs, cutoff if cutoff is not None else 0.2 * fs)[::thin]
-    velocity = get(roles.pose, "velocity", 3)
-    panels = {name: get(s, "acceleration", 3) for name, s in roles.panels.items()}
     stations = {
         a.appendage.name: station_indices(a, roles.panels[a.appendage.name])
         for a in model.appendages
         if a.appendage.name in roles.panels
     }
+    rotation = Rotation.from_quat(get(roles.attitude, "attitude")).as_matrix()
+    gyro = event_times(recording, roles.imu, "angular_rate")
+    slope = differentiate(
+        recording[f"{roles.imu.name}.angular_rate"], fs, cutoff if cutoff is not None else 0.2 * fs
+    )
     return Motion(
-        time=clock[::thin],
-        position=get(roles.pose, "position", 3),
+        time=times,
+        position=get(roles.pose, "position"),
         rotation=rotation,
-        velocity=np.einsum("nji,nj->ni", rotation, velocity),
-        rate=get(roles.imu, "angular_rate", 3),
-        rate_derivative=derivative,
-        acceleration=get(roles.imu, "acceleration", 3),
+        velocity=np.einsum("nji,nj->ni", rotation, get(roles.pose, "velocity")),
+        rate=get(roles.imu, "angular_rate"),
+        rate_derivative=_at(gyro, slope, times),
+        acceleration=get(roles.imu, "acceleration"),
         angles=get(roles.encoder, "joint_position", len(model.arm_joints)),
         angle_rates=get(roles.encoder, "joint_velocity", len(model.arm_joints)),
         wheel_rates=get(roles.tachometer, "wheel_rate", len(model.wheels)),
-        panels=panels,
+        panels={n: get(roles.panels[n], "acceleration", len(chosen)) for n, chosen in stations.items()},
         stations=stations,
         pose_point=np.asarray(roles.pose.position),
         imu_point=np.asarray(roles.imu.position),
     )
+
+
+def _at(own: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    index = np.clip(np.searchsorted(own, times), 0, len(own) - 1)
+    if np.array_equal(own[index], times):
+        return values[index]
+    return np.asarray(CubicSpline(own, values, axis=0)(times))
+
+
+def raw_rates(model: SpacecraftModel, recording: Recording, *, joints: bool = True) -> Rates:
+    """Return every measured rate, unfiltered, by what it is: (times (N,) [s], samples (N, k), unit).
+
+    ``joints``: as in `Roles.of`.
+    """
+    roles = Roles.of(model, recording, joints=joints)
+    wanted = [
+        ("the velocity of the tracked point", roles.pose, "velocity", "m/s"),
+        ("the body rate", roles.imu, "angular_rate", "rad/s"),
+        ("a joint's rate", roles.encoder, "joint_velocity", "rad/s"),
+        ("a wheel's rate", roles.tachometer, "wheel_rate", "rad/s"),
+    ]
+    return {
+        label: (recording.time(f"{s.name}.{q}"), recording[f"{s.name}.{q}"], unit)
+        for label, s, q, unit in wanted
+        if s is not None
+    }

@@ -13,7 +13,9 @@ from smsid.effects.appendage import Appendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
-from smsid.identify.exp2 import MomentumResult, identified_modes, identify_momentum
+from smsid.identify.exp2 import MomentumResult, identify_momentum
+from smsid.identify.hidden_states import Modal, check_on_bus
+from smsid.identify.identified import identified_modes
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
 
@@ -32,33 +34,44 @@ def identify(
     description: Description,
     recordings: Sequence[Recording],
     *,
-    modal: str = "smoother",
+    modal: Modal = "smoother",
+    refine_pose_point: bool = False,
 ) -> Identification:
     """Identify a spacecraft by the paper's method: Exp. 1 (22)-(27) and SSI-COV, then Exp. 2 (31)-(39).
 
-    Recordings with thrust count as Exp. 1, those without as Exp. 2; the description's values are starting guesses
-    only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken as known.
-    Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot identify
-    what is asked.
+    Recordings with thrust count as Exp. 1, those without as Exp. 2; the description's values are starting
+    guesses only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken
+    as known. ``modal``: how Exp. 2 estimates bending, see `identify_momentum`. ``refine_pose_point``: take
+    the position of the pose sensor (and the IMU beside it) for a guess too, see `smsid.identify.pose_point`.
+
+    Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
+    identify what is asked.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _identify(description, recordings, modal)
+        return _identify(description, recordings, modal, refine_pose_point)
 
 
-def _identify(description: Description, recordings: Sequence[Recording], modal: str) -> Identification:
+def _identify(
+    description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool
+) -> Identification:
     started = time.perf_counter()
-    if not recordings:
-        raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
-    for recording in recordings:
-        if recording.role == "validation":
-            raise RecordingError(
-                f"'{recording.name}' is for validation.", advice="Identify from recordings in the role estimation."
-            )
-        recording.check()
+    _check_recordings(recordings)
     original = description
     model = described = build_model(description)
+    if not model.free:
+        raise NotIdentifiableError(
+            f"'{description.name}' is welded to the ground.",
+            advice='Both experiments need root = "free".',
+        )
+    check_on_bus(model)
     pushed = [r for r in recordings if excited_axes(r)]
     floating = [r for r in recordings if not excited_axes(r)]
+    if len(floating) > 1:
+        raise NotIdentifiableError(
+            f"{len(floating)} recordings of Exp. 2 were given ({', '.join(r.name for r in floating)}); the "
+            "linear method takes one.",
+            advice="Give one recording without thrust.",
+        )
     parameters: list[ParameterEstimate] = []
     notes: list[str] = []
     timing: dict[str, float] = {}
@@ -76,15 +89,18 @@ def _identify(description: Description, recordings: Sequence[Recording], modal: 
     mass = translation.mass if translation else model.mass
     if floating:
         if not translation:
-            notes.append("no Exp. 1 was given: total mass, slosh and appendages are taken from the description")
-        if len(floating) > 1:
-            raise NotIdentifiableError(
-                f"{len(floating)} recordings of Exp. 2 were given; the linear method takes one.",
-                advice="Give one recording without thrust.",
+            notes.append(
+                "no Exp. 1 was given: total mass, slosh and appendages are taken from the description"
             )
         perturbed = _perturbed(original, translation) if translation else []
         momentum = identify_momentum(
-            model, floating[0], mass, modal=modal, perturbed=perturbed, described=described
+            model,
+            floating[0],
+            mass,
+            modal=modal,
+            perturbed=perturbed,
+            described=described,
+            refine=refine,
         )
         parameters += momentum.parameters
         notes += momentum.notes
@@ -103,8 +119,20 @@ def _identify(description: Description, recordings: Sequence[Recording], modal: 
     return Identification(estimate, description, translation, momentum)
 
 
+def _check_recordings(recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
+    for recording in recordings:
+        if recording.role == "validation":
+            raise RecordingError(
+                f"'{recording.name}' is for validation.",
+                advice="Identify from recordings in the role estimation.",
+            )
+        recording.check()
+
+
 def _perturbed(original: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
-    """Model and mass moved by one standard deviation along each principal direction of Exp. 1's covariance."""
+    """Model and mass moved by a standard deviation along each principal direction of Exp. 1's covariance."""
     return [
         (build_model(with_translation(original, found, change)), found.mass + change["M"])
         for change in found.combined.directions()

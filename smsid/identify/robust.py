@@ -8,8 +8,8 @@ import numpy as np
 def hac_covariance(rows: np.ndarray, residual: np.ndarray, samples: int, lags: int) -> np.ndarray:
     """Return the covariance (n, n) of least squares with errors correlated over up to ``lags`` samples.
 
-    Newey and West (1987): ``G^-1 (sum_l w_l Gamma_l) G^-1`` with Bartlett weights. ``rows`` (samples * k, n) and
-    ``residual`` (samples * k,) hold k equations per sample, sample by sample.
+    Newey and West (1987): ``G^-1 (sum_l w_l Gamma_l) G^-1`` with Bartlett weights. ``rows`` (samples * k, n)
+    and ``residual`` (samples * k,) hold k equations per sample, sample by sample.
     """
     n = rows.shape[1]
     score = (rows * residual[:, None]).reshape(samples, -1, n).sum(axis=1)

@@ -1,8 +1,8 @@
 """Estimating the slosh state of Exp. 2 from measured base motion.
 
 The slosh mass obeys (12) whatever the rest of the spacecraft does: m_s r_s'' = -(K rho + B rho'), with rho =
-R^T (r_s - r_b) - c_s. Driven by the measured pose and velocity of P it is a stable linear equation, so its state
-follows without drift from Exp. 1's m_s, k_s, b_s, by the same kind of estimator as (31)-(32).
+R^T (r_s - r_b) - c_s. Driven by the measured pose and velocity of P it is a stable linear equation, so its
+state follows without drift from Exp. 1's m_s, k_s, b_s, by the same kind of estimator as (31)-(32).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ def estimate_slosh(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rho (N, 3) [m] and rho' (N, 3) [m/s] in bus axes.
 
-    Exp. 2 starts at rest: the mass sits at ``position`` c_s with zero inertial velocity. (Taking its velocity from
-    the first measured sample instead would let 0.2 mm/s of noise grow to 16 mm in 80 s.)
+    Exp. 2 starts at rest: the mass sits at ``position`` c_s with zero inertial velocity. (Taking its velocity
+    from the first measured sample instead would let 0.2 mm/s of noise grow to 16 mm in 80 s.)
 
     ``position`` (3,) in the bus frame [m]; ``stiffness`` (3,) [N/m]; ``damping`` (3,) [N s/m]; ``mass`` [kg].
     A second-order step per sample, in inertial axes: the slosh period is hundreds of samples.

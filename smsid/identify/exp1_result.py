@@ -1,0 +1,190 @@
+"""What Exp. 1 found, as parameters of the description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smsid.effects.appendage import BeamAppendage, Mode
+from smsid.effects.slosh import Slosh
+from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.panel_modes import PanelModes
+from smsid.identify.translation import AxisEstimate, Combined, combine
+from smsid.model.assembly import AppendageJoints
+from smsid.model.spacecraft import SpacecraftModel
+
+LEAST_MASS = 1e-3  # [kg]
+LEAST_FACTOR = 1e-3
+
+
+@dataclass(frozen=True)
+class TranslationResult:
+    """What Exp. 1 identified.
+
+    ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
+    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
+    """
+
+    axes: tuple[AxisEstimate, ...]
+    combined: Combined
+    symbols: dict[str, str]
+    modes: dict[str, PanelModes]
+    parameters: tuple[ParameterEstimate, ...]
+    notes: tuple[str, ...] = ()
+    conditions: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def mass(self) -> float:
+        """Total mass M [kg]."""
+        return self.combined["M"][0]
+
+    def values(self, change: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Return values by the description's names, with a change by symbol added, kept physical.
+
+        Damping and stiffness are not below zero, masses not below a gram.
+        """
+        out = {}
+        for symbol, name in self.symbols.items():
+            value = self.combined[symbol][0] + (change or {}).get(symbol, 0.0)
+            out[name] = max(value, LEAST_MASS if name.endswith(".mass") else 0.0)
+        return out
+
+    def density_factor(self, change: Mapping[str, float] | None = None) -> float:
+        """Return rho relative to the description's, 1 when it was not identified or is not physical."""
+        if "rho" not in self.combined or self.combined["rho"][0] <= 0.0:
+            return 1.0
+        return max(self.combined["rho"][0] + (change or {}).get("rho", 0.0), LEAST_FACTOR)
+
+
+def tank_marks(tanks: Sequence[Slosh]) -> list[str]:
+    """Return what tells tanks apart in symbols, in the description's order: nothing for one, 1, 2, ..."""
+    return [""] if len(tanks) == 1 else [str(i + 1) for i in range(len(tanks))]
+
+
+def assemble(
+    model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, PanelModes], notes: list[str]
+) -> TranslationResult:
+    """Bring axes and modes together as parameters of the description; what stays as described is noted."""
+    notes = list(notes)
+    found = combine(axes)
+    value, sigma = found["M"]
+    parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
+    symbols: dict[str, str] = {}  # the description's parameter name of each symbol
+    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    for tank, mark in zip(tanks, tank_marks(tanks), strict=True):
+        parameters += _tank(tank, mark, found, symbols, notes)
+    if "rho" in found:
+        parameters += _densities(model, {e.axis for e in axes if "rho" in e.names}, *found["rho"])
+        if found["rho"][0] <= 0.0:
+            notes.append("the appendages' density comes out negative: it stays as described")
+    appendages = {j.appendage.name: j.appendage for j in model.appendages}
+    for name, panel in modes.items():
+        described = appendages[name].modal_data()
+        if len(panel.clamped) < len(described):
+            notes.append(
+                f"{name}: {len(panel.clamped)} of {len(described)} described modes found. {panel.status}"
+            )
+        parameters += _mode_parameters(name, panel, described)
+    conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
+    return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
+
+
+def _tank(
+    tank: Slosh, mark: str, found: Combined, symbols: dict[str, str], notes: list[str]
+) -> list[ParameterEstimate]:
+    if f"m_s{mark}" not in found:
+        notes.append(f"{tank.name}: no axis separates it from the other tanks; it stays as described")
+        return []
+    value, sigma = found[f"m_s{mark}"]
+    key = f"{tank.name}.mass"
+    parameters = [judged(key, value, "kg", sigma, "exp1", nominal=tank.mass)]
+    if value <= 0.0:
+        notes.append(f"{key} comes out as {value:.3g} kg, which no tank has: it stays as described")
+    else:
+        symbols[f"m_s{mark}"] = key
+    for k, axis in enumerate("xyz"):
+        for symbol, field_name, unit in (("k_s", "stiffness", "N/m"), ("b_s", "damping", "N s/m")):
+            name = f"{symbol}{mark}.{axis}"
+            if name not in found:
+                continue
+            value, sigma = found[name]
+            key = f"{tank.name}.{field_name}.{axis}"
+            nominal = getattr(tank, field_name)[k]
+            parameters.append(judged(key, value, unit, sigma, "exp1", nominal=nominal))
+            if field_name == "stiffness" and value <= 0.0:
+                notes.append(f"{key} comes out as {value:.3g} N/m: it stays as described")
+            elif f"m_s{mark}" in symbols:
+                symbols[name] = key
+    return parameters
+
+
+def _densities(
+    model: SpacecraftModel, axes: set[str], factor: float, sigma: float
+) -> list[ParameterEstimate]:
+    """Densities of the appendages that bend along ``axes``: they share the factor."""
+    bending = [j for j in model.appendages if any(participates(j, "xyz".index(a)) for a in axes)]
+    note = "" if len(bending) == 1 else "one common factor for all appendages that bend along the axis"
+    out = []
+    for joints in bending:
+        part = joints.appendage
+        if isinstance(part, BeamAppendage):
+            key, unit, nominal = f"{part.name}.linear_density", "kg/m", part.linear_density
+        else:
+            key, unit, nominal = f"{part.name}.participation_factor", "1", 1.0
+        out.append(judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note))
+    return out
+
+
+def participation_along(joints: AppendageJoints, axis: int) -> np.ndarray:
+    """Return the translational participation of the modes along a bus axis, (modes,) [kg^.5]."""
+    rotation = joints.placement.rotation
+    return np.array([(rotation @ np.asarray(m.translation))[axis] for m in joints.appendage.modal_data()])
+
+
+def participates(joints: AppendageJoints, axis: int) -> bool:
+    """Return whether translation along a bus axis bends the appendage."""
+    size = [np.abs(participation_along(joints, k)).max(initial=0.0) for k in range(3)]
+    return bool(size[axis] > 1e-6 * max(size))
+
+
+def _mode_parameters(name: str, panel: PanelModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
+    out = []
+    for k, (mode, nominal) in enumerate(zip(panel.clamped, described, strict=False), start=1):
+        note = "clamped; sigma is the spread over model orders"
+        out.append(
+            judged(
+                f"{name}.mode{k}.frequency",
+                mode.frequency,
+                "Hz",
+                mode.frequency_order_spread,
+                "modes",
+                nominal=nominal.frequency,
+                note=note,
+            )
+        )
+        out.append(
+            judged(
+                f"{name}.mode{k}.damping",
+                mode.damping,
+                "1",
+                mode.damping_order_spread,
+                "modes",
+                nominal=nominal.damping,
+                note=note,
+            )
+        )
+    for k, mode in enumerate(panel.coupled, start=1):
+        out.append(
+            ParameterEstimate(
+                f"{name}.coupled{k}.frequency",
+                mode.frequency,
+                "Hz",
+                mode.frequency_order_spread,
+                "by_product",
+                "modes",
+                note="coupled to the spacecraft; sigma is the spread over model orders",
+            )
+        )
+    return out

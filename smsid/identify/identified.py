@@ -1,0 +1,57 @@
+"""Putting identified modes and density into an appendage's description."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from smsid.effects.appendage import Appendage, ModalAppendage
+from smsid.effects.appendage import Mode as DescribedMode
+from smsid.identify.modes import Mode
+
+
+def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> dict[int, int]:
+    """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency."""
+    if not found or not described:
+        return {}
+    log = [np.log([m.frequency for m in x]) for x in (described, found)]
+    rows, columns = linear_sum_assignment(np.abs(log[0][:, None] - log[1][None, :]))
+    return {int(k): int(j) for k, j in zip(rows, columns, strict=True)}
+
+
+def identified_modes(appendage: Appendage, factor: float, modes: Sequence[Mode]) -> ModalAppendage:
+    """Return an appendage as modal data with identified frequencies and damping, its mass times ``factor``.
+
+    Participation factors scale with the root of the mass, mass-normalised shapes with one over it.
+    """
+    data = list(appendage.modal_data())
+    matched = match_modes(modes, data)
+    root = float(np.sqrt(factor))
+    for k, mode in enumerate(data):
+        update = {
+            "translation": tuple(root * x for x in mode.translation),
+            "rotation": tuple(root * x for x in mode.rotation),
+            "shape": tuple(tuple(x / root for x in s) for s in mode.shape),
+        }
+        if k in matched:
+            update["frequency"] = modes[matched[k]].frequency
+            update["damping"] = max(modes[matched[k]].damping, 0.0)
+        data[k] = mode.model_copy(update=update)
+    rigid = appendage.rigid_inertia()
+    matrix = rigid.inertia + rigid.mass * (
+        (rigid.lever @ rigid.lever) * np.eye(3) - np.outer(rigid.lever, rigid.lever)
+    )
+    about = factor * matrix
+    return ModalAppendage(
+        name=appendage.name,
+        frame=appendage.frame,
+        position=appendage.position,
+        rpy=appendage.rpy,
+        mass=factor * rigid.mass,
+        center_of_mass=tuple(float(x) for x in rigid.lever),
+        inertia=tuple(float(about[i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
+        mode=tuple(data),
+        stations=tuple(tuple(float(x) for x in p) for p in appendage.station_positions()),
+    )

@@ -1,0 +1,152 @@
+"""What the regressions of Exp. 2 share: which parameters are sought, first moments, and solving by TLS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.identify.motion import Motion
+from smsid.identify.recursive_tls import RecursiveTls
+from smsid.identify.robust import hac_covariance
+from smsid.identify.tls import TlsSolution, total_least_squares
+from smsid.model.assembly import move_parameters
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+
+CORRELATION_TIME = 2.0  # [s] over which equation errors are taken as correlated
+
+
+def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
+    """Return the inertial parameters (10 bodies,) that wheels and undeformed appendages add to the bus.
+
+    With them "bus" means everything that is rigid with it while nothing turns or bends; how the model splits
+    an appendage into modes and remainder does not show.
+    """
+    theta = regressor.parameters
+    out = np.zeros_like(theta)
+    tanks = {j.joint for j in model.slosh}
+    parent = list(model.pin.parents)
+    modes = {int(j) for j in model.modes.joints} | {int(j) for j in model.wheels.joints}
+    for j in modes - tanks:
+        if parent[j] == 1:
+            out[:10] += move_parameters(model.pin.jointPlacements[j], theta[10 * (j - 1) : 10 * j])
+    return out
+
+
+def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:
+    """Return Y with Y theta = sum m c about the bus origin in bus axes, (N, 3, 10 bodies) [kg m].
+
+    The angular momentum of a pure translation e_k is (sum m c) x e_k, so the momentum regressor gives it.
+    """
+    out = np.zeros((len(q), 3, regressor.columns))
+    v = np.zeros((len(q), model.nv))
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        # (S x e_k) has components S_j along i and -S_i along j
+        v[:] = 0.0
+        v[:, k] = 1.0
+        y = regressor.momentum(q, v)[:, 3:]
+        out[:, j] += 0.5 * y[:, i]
+        out[:, i] -= 0.5 * y[:, j]
+    return out
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which inertial parameters are sought and which are known."""
+
+    unknown: list[int]
+    known: list[int]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: SpacecraftModel, regressor: Regressor, *, bus_first: bool) -> Split:
+        """Return the split of Step B (``bus_first``: all of bus and links but the bus's mass) or Step A.
+
+        Step A seeks masses and first moments of the links; what belongs to neither is known.
+        """
+        bodies = regressor.bodies
+        rigid = {bodies[0], *(bodies[int(j) - 1] for j in model.arm_joints.joints)}
+        body = [name.rsplit(".", 1)[0] for name in regressor.names]
+        kind = [name.rsplit(".", 1)[1] for name in regressor.names]
+        if bus_first:
+            unknown = [
+                i
+                for i in range(len(body))
+                if body[i] in rigid and not (body[i] == bodies[0] and kind[i] == "m")
+            ]
+            known = [i for i in range(len(body)) if body[i] not in rigid]
+        else:
+            moments = ("m", "mx", "my", "mz")
+            unknown = [i for i in range(len(body)) if body[i] in rigid - {bodies[0]} and kind[i] in moments]
+            known = [i for i in range(len(body)) if body[i] not in rigid and kind[i] in moments]
+        return cls(
+            unknown,
+            known,
+            tuple(regressor.names[i] for i in unknown),
+            tuple(regressor.units[i] for i in unknown),
+        )
+
+
+def scaled_tls(
+    rows: np.ndarray,
+    rhs: np.ndarray,
+    names: tuple[str, ...] | list[str],
+    motion: Motion,
+    *,
+    weights: np.ndarray | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
+) -> TlsSolution:
+    """Total least squares, columns brought to the length of the right-hand side, results in physical units.
+
+    ``rows`` (N k, n) and ``rhs`` (N k,) hold k equations for each of the motion's N samples, sample by
+    sample. The covariance allows for equation errors correlated in time (`hac_covariance`). ``prior`` (mean
+    (n,), covariance (n, n)) enters through recursive TLS, its weight set against equations made as much
+    weaker as their correlation in time makes them.
+    """
+    if weights is not None:
+        rows, rhs = rows * weights[:, None], rhs * weights
+    scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
+    lags = max(1, round(CORRELATION_TIME / motion.step))
+    found = total_least_squares(rows / scale, rhs, names=names)
+    x = found.x / scale
+    covariance = hac_covariance(rows, rhs - rows @ x, len(motion), lags)
+    if prior is not None:
+        # a row's error in absolute terms: that of the residual, times what correlation costs
+        white = np.diag(found.covariance / np.outer(scale, scale))
+        inflation = max(float(np.median(np.diag(covariance) / white)), 1.0)
+        size = found.sigma * np.sqrt(inflation)
+        recursive = RecursiveTls(
+            len(scale),
+            prior_mean=prior[0] * scale,
+            prior_covariance=prior[1] * np.outer(scale, scale),
+            noise=np.full(len(scale) + 1, size),
+            names=names,
+        )
+        found = recursive.update(rows / scale, rhs).solution()
+        x = found.x / scale
+        covariance = found.covariance / np.outer(scale, scale) / found.sigma**2  # the noise is absolute
+    return TlsSolution(
+        x, covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
+    )
+
+
+def part(found: TlsSolution, chosen: slice) -> TlsSolution:
+    """Return the solution of the ``chosen`` unknowns alone."""
+    return TlsSolution(
+        found.x[chosen],
+        found.covariance[chosen, chosen],
+        found.sigma,
+        found.singular_values,
+        found.condition,
+        found.rows,
+        found.status,
+    )
+
+
+def skew(w: np.ndarray) -> np.ndarray:
+    """Return the matrices (N, 3, 3) of the cross product with w (N, 3)."""
+    out = np.zeros((len(w), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
+    return out - out.transpose(0, 2, 1)

@@ -1,0 +1,99 @@
+"""Where the tracked point P is: r_p/b from Exp. 2, by going round Step A and Step B.
+
+The paper treats r_p/b as an unknown to be estimated. The tank c_s and the arms' mounts are known from the bus
+origin, the CM of the base, but P is seen only by the sensor that sits there. Assumed off by d, the bus origin
+comes out off by -d, and with it all first moments of the bus that Step B finds come out M d too large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.errors import NotIdentifiableError
+from smsid.identify.hidden_states import Modal, hidden_states
+from smsid.identify.momentum import Regression, StepA, step_a, step_b
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.motion import Motion
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+
+
+@dataclass(frozen=True)
+class PosePoint:
+    """The refined point P.
+
+    ``position`` (3,) in the bus frame [m] and its ``sigma`` (3,), that of Step B's first moments over M;
+    ``motion`` has it; ``a`` and ``b`` are the last round's steps; ``shifts`` (rounds, 3) what each round
+    moved.
+    """
+
+    position: np.ndarray
+    sigma: np.ndarray
+    motion: Motion
+    a: StepA
+    b: Regression
+    shifts: np.ndarray
+
+    @property
+    def rounds(self) -> int:
+        """Number of rounds."""
+        return len(self.shifts)
+
+
+def refine_pose_point(
+    model: SpacecraftModel,
+    motion: Motion,
+    mass: float,
+    *,
+    modal: Modal = "smoother",
+    tolerance: float = 1e-5,
+    rounds: int = 10,
+) -> PosePoint:
+    """Move P (and the IMU, which sits there) until Step B's first moments of the bus are the described ones.
+
+    ``model`` carries what Exp. 1 found for slosh and appendages, ``mass`` is M [kg]. What stays known is the
+    description's: bus origin at the base's CM (or wherever its URDF puts the CM), appendages, and the links'
+    masses, of which only combinations with the bus's first moments can be identified: links a kilogram off
+    move P by their mount over M, 0.5 mm/kg for the paper's arm. Stops when a round moves P by less than
+    ``tolerance`` [m].
+
+    Raises `NotIdentifiableError` when the bus's first moments are not identifiable, or it does not converge.
+    """
+    shifts: list[np.ndarray] = []
+    for _ in range(rounds):
+        hidden = hidden_states(model, motion, modal)
+        a = step_a(model, motion, hidden, mass)
+        b = step_b(model, motion, hidden, mass, a.position)
+        chosen, described = _described_moments(model, b)
+        shift = (described - b.values[chosen]) / mass
+        shifts.append(shift)
+        motion = replace(motion, pose_point=motion.pose_point + shift, imu_point=motion.imu_point + shift)
+        if np.linalg.norm(shift) < tolerance:
+            return PosePoint(motion.pose_point, b.sigma[chosen] / mass, motion, a, b, np.array(shifts))
+    raise NotIdentifiableError(
+        f"The tracked point does not settle: the last of {rounds} rounds moved it by "
+        f"{np.linalg.norm(shifts[-1]):.2g} m.",
+        advice="Check the description's mounts, or fly a richer Exp. 2.",
+        shifts=np.array(shifts),
+    )
+
+
+def _described_moments(model: SpacecraftModel, b: Regression) -> tuple[list[int], np.ndarray]:
+    """Where the bus's three first moments are in Step B's result, and their described values [kg m]."""
+    regressor = Regressor(model)
+    bus = regressor.bodies[0]
+    leading = [b.theta_names[i] for i in b.base.independent]
+    wanted = [f"{bus}.m{axis}" for axis in "xyz"]
+    missing = [name for name in wanted if name not in leading]
+    if missing:
+        raise NotIdentifiableError(
+            f"{', '.join(missing)} cannot be identified, so neither can the tracked point.",
+            advice="Turn the bus about more than one axis.",
+            missing=missing,
+        )
+    theta = regressor.parameters + carried_by_bus(model, regressor)
+    values = b.base.values(theta[[regressor.names.index(n) for n in b.theta_names]])
+    chosen = [leading.index(name) for name in wanted]
+    return chosen, values[chosen]
