@@ -8,14 +8,16 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import event_times, rate_of, sampled
 from smsid.identify.exp1_result import (
+    SeenModes,
     TranslationResult,
     assemble,
     participates,
     participation_along,
     tank_marks,
 )
+from smsid.identify.mode_noise import mode_sigmas
 from smsid.identify.motion import Roles, raw_rates
-from smsid.identify.panel_modes import PanelModes, panel_modes
+from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
 from smsid.identify.translation import AxisData, AxisEstimate, identify_axis, panel_weights
@@ -27,6 +29,7 @@ from smsid.simulate.truth import station_indices
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
+REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
 
 __all__ = ["TranslationResult", "excited_axes", "identify_translation"]
@@ -51,7 +54,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     """
     axes: dict[str, AxisEstimate] = {}
     notes: list[str] = []
-    modes: dict[str, PanelModes] = {}
+    modes: dict[str, SeenModes] = {}
     wanted: set[str] = set()
     for recording in recordings:
         _check_attitude_held(model, recording)
@@ -196,11 +199,11 @@ def _panel_force(
     return force, np.concatenate(weights), float(np.max(noises)), float(np.max(biases))
 
 
-def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> dict[str, PanelModes]:
-    """Clamped and coupled modes of every appendage that thrust excited."""
+def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> dict[str, SeenModes]:
+    """Clamped and coupled modes of every appendage that thrust excited, and how far noise moves them."""
     roles = Roles.of(model, recording, joints=False)
     excited = excited_axes(recording)
-    found: dict[str, PanelModes] = {}
+    found: dict[str, SeenModes] = {}
     time = event_times(recording, roles.imu, "acceleration")
     base = recording[f"{roles.imu.name}.acceleration"]
     thrust = np.abs(recording["command.force"]).max(axis=1) > 0.0
@@ -215,7 +218,18 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
             continue
         try:
             y = sampled(recording, sensor, "acceleration", time, None)[:, :, axis]
-            found[name] = panel_modes(time, y, base[:, axis], free_from=last)
+            modes = panel_modes(time, y, base[:, axis], free_from=last)
+            clamped, coupled = mode_sigmas(
+                time,
+                y,
+                base[:, axis],
+                modes,
+                panel_noise=white_sigma(y),
+                base_noise=float(white_sigma(base[:, axis])),
+                free_from=last,
+                rng=np.random.default_rng(REPLICATES_SEED),
+            )
+            found[name] = SeenModes(modes, clamped, coupled)
         except (NotIdentifiableError, RecordingError) as error:
             notes.append(f"modes of {name}: {error}")
     return found

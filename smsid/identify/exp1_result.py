@@ -10,6 +10,8 @@ import numpy as np
 from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.slosh import Slosh
 from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.identified import match_modes
+from smsid.identify.mode_noise import ModeSigma
 from smsid.identify.panel_modes import PanelModes
 from smsid.identify.translation import AxisEstimate, Combined, combine
 from smsid.model.assembly import AppendageJoints
@@ -17,6 +19,15 @@ from smsid.model.spacecraft import SpacecraftModel
 
 LEAST_MASS = 1e-3  # [kg]
 LEAST_FACTOR = 1e-3
+
+
+@dataclass(frozen=True)
+class SeenModes:
+    """Modes of an appendage and the standard deviations that sensor noise gives them, in the same order."""
+
+    modes: PanelModes
+    clamped_sigma: tuple[ModeSigma, ...]
+    coupled_sigma: tuple[ModeSigma, ...]
 
 
 @dataclass(frozen=True)
@@ -30,7 +41,7 @@ class TranslationResult:
     axes: tuple[AxisEstimate, ...]
     combined: Combined
     symbols: dict[str, str]
-    modes: dict[str, PanelModes]
+    modes: dict[str, SeenModes]
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
@@ -64,7 +75,7 @@ def tank_marks(tanks: Sequence[Slosh]) -> list[str]:
 
 
 def assemble(
-    model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, PanelModes], notes: list[str]
+    model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, SeenModes], notes: list[str]
 ) -> TranslationResult:
     """Bring axes and modes together as parameters of the description; what stays as described is noted."""
     notes = list(notes)
@@ -80,13 +91,12 @@ def assemble(
         if found["rho"][0] <= 0.0:
             notes.append("the appendages' density comes out negative: it stays as described")
     appendages = {j.appendage.name: j.appendage for j in model.appendages}
-    for name, panel in modes.items():
+    for name, seen in modes.items():
         described = appendages[name].modal_data()
-        if len(panel.clamped) < len(described):
-            notes.append(
-                f"{name}: {len(panel.clamped)} of {len(described)} described modes found. {panel.status}"
-            )
-        parameters += _mode_parameters(name, panel, described)
+        count = len(seen.modes.clamped)
+        if count < len(described):
+            notes.append(f"{name}: {count} of {len(described)} described modes found. {seen.modes.status}")
+        parameters += _mode_parameters(name, seen, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
     return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
 
@@ -149,42 +159,27 @@ def participates(joints: AppendageJoints, axis: int) -> bool:
     return bool(size[axis] > 1e-6 * max(size))
 
 
-def _mode_parameters(name: str, panel: PanelModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
+def _mode_parameters(name: str, seen: SeenModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
+    """Frequencies and damping; their variance adds sensor noise and the spread over model orders."""
     out = []
-    for k, (mode, nominal) in enumerate(zip(panel.clamped, described, strict=False), start=1):
-        note = "clamped; sigma is the spread over model orders"
-        out.append(
-            judged(
-                f"{name}.mode{k}.frequency",
-                mode.frequency,
-                "Hz",
-                mode.frequency_order_spread,
-                "modes",
-                nominal=nominal.frequency,
-                note=note,
-            )
-        )
-        out.append(
-            judged(
-                f"{name}.mode{k}.damping",
-                mode.damping,
-                "1",
-                mode.damping_order_spread,
-                "modes",
-                nominal=nominal.damping,
-                note=note,
-            )
-        )
-    for k, mode in enumerate(panel.coupled, start=1):
+    for k, j in sorted(match_modes(seen.modes.clamped, described).items()):
+        mode, noise, nominal = seen.modes.clamped[j], seen.clamped_sigma[j], described[k]
+        for what, unit, spread in (
+            ("frequency", "Hz", np.hypot(mode.frequency_order_spread, noise.frequency)),
+            ("damping", "1", np.hypot(mode.damping_order_spread, noise.damping)),
+        ):
+            value, was = float(getattr(mode, what)), float(getattr(nominal, what))
+            out.append(judged(f"{name}.mode{k + 1}.{what}", value, unit, float(spread), "modes", nominal=was))
+    for k, (mode, noise) in enumerate(zip(seen.modes.coupled, seen.coupled_sigma, strict=True), start=1):
         out.append(
             ParameterEstimate(
                 f"{name}.coupled{k}.frequency",
                 mode.frequency,
                 "Hz",
-                mode.frequency_order_spread,
+                float(np.hypot(mode.frequency_order_spread, noise.frequency)),
                 "by_product",
                 "modes",
-                note="coupled to the spacecraft; sigma is the spread over model orders",
+                note="coupled to the spacecraft",
             )
         )
     return out

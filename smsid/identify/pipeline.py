@@ -151,5 +151,5 @@ def with_translation(
             effects.append(effect.with_values(own))
         elif isinstance(effect, Appendage) and (effect.name in found.modes or factor != 1.0):
             panel = found.modes.get(effect.name)
-            effects.append(identified_modes(effect, factor, panel.clamped if panel else ()))
+            effects.append(identified_modes(effect, factor, panel.modes.clamped if panel else ()))
     return description.with_effects(*effects)
