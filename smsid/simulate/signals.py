@@ -150,7 +150,7 @@ class Fourier:
 class Sampled:
     """A signal known at samples, interpolated by a B-spline (``degree`` 0 holds, 1 linear, 3 or 5 smooth).
 
-    The integration restarts at every sample of a held signal; kinks of a linear one are left to error control.
+    Integration restarts at every sample of a held signal; error control resolves the kinks of a linear one.
     """
 
     spline: BSpline
