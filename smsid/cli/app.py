@@ -77,7 +77,7 @@ def simulate(
 
     from smsid.cli.tables import limits_table
     from smsid.description import load_description
-    from smsid.experiments import fly, named_experiment, save_experiment
+    from smsid.experiments import fly, momentum_condition, named_experiment, save_experiment
     from smsid.model import build_model
     from smsid.recording import save_recording
 
@@ -97,6 +97,11 @@ def simulate(
         f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
         f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"
     )
+    if plan.force is None and len(model.arm_joints):
+        times = np.arange(flight.trajectory.start, flight.trajectory.stop, 0.1)
+        states = flight.trajectory.states(times)
+        condition = momentum_condition(model, states.q, states.v)
+        console.print(f"condition number of the column-scaled momentum regressor: {condition:.0f}")
     for use in flight.exceeded:
         errors.print(f"warning: {use} exceeded", style="yellow")
     console.print(f"wrote {output}")

@@ -115,14 +115,14 @@ def table_2(estimate: Estimate) -> Table:
     for row in TABLE_2:
         found = [estimate[n] for n in row.names if n in estimate]
         if not found:
-            table.add_row(row.label, f"{row.truth:g}", row.paper, row.paper_error, "not found", "", "", "")
+            table.add_row(Text(row.label), f"{row.truth:g}", row.paper, row.paper_error, "not found", "", "", "")
             continue
         value = float(np.mean([p.value for p in found]))
         half = 1.96 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
         error = 100 * abs(value / row.truth - 1)
         status = {p.status for p in found}
         table.add_row(
-            row.label,
+            Text(row.label),
             f"{row.truth:g}",
             row.paper,
             row.paper_error,
