@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from smsid.identify.momentum_rows import CORRELATION_TIME
 from smsid.identify.motion import Motion, prepare, raw_rates
 from smsid.identify.pose_point import PosePoint, refine_pose_point
 from smsid.identify.rest import check_at_rest
+from smsid.identify.shaken import shaken
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
@@ -83,7 +84,7 @@ def identify_momentum(
 
     check_on_bus(model)
     _check_free(recording)
-    motion = timed("filtering", lambda: prepare(model, recording, cutoff=cutoff, rate=rate))
+    motion = timed("filtering", lambda: _prepare_twice(model, recording, cutoff, rate))
     _check_excited(model, recording, motion)
     check_at_rest(recording.name, raw_rates(model, recording))
     notes = [
@@ -133,6 +134,14 @@ def identify_momentum(
         conditions,
         refined,
     )
+
+
+def _prepare_twice(
+    model: SpacecraftModel, recording: Recording, cutoff: float | None, rate: float | None
+) -> Motion:
+    noisier = shaken(recording, model.description.sensor, np.random.default_rng(0))
+    again = prepare(model, noisier, cutoff=cutoff, rate=rate)
+    return replace(prepare(model, recording, cutoff=cutoff, rate=rate), again=again)
 
 
 def _check_free(recording: Recording) -> None:

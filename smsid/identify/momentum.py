@@ -94,28 +94,38 @@ def full_states(
 def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: float) -> StepA:
     """Estimate the CM's position and the links' first moments from (34)-(37), total mass ``mass`` [kg] given.
 
-    Without slosh in ``hidden`` this is (34) as printed, which neglects m_s rho' / M. Raises
-    `NotIdentifiableError` when joints or bus do not move enough.
+    Without slosh in ``hidden`` this is (34) as printed, which neglects m_s rho' / M. Errors of a row are as
+    large as ``motion.again`` shows them: nearly all are those of the velocity of P, and total least squares
+    that takes all columns for equally uncertain comes out 1 % too large. Raises `NotIdentifiableError` when
+    joints or bus do not move enough.
     """
     regressor = Regressor(model)
-    q, v = full_states(model, motion, hidden)
-    still = v.copy()
-    still[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
-    y = regressor.momentum(q, still)[:, :3]
     parts = Split.of(model, regressor, bus_first=False)
+
+    def rows(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of CM velocity, CM position, and all sought parameters (N, 3, 6 + n); right-hand side."""
+        q, v = full_states(model, motion, hidden)
+        v[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
+        y = regressor.momentum(q, v)[:, :3]
+        to_body = motion.rotation.transpose(0, 2, 1)
+        position = np.einsum("nij,nj->ni", to_body, motion.position)
+        known = y[:, :, parts.known] @ regressor.parameters[parts.known]
+        columns = [to_body, -skew(motion.rate) @ to_body, -y[:, :, parts.unknown] / mass]
+        seen = motion.velocity - np.cross(motion.rate, position)
+        return np.concatenate(columns, axis=2), seen + known / mass
+
+    full, rhs = rows(motion)
     base = NOTHING
     if parts.unknown:
-        base = base_parameters(
-            y[:, :, parts.unknown].reshape(-1, len(parts.unknown)), parts.names, parts.units
-        )
-    known = y[:, :, parts.known] @ regressor.parameters[parts.known]
-    to_body = motion.rotation.transpose(0, 2, 1)
-    chosen = y[:, :, [parts.unknown[i] for i in base.independent]]
-    columns = np.concatenate([to_body, -skew(motion.rate) @ to_body, -chosen / mass], axis=2)
-    position = np.einsum("nij,nj->ni", to_body, motion.position)
-    rhs = motion.velocity - np.cross(motion.rate, position) + known / mass
+        base = base_parameters(full[:, :, 6:].reshape(-1, len(parts.unknown)), parts.names, parts.units)
     labels = ["v_cm.x", "v_cm.y", "v_cm.z", "r_cm.x", "r_cm.y", "r_cm.z", *base.names]
-    found = scaled_tls(columns.reshape(-1, columns.shape[2]), rhs.reshape(-1), labels, motion)
+    kept = [*range(6), *(6 + i for i in base.independent)]
+
+    def stacked(full: np.ndarray, rhs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return full[:, :, kept].reshape(-1, len(kept)), rhs.reshape(-1)
+
+    again = stacked(*rows(motion.again)) if motion.again else None
+    found = scaled_tls(*stacked(full, rhs), labels, motion, again=again)
     return StepA(
         velocity=found.x[:3],
         position=found.x[3:6],

@@ -97,19 +97,23 @@ def scaled_tls(
     *,
     weights: np.ndarray | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
+    again: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> TlsSolution:
     """Total least squares, columns brought to the length of the right-hand side, results in physical units.
 
     ``rows`` (N k, n) and ``rhs`` (N k,) hold k equations for each of the motion's N samples, sample by
     sample. The covariance allows for equation errors correlated in time (`hac_covariance`). ``prior`` (mean
     (n,), covariance (n, n)) enters through recursive TLS, its weight set against equations made as much
-    weaker as their correlation in time makes them.
+    weaker as their correlation in time makes them. ``again``: rows and right-hand side with the sensors'
+    noise once more; what differs tells how large the errors of the columns are and how they go together.
+    Without it all columns, at equal length, count as equally uncertain.
     """
     if weights is not None:
         rows, rhs = rows * weights[:, None], rhs * weights
     scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
     lags = max(1, round(CORRELATION_TIME / motion.step))
-    found = total_least_squares(rows / scale, rhs, names=names)
+    noise = None if again is None else _row_noise(rows, rhs, *again, scale)
+    found = total_least_squares(rows / scale, rhs, names=names, noise=noise)
     x = found.x / scale
     covariance = hac_covariance(rows, rhs - rows @ x, len(motion), lags)
     if prior is not None:
@@ -130,6 +134,16 @@ def scaled_tls(
     return TlsSolution(
         x, covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
     )
+
+
+def _row_noise(
+    rows: np.ndarray, rhs: np.ndarray, other_rows: np.ndarray, other_rhs: np.ndarray, scale: np.ndarray
+) -> np.ndarray | None:
+    """Covariance of the errors of a scaled row of [A b]; None without noise."""
+    moved = np.column_stack([(other_rows - rows) / scale, other_rhs - rhs])
+    covariance = moved.T @ moved / len(moved)
+    size = float(np.trace(covariance))
+    return covariance + 1e-12 * size * np.eye(len(covariance)) if size > 0.0 else None
 
 
 def part(found: TlsSolution, chosen: slice) -> TlsSolution:

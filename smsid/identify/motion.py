@@ -89,7 +89,8 @@ class Motion:
     ``position`` of P (N, 3) inertial [m]; ``rotation`` (N, 3, 3) bus to inertial; ``velocity`` of P (N, 3)
     bus axes [m/s]; ``rate``, ``rate_derivative`` [rad/s, rad/s^2]; ``acceleration`` of the IMU's point
     [m/s^2]; ``angles``, ``angle_rates`` of the arm joints; ``wheel_rates``; ``panels`` (N, stations, 3) by
-    appendage. ``pose_point``, ``imu_point`` in the bus frame [m].
+    appendage. ``pose_point``, ``imu_point`` in the bus frame [m]. ``again``: the same from a recording with
+    as much noise once more (`shaken`), for telling how accurate the parts of an equation are.
     """
 
     time: np.ndarray
@@ -106,6 +107,7 @@ class Motion:
     stations: dict[str, np.ndarray]
     pose_point: np.ndarray
     imu_point: np.ndarray
+    again: Motion | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -120,9 +122,10 @@ class Motion:
         changed = {
             f.name: getattr(self, f.name)[::factor]
             for f in fields(self)
-            if f.name not in ("panels", "stations", "pose_point", "imu_point")
+            if f.name not in ("panels", "stations", "pose_point", "imu_point", "again")
         }
-        return replace(self, **changed, panels={k: x[::factor] for k, x in self.panels.items()})
+        again = self.again.thinned(factor) if self.again else None
+        return replace(self, **changed, panels={k: x[::factor] for k, x in self.panels.items()}, again=again)
 
     def rigid_acceleration(self, point: np.ndarray) -> np.ndarray:
         """Return the acceleration of a bus-fixed point (3,), or points (N, 3), in bus axes (N, 3)."""

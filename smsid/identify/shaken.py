@@ -1,0 +1,33 @@
+"""A recording with its sensors' own noise once more: what that moves shows how large errors are."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from smsid.identify.robust import white_sigma
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+
+
+def shaken(recording: Recording, sensors: tuple[Sensor, ...], rng: np.random.Generator) -> Recording:
+    """Return the recording with as much white noise added as the sensors' channels have already.
+
+    The level is `white_sigma` of the channel itself; for an attitude, of the rotation, the same about all
+    axes. Channels that the recording lacks are passed over.
+    """
+    channels = {}
+    for name in [c for s in sensors for c in s.channels if c in recording]:
+        own = recording.time(name)
+        values = np.asarray(recording[name], dtype=float)
+        if name.endswith(".attitude"):
+            signs = np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)
+            values = values * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
+            # each component of a quaternion turns half as far, and there are three angles
+            sigma = 2.0 * np.sqrt(np.sum(white_sigma(values) ** 2) / 3.0)
+            turn = Rotation.from_rotvec(sigma * rng.standard_normal((len(values), 3)))
+            values = (Rotation.from_quat(values) * turn).as_quat()
+        else:
+            values = values + white_sigma(values) * rng.standard_normal(values.shape)
+        channels[name] = (own, values)
+    return recording.with_channels(channels)
