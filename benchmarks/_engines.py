@@ -152,7 +152,7 @@ class Basilisk:
     def __init__(self, case: Case, integrator: str) -> None:
         self.case, self.integrator = case, integrator
         self.fixed_step = integrator == "svIntegratorRK4"
-        self.settings = DIVISORS if self.fixed_step else range(4 * 8, 12 * 8)
+        self.settings = DIVISORS if self.fixed_step else range(4 * 8, 15 * 8)
         self.xml = write_mjcf(case.model.pin, *case.springs())
         self.twin = case.twin()
 
