@@ -41,6 +41,10 @@ class SimulationError(SmsidError):
     """The simulation cannot go on: not finite, or the step size collapsed."""
 
 
+class ControlError(SmsidError):
+    """A controller cannot be designed or used: infeasible or ill-posed, wrong dimensions, singular layout."""
+
+
 class MissingDependencyError(SmsidError):
     """An optional dependency is not installed."""
 

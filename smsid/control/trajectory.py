@@ -1,0 +1,237 @@
+"""Desired trajectories: the paper's trapezoid of joint rates, minimum jerk, and shaped versions of either."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from smsid.control.shaper import Shaper
+from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
+
+PAPER_ACCELERATION = 0.001
+"""a_0 of section V [rad/s^2]."""
+PAPER_PHASES = (20.0, 20.0, 20.0, 20.0)
+"""Acceleration, coasting, deceleration, rest of section V [s]."""
+
+
+class Motion(Protocol):
+    """A desired motion of ``size`` coordinates that rests after ``duration`` [s]."""
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """When it rests [s]."""
+        ...
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, rate and acceleration (size,) at t [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Piecewise:
+    """Polynomials between ``breaks`` (k + 1,) [s]: ``coefficients`` (k, order, size), lowest power first.
+
+    Before the first break and after the last it rests where it was; at a break the later piece counts.
+    """
+
+    breaks: tuple[float, ...]
+    coefficients: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.coefficients.shape[2]
+
+    @property
+    def duration(self) -> float:
+        """When it rests [s]."""
+        return self.breaks[-1]
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, rate and acceleration (size,) at t [s]."""
+        if t >= self.breaks[-1]:
+            return (
+                self._of(len(self.breaks) - 2, self.breaks[-1])[0],
+                np.zeros(self.size),
+                np.zeros(self.size),
+            )
+        if t < self.breaks[0]:
+            return self._of(0, self.breaks[0])[0], np.zeros(self.size), np.zeros(self.size)
+        return self._of(bisect.bisect_right(self.breaks, t) - 1, t)
+
+    def _of(self, piece: int, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        s, c = t - self.breaks[piece], self.coefficients[piece]
+        x, v, a = c[-1].copy(), np.zeros(self.size), np.zeros(self.size)
+        for row in c[-2::-1]:
+            a = a * s + 2.0 * v
+            v = v * s + x
+            x = x * s + row
+        return x, v, a
+
+
+def trapezoid(
+    start: Sequence[float] | np.ndarray,
+    acceleration: float | Sequence[float] | np.ndarray = PAPER_ACCELERATION,
+    phases: Sequence[float] = PAPER_PHASES,
+) -> Piecewise:
+    """Return the paper's trapezoid of joint rates (section V).
+
+    Args:
+        start: (size,) position at the beginning [rad].
+        acceleration: a_0, one for all coordinates or (size,) [rad/s^2].
+        phases: how long it accelerates, coasts, decelerates (as long as it accelerates) and rests [s].
+
+    Raises:
+        ControlError: phases that are not four, not positive or do not end at rest, or shapes that do not fit.
+    """
+    x = np.asarray(start, dtype=float)
+    given = np.asarray(acceleration, dtype=float)
+    a = np.broadcast_to(given, x.shape) if given.shape in ((), x.shape) else np.full(x.shape, np.nan)
+    if x.ndim != 1 or not np.isfinite(x).all() or not np.isfinite(a).all():
+        raise ControlError(
+            f"An acceleration of shape {np.shape(acceleration)} does not fit a start of shape {x.shape}.",
+            advice="Give one finite acceleration, or one per joint.",
+        )
+    if len(phases) != 4 or min(phases) < 0.0 or phases[0] <= 0.0 or phases[0] != phases[2]:
+        raise ControlError(
+            f"The phases {tuple(phases)} s do not end at rest.",
+            advice="Give four: acceleration, coasting, deceleration as long as the acceleration, rest.",
+        )
+    t1, t2 = phases[0], phases[1]
+    v, zero = a * t1, np.zeros_like(x)
+    after1 = x + 0.5 * a * t1**2
+    after2 = after1 + v * t2
+    after3 = after2 + 0.5 * a * t1**2
+    pieces = [
+        (t1, x, zero, a / 2),
+        (t2, after1, v, zero),
+        (t1, after2, v, -a / 2),
+        (phases[3], after3, zero, zero),
+    ]
+    kept = [p for p in pieces if p[0] > 0.0]
+    breaks = np.concatenate([[0.0], np.cumsum([p[0] for p in kept])])
+    return Piecewise(tuple(breaks.tolist()), np.array([p[1:] for p in kept]))
+
+
+def minimum_jerk(
+    start: Sequence[float] | np.ndarray, stop: Sequence[float] | np.ndarray, duration: float
+) -> Piecewise:
+    """Return the rest-to-rest motion of least integral of squared jerk, start to stop (size,) [rad].
+
+    10 s^3 - 15 s^4 + 6 s^5 of the way, s = t / duration (Flash and Hogan, 1985). Raises `ControlError` when
+    shapes do not fit or the duration [s] is not positive.
+    """
+    x, y = np.asarray(start, dtype=float), np.asarray(stop, dtype=float)
+    if x.shape != y.shape or x.ndim != 1 or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise ControlError(
+            f"A start of shape {x.shape} and a stop of shape {y.shape} do not fit, or are not finite."
+        )
+    if not 0.0 < duration < np.inf:
+        raise ControlError(f"A motion cannot last {duration} s.", advice="Give a positive duration.")
+    way, zero = y - x, np.zeros_like(x)
+    rows = [x, zero, zero, 10 * way / duration**3, -15 * way / duration**4, 6 * way / duration**5]
+    return Piecewise((0.0, float(duration)), np.array([rows]))
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """A motion convolved with the impulses of a shaper: the same way, later by the shaper's length."""
+
+    motion: Motion
+    shaper: Shaper
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.motion.size
+
+    @property
+    def duration(self) -> float:
+        """When it rests [s]."""
+        return self.motion.duration + float(self.shaper.times[-1])
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, rate and acceleration (size,) at t [s]."""
+        x, v, a = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
+        for weight, later in zip(self.shaper.amplitudes.tolist(), self.shaper.times.tolist(), strict=True):
+            dx, dv, da = self.motion.at(t - later)
+            x += weight * dx
+            v += weight * dv
+            a += weight * da
+        return x, v, a
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the controller follows: roll, pitch, yaw of the base and the arm joints, (3 + n,).
+
+    The base rests at ``attitude`` (3,) [rad] unless ``base`` moves it.
+    """
+
+    joints: Motion
+    attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base: Motion | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return 3 + self.joints.size
+
+    @property
+    def duration(self) -> float:
+        """When it rests [s]."""
+        return max(self.joints.duration, self.base.duration if self.base else 0.0)
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, rate and acceleration (3 + n,) at t [s]."""
+        zero = np.zeros(3)
+        base = (np.asarray(self.attitude), zero, zero) if self.base is None else self.base.at(t)
+        x, v, a = self.joints.at(t)
+        return np.concatenate([base[0], x]), np.concatenate([base[1], v]), np.concatenate([base[2], a])
+
+
+def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000) -> None:
+    """Raise `ControlError` when a motion of the arm joints leaves their limits in angle or rate.
+
+    Sampled ``samples`` times; the message names the joint, the time and the limit.
+    """
+    joints = model.arm_joints
+    if motion.size != len(joints):
+        raise ControlError(
+            f"The trajectory moves {motion.size} joints, the spacecraft has {len(joints)}: "
+            f"{', '.join(joints.names)}.",
+            advice="Give one column per arm joint.",
+        )
+    times = np.linspace(0.0, motion.duration, samples)
+    rows = [motion.at(float(t)) for t in times]
+    angles, rates = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
+    for k, name in enumerate(joints.names):
+        bounded = model.pin.joints[int(joints.joints[k])].nq == 1
+        low, high = -np.inf, np.inf
+        if bounded:
+            low = float(model.pin.lowerPositionLimit[joints.q[k]])
+            high = float(model.pin.upperPositionLimit[joints.q[k]])
+        fastest = float(model.pin.velocityLimit[joints.v[k]])
+        for values, lower, upper, what in (
+            (angles[:, k], low, high, "rad"),
+            (np.abs(rates[:, k]), -np.inf, fastest, "rad/s"),
+        ):
+            beyond = np.flatnonzero((values < lower - 1e-12) | (values > upper + 1e-12))
+            if beyond.size:
+                raise ControlError(
+                    f"Joint '{name}' would be at {values[beyond[0]]:.4g} {what} at t = "
+                    f"{times[beyond[0]]:.4g} s, past its limit of {upper if values[beyond[0]] > upper else lower:.4g} {what}.",
+                    advice="Shorten the motion, slow it down, or start elsewhere.",
+                    joint=name,
+                    limits=(lower, upper),
+                )
