@@ -30,16 +30,28 @@ class Dynamics:
             return pin.aba(m.pin, m.data, q, v, tau)
         return self._hybrid(t, q, v, tau)[0]
 
-    def acceleration_and_reaction(
-        self, t: float, q: np.ndarray, v: np.ndarray
+    def accelerations(
+        self, times: np.ndarray, q: np.ndarray, v: np.ndarray, applied: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return vdot (nv,) and the generalised force (nv,) that enforces what is prescribed."""
+        """Return vdot (N, nv) and the generalised forces (N, nv) that enforce what is prescribed.
+
+        For times (N,), q (N, nq), v (N, nv) and applied generalised forces (N, nv), all at once.
+        """
         m = self.model
-        tau = np.array(self.applied(t))
-        m.add_passive_forces(t, q, v, tau)
-        if not self._hybrid_needed:
-            return pin.aba(m.pin, m.data, q, v, tau), np.zeros(m.nv)
-        return self._hybrid(t, q, v, tau)
+        tau = np.array(applied, dtype=float)
+        tau[:, m.spring_v] -= m.stiffness * q[:, m.spring_q] + m.damping * v[:, m.spring_v]
+        for term in m.forces:
+            for i in range(len(times)):
+                term(float(times[i]), q[i], v[i], tau[i])
+        a, reaction = np.empty_like(tau), np.zeros_like(tau)
+        if self._hybrid_needed:
+            for i in range(len(times)):
+                a[i], reaction[i] = self._hybrid(float(times[i]), q[i], v[i], tau[i])
+        else:
+            aba, model, data = pin.aba, m.pin, m.data
+            for i in range(len(times)):
+                a[i] = aba(model, data, q[i], v[i], tau[i])
+        return a, reaction
 
     def _hybrid(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray

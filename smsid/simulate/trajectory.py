@@ -110,7 +110,6 @@ class Trajectory:
         times = np.clip(times, self.start, self.stop)
         model, dynamics = self.model, Dynamics(self.model, self.inputs)
         q, v = np.empty((len(times), model.nq)), np.empty((len(times), model.nv))
-        a, reaction = np.empty_like(v), np.empty_like(v)
         starts = np.array([c.times[0] for c in self.charts])
         index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
         for k, chart in enumerate(self.charts):
@@ -118,12 +117,16 @@ class Trajectory:
             if not len(chosen):
                 continue
             raw = chart.raw(times[chosen])
-            for i, y in zip(chosen, raw, strict=True):
-                q_i = pin.integrate(model.pin, chart.q_ref, y[: model.nv])
-                q[i], v[i] = dynamics.enforce(times[i], q_i, y[model.nv :])
-        for i, t in enumerate(times):
-            a[i], reaction[i] = dynamics.acceleration_and_reaction(t, q[i], v[i])
-        return States(times, q, v, a, sample(dynamics.applied, times), reaction)
+            integrate, nv = pin.integrate, model.nv
+            v[chosen] = raw[:, nv:]
+            for i, xi in zip(chosen, raw[:, :nv], strict=True):
+                q[i] = integrate(model.pin, chart.q_ref, xi)
+            if dynamics.prescribed:
+                for i in chosen:
+                    q[i], v[i] = dynamics.enforce(float(times[i]), q[i], v[i])
+        tau = sample(dynamics.applied, times)
+        a, reaction = dynamics.accelerations(times, q, v, tau)
+        return States(times, q, v, a, tau, reaction)
 
     def audit(self) -> Audit:
         """Return drift of momentum and energy, by Gauss quadrature of wrench and power over every step."""
