@@ -35,8 +35,15 @@ EXAMPLES = {
         ),
     },
     "joint_friction": {"name": "f", "joint": "joint1", "viscous": 0.1, "coulomb": 0.2},
+    "gear": {"name": "g", "joint": "joint2", "ratio": 50.0, "torque_gain": 0.1, "also": {"joint1": 5.0}},
+    "joint_offset": {"name": "z", "joint": "joint1", "angle": 0.1},
+    "torque_offset": {"name": "b", "joint": "joint1", "torque": 0.3},
+    "motor_inertia": {"name": "r", "joint": "joint1", "inertia": 0.4},
+    "motor_coupling": {
+        "name": "w", "joints": ("joint1", "joint2"), "inertia": 0.1, "viscous": 0.2, "coulomb": 0.3,
+    },
 }  # fmt: skip
-UNIT_OF_A_COUNT = {"kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m"}
+UNIT_OF_A_COUNT = {"kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2"}
 
 
 def example(kind: str) -> Effect:

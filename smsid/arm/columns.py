@@ -1,0 +1,103 @@
+"""What effects add to joint torques, linear in their parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+
+from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
+from smsid.errors import DescriptionError
+from smsid.model.spacecraft import SpacecraftModel
+
+
+@dataclass(frozen=True)
+class Column:
+    """Joint torque (N, nv) [N m] per unit of the parameter ``name`` = ``<effect>.<field>``."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+
+@singledispatch
+def torque_columns(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
+    """Return what the motors must give for an effect at joint rates v and accelerations a (N, nv).
+
+    Effects of users take part by ``torque_columns.register(TheirEffect)``.
+
+    Raises:
+        DescriptionError: the effect does not enter joint torques linearly.
+    """
+    raise DescriptionError(
+        f"Effect '{effect.name}' of kind '{effect.kind}' does not enter joint torques linearly.",
+        advice="Leave it out, or register its columns with smsid.arm.torque_columns.register.",
+        effect=effect.name,
+    )
+
+
+@torque_columns.register
+def _friction(
+    effect: JointFriction, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
+) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    rate = v[:, k]
+    return (
+        _column(effect, "viscous", v, {k: rate}),
+        _column(effect, "coulomb", v, {k: np.tanh(rate / effect.smoothing)}),
+    )
+
+
+@torque_columns.register
+def _inertia(
+    effect: MotorInertia, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
+) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    return (_column(effect, "inertia", v, {k: a[:, k]}),)
+
+
+@torque_columns.register
+def _offset(effect: TorqueOffset, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    return (_column(effect, "torque", v, {k: np.ones(len(v))}),)
+
+
+@torque_columns.register
+def _coupling(
+    effect: MotorCoupling, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
+) -> tuple[Column, ...]:
+    index = [joint_index(model, effect, name) for name in effect.joints]
+    weights = np.asarray(effect.weights)
+    rate, acceleration = v[:, index] @ weights, a[:, index] @ weights
+    parts = {"inertia": acceleration, "viscous": rate, "coulomb": np.tanh(rate / effect.smoothing)}
+    return tuple(
+        _column(effect, field, v, {k: w * values for k, w in zip(index, weights, strict=True)})
+        for field, values in parts.items()
+    )
+
+
+@torque_columns.register(Gear)
+@torque_columns.register(JointOffset)
+def _measured(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
+    return ()  # they act on what is measured, see `joint_motion`
+
+
+def joint_index(model: SpacecraftModel, effect: Effect, joint: str) -> int:
+    """Return where a joint is in v; raises `DescriptionError` if the model does not have it."""
+    if not model.pin.existJointName(joint):
+        raise DescriptionError(
+            f"Effect '{effect.name}' is on joint '{joint}', which does not exist.",
+            advice=f"Joints of the model: {', '.join(model.arm_joints.names)}.",
+            joint=joint,
+        )
+    return int(model.pin.joints[model.pin.getJointId(joint)].idx_v)
+
+
+def _column(effect: Effect, field: str, like: np.ndarray, at: dict[int, np.ndarray]) -> Column:
+    values = np.zeros(like.shape)
+    for k, part in at.items():
+        values[:, k] = part
+    unit = next(p.unit for p in effect.parameters() if p.name == f"{effect.name}.{field}")
+    return Column(f"{effect.name}.{field}", unit, values)

@@ -1,0 +1,124 @@
+"""From a recording of an arm to joint angles, rates, accelerations and torques at the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.arm.joints import recorded_joints
+from smsid.effects import Gear, JointOffset
+from smsid.effects.gear import gear_matrix
+from smsid.errors import RecordingError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.sensing.filters import differentiate, uniform_rate, zero_phase
+
+MOTOR = "motor"
+"""Source of channels measured at the motors; every other source is at the joints."""
+
+SAMPLES_PER_PERIOD = 2.5
+"""Samples kept per period of the cutoff."""
+
+SETTLING = 2.0
+"""Periods of the cutoff left out at either end, where the filter does not know what lies beyond."""
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Joint motion and torque at N instants; all joints of the model, in its order.
+
+    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s, rad/s^2],
+    ``torque`` (N, nv) motor torque at the joints [N m], ``cutoff`` of the low-pass all went through [Hz].
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    torque: np.ndarray
+    cutoff: float
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+
+def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | None = None) -> JointMotion:
+    """Filter, differentiate and decimate a recording of an arm.
+
+    Channels of the source ``motor`` are taken to the joints by the description's `Gear` effects; `JointOffset`
+    effects are added to the angles. Angles and torques go through the same zero-phase low-pass, so that what
+    it takes away is missing on both sides of the equations; two periods of the cutoff at either end are left
+    out. A measured rate or acceleration is not used:
+    differentiated angles agree with the angles.
+
+    Args:
+        model: a welded arm.
+        recording: with ``<source>.joint_position`` and ``<source>.joint_torque`` at one constant rate.
+        cutoff: -6 dB frequency of the low-pass [Hz]; default a fiftieth of the sampling rate.
+
+    Raises:
+        RecordingError: a channel is missing, joints are unlabelled or not the model's, the clock is uneven, or
+            the record is shorter than the filter.
+        DescriptionError: the gears do not fit.
+    """
+    position, torque = (_channel(recording, q) for q in ("joint_position", "joint_torque"))
+    if not np.array_equal(recording.time(position), recording.time(torque)):
+        raise RecordingError(
+            f"'{position}' and '{torque}' run on different clocks.",
+            advice="Bring them to one rate: recording.resampled(rate).",
+            channels=(position, torque),
+        )
+    names, place = recorded_joints(model, recording)
+    rate = uniform_rate(recording.time(position), position)
+    top = rate / 50.0 if cutoff is None else float(cutoff)
+    angles, torques = np.asarray(recording[position]), np.asarray(recording[torque])
+    if MOTOR in (position.partition(".")[0], torque.partition(".")[0]):
+        gears = [e for e in model.description.effect if isinstance(e, Gear)]
+        matrix, gain = gear_matrix(gears, names)
+        if position.startswith(f"{MOTOR}."):
+            angles = np.linalg.solve(matrix, angles.T).T
+        if torque.startswith(f"{MOTOR}."):
+            torques = (torques * gain) @ matrix
+    zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
+    angles = angles + np.array([zero.get(name, 0.0) for name in names])
+    edge = round(SETTLING * rate / top)
+    if 2 * edge >= len(angles):
+        raise RecordingError(
+            f"{len(angles)} samples are all edge for a low-pass at {top:g} Hz, which takes {edge} at either end.",
+            advice="Record longer, or raise the cutoff.",
+            samples=len(angles),
+            edge=edge,
+        )
+    keep = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
+    smooth = zero_phase(angles, rate, top)
+    rates = differentiate(angles, rate, top)
+    accelerations = differentiate(rates, rate, top)
+    filtered = zero_phase(torques, rate, top)
+    order = np.argsort(place)
+    return JointMotion(
+        np.asarray(recording.time(position))[keep],
+        np.array([model.set_joint_angles(model.home, x) for x in smooth[keep][:, order]]),
+        rates[keep][:, order],
+        accelerations[keep][:, order],
+        filtered[keep][:, order],
+        top,
+    )
+
+
+def _channel(recording: Recording, quantity: str) -> str:
+    """Name the channel of a quantity: measured rather than commanded."""
+    found = [name for name in recording.channels if name.endswith(f".{quantity}")]
+    measured = [name for name in found if not name.startswith(("command.", "truth."))]
+    chosen = measured or [name for name in found if name.startswith("command.")]
+    if len(chosen) != 1:
+        raise RecordingError(
+            f"The recording has {len(chosen)} channels of '{quantity}' to choose from: {', '.join(chosen) or 'none'}.",
+            advice=f"It takes exactly one, such as 'encoder.{quantity}', or '{MOTOR}.{quantity}' at the motors; "
+            "leave the others out with recording.without(...).",
+            quantity=quantity,
+            found=tuple(chosen),
+        )
+    return chosen[0]

@@ -1,0 +1,77 @@
+"""Gears: what a motor's encoder and current say about the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from smsid.effects.base import Effect, physical, register
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+@register
+class Gear(Effect):
+    """The motor of a joint turns by ``ratio * q + sum of also * (other q)``; its torque signal times
+    ``torque_gain`` is its torque.
+
+    With motor coordinates ``theta = C q`` the joint torques are ``C' tau_motor``, whatever couples them. It
+    changes what is measured, not the motion.
+    """
+
+    summary: ClassVar[str] = "gear of a motor: from what the motor measures to joint angle and torque"
+    kind: Literal["gear"] = "gear"
+    joint: str = Field(description="joint that the motor drives")
+    ratio: float = physical(
+        "1", description="turns of the motor per turn of the joint; negative when it reverses"
+    )
+    torque_gain: float = physical(
+        "1", lower=0.0, default=1.0, description="motor torque per recorded signal [N m per its unit]"
+    )
+    also: dict[str, float] = Field(
+        default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
+    )
+
+    def attach(self, assembly: Assembly) -> None:
+        """Check that the joints are there; nothing acts on the motion."""
+        for name in (self.joint, *self.also):
+            assembly.joint_id(name)
+
+
+def gear_matrix(gears: Sequence[Gear], joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return C (joints, joints) with motor coordinates ``C q``, and the torque gains (joints,).
+
+    Rows and columns are in the order of ``joints``; the motor of a joint is called after it.
+
+    Raises:
+        DescriptionError: a joint has no gear or two, a gear names another joint, or C is singular.
+    """
+    matrix, gain = np.zeros((len(joints), len(joints))), np.ones(len(joints))
+    by_joint = {gear.joint: gear for gear in gears}
+    lacking = [name for name in joints if name not in by_joint]
+    strangers = sorted({n for g in gears for n in (g.joint, *g.also)} - set(joints))
+    if lacking or strangers or len(by_joint) != len(gears):
+        raise DescriptionError(
+            f"Gears do not fit the joints {', '.join(joints)}: without gear {lacking}, unknown {strangers}.",
+            advice="Give every recorded joint one effect of kind 'gear'.",
+            lacking=lacking,
+            unknown=strangers,
+        )
+    place = {name: k for k, name in enumerate(joints)}
+    for name, gear in by_joint.items():
+        row = place[name]
+        matrix[row, row], gain[row] = gear.ratio, gear.torque_gain
+        for other, ratio in gear.also.items():
+            matrix[row, place[other]] += ratio
+    if not np.linalg.cond(matrix) < 1e12:
+        raise DescriptionError(
+            "The gears do not determine the joints: their matrix is singular.",
+            advice="Check for a ratio of zero.",
+            matrix=matrix,
+        )
+    return matrix, gain

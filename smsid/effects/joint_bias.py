@@ -1,0 +1,51 @@
+"""What is constant at a joint: the zero of its encoder, and a torque that does not depend on motion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from smsid.effects.base import Effect, physical, register
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+@register
+class JointOffset(Effect):
+    """The joint's angle is the encoder's reading plus ``angle``. It changes what is measured, not the motion."""
+
+    summary: ClassVar[str] = "zero of a joint's encoder: joint angle minus reading"
+    kind: Literal["joint_offset"] = "joint_offset"
+    joint: str = Field(description="joint of the model")
+    angle: float = physical("rad", description="added to the reading")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Check that the joint is there; nothing acts on the motion."""
+        assembly.joint_id(self.joint)
+
+
+@register
+class TorqueOffset(Effect):
+    """A constant torque the motor has to give: a bias of its current, or friction that differs by direction.
+
+    Coulomb friction ``F+`` forwards and ``F-`` backwards is a friction of ``(F+ + F-) / 2`` and an offset of
+    ``(F+ - F-) / 2``.
+    """
+
+    summary: ClassVar[str] = "constant torque at a joint: current bias, or friction that differs by direction"
+    kind: Literal["torque_offset"] = "torque_offset"
+    joint: str = Field(description="joint of the model")
+    torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the constant torque, against the motor."""
+        index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
+        torque = self.torque
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            tau[index] -= torque
+
+        assembly.add_force(force)

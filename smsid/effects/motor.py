@@ -1,0 +1,93 @@
+"""Motors of an arm: the inertia of rotors seen through gears, and motors that turn with several joints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from smsid.effects.base import Effect, physical, register
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+@register
+class MotorInertia(Effect):
+    """The rotor's spin inertia seen at the joint, ratio squared times its own: torque ``inertia * qdd``.
+
+    Gyroscopic torques of the spinning rotor are left out, as usual for geared arms.
+    """
+
+    summary: ClassVar[str] = "inertia of a motor's rotor, seen at its joint"
+    kind: Literal["motor_inertia"] = "motor_inertia"
+    joint: str = Field(description="joint of the model that the motor drives")
+    inertia: float = physical(
+        "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
+    )
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the inertia to the joint's armature."""
+        index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
+        assembly.model.armature[index] += self.inertia
+
+
+@register
+class MotorCoupling(Effect):
+    """A motor that turns with a sum of joints, ``s = ratios . q``, as that of the last joint of many wrists.
+
+    Its rotor and friction act on s: every joint takes part in the torque
+    ``inertia sdd + viscous sd + coulomb tanh(sd / smoothing)``, times its ratio. `JointFriction` and
+    `MotorInertia` of the single joints stay beside it.
+    """
+
+    summary: ClassVar[str] = "a motor that turns with a sum of joints: its inertia and friction"
+    kind: Literal["motor_coupling"] = "motor_coupling"
+    joints: tuple[str, ...] = Field(min_length=2, description="joints that turn the motor")
+    ratios: tuple[float, ...] = Field(
+        default=(), description="weight of each joint in s; all 1 when not given"
+    )
+    inertia: float = physical("kg m^2", lower=0.0, default=0.0, description="of the motor, for s")
+    viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque on s per rate of s")
+    coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque on s at speed")
+    smoothing: float = Field(
+        default=0.005, gt=0.0, description="rate of s at which the Coulomb torque reaches 76 % [rad/s]"
+    )
+
+    @model_validator(mode="after")
+    def _one_ratio_per_joint(self) -> MotorCoupling:
+        if self.ratios and len(self.ratios) != len(self.joints):
+            raise ValueError(f"{len(self.joints)} `joints` but {len(self.ratios)} `ratios`")
+        if len(set(self.joints)) != len(self.joints):
+            raise ValueError("a joint is named twice")
+        return self
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of each joint in s."""
+        return self.ratios or (1.0,) * len(self.joints)
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the friction of s as a generalised force.
+
+        Raises:
+            DescriptionError: the motor has inertia; Pinocchio's forward dynamics knows rotors of single joints
+                only. Identification from torques (`smsid.arm`) needs no forward dynamics and takes it.
+        """
+        if self.inertia > 0.0:
+            raise DescriptionError(
+                f"'{self.name}' has inertia {self.inertia:g} kg m^2 on a sum of joints, which cannot be simulated.",
+                advice="Set its inertia to zero, or share it out over `motor_inertia` effects of the joints.",
+                effect=self.name,
+            )
+        index = np.array([assembly.model.joints[assembly.joint_id(name)].idx_v for name in self.joints])
+        weights = np.asarray(self.weights)
+        viscous, coulomb, smoothing = self.viscous, self.coulomb, self.smoothing
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            rate = weights @ v[index]
+            tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
+
+        assembly.add_force(force)
