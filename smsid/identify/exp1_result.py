@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from smsid.model.spacecraft import SpacecraftModel
 
 LEAST_MASS = 1e-3  # [kg]
 LEAST_FACTOR = 1e-3
+MERGED = "tanks not told apart: one estimate may stand for several"
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,15 @@ def assemble(
     parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
     tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
-    for tank, mark in zip(tanks, tank_marks(tanks), strict=True):
-        parameters += _tank(tank, mark, found, symbols, notes)
+    marks = tank_marks(tanks)
+    merged = len(tanks) > 1 and any(_lost(found, mark) for mark in marks)
+    if merged:
+        notes.append("the tanks cannot be told apart (one has no mass to speak of): they stay as described")
+    for tank, mark in zip(tanks, marks, strict=True):
+        own = _tank(tank, mark, found, symbols, notes)
+        parameters += [replace(p, status="not_identifiable", note=MERGED) for p in own] if merged else own
+    if merged:
+        symbols.clear()
     if "rho" in found:
         parameters += _densities(model, {e.axis for e in axes if "rho" in e.names}, *found["rho"])
         if found["rho"][0] <= 0.0:
@@ -99,6 +107,14 @@ def assemble(
         parameters += _mode_parameters(name, seen, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
     return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
+
+
+def _lost(found: Combined, mark: str) -> bool:
+    """Whether a tank's mass is not different from zero."""
+    if f"m_s{mark}" not in found:
+        return True
+    value, sigma = found[f"m_s{mark}"]
+    return not value > 2.0 * sigma
 
 
 def _tank(

@@ -69,7 +69,7 @@ def refine_pose_point(
         chosen, described = _described_moments(model, b)
         shift = (described - b.values[chosen]) / mass
         shifts.append(shift)
-        motion = replace(motion, pose_point=motion.pose_point + shift, imu_point=motion.imu_point + shift)
+        motion = _moved(motion, shift)
         if np.linalg.norm(shift) < tolerance:
             return PosePoint(motion.pose_point, b.sigma[chosen] / mass, motion, a, b, np.array(shifts))
     raise NotIdentifiableError(
@@ -77,6 +77,15 @@ def refine_pose_point(
         f"{np.linalg.norm(shifts[-1]):.2g} m.",
         advice="Check the description's mounts, or fly a richer Exp. 2.",
         shifts=np.array(shifts),
+    )
+
+
+def _moved(motion: Motion, shift: np.ndarray) -> Motion:
+    return replace(
+        motion,
+        pose_point=motion.pose_point + shift,
+        imu_point=motion.imu_point + shift,
+        again=_moved(motion.again, shift) if motion.again else None,
     )
 
 

@@ -17,8 +17,18 @@ def hac_covariance(rows: np.ndarray, residual: np.ndarray, samples: int, lags: i
     for lag in range(1, min(lags, samples - 1) + 1):
         gamma = score[lag:].T @ score[:-lag]
         meat += (1.0 - lag / (lags + 1.0)) * (gamma + gamma.T)
-    bread = np.linalg.pinv(rows.T @ rows, hermitian=True)
-    return bread @ meat @ bread
+    root = inverse_root(rows)
+    return root @ (root.T @ meat @ root) @ root.T
+
+
+def inverse_root(rows: np.ndarray) -> np.ndarray:
+    """Return W (n, n) with W W' = (rows' rows)^-1, rows (N, n) of full rank, whatever the columns' units.
+
+    By QR of the columns at unit length: the Gram matrix has their lengths and their condition number squared,
+    and columns integrated four times are a million times longer than others.
+    """
+    length = np.linalg.norm(rows, axis=0)
+    return np.linalg.solve(np.linalg.qr(rows / length, mode="r"), np.eye(rows.shape[1])) / length[:, None]
 
 
 def white_sigma(x: np.ndarray) -> np.ndarray:

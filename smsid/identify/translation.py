@@ -15,6 +15,17 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.identify.axis_parameters import (
+    Kind,
+    column_names,
+    fractions,
+    kinds_of,
+    parameter_names,
+    physical,
+    sensitivity,
+    without_tanks,
+)
+from smsid.identify.robust import inverse_root
 from smsid.identify.tls import total_least_squares
 
 
@@ -100,15 +111,23 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
         )
     fs, accs = _integrals(f, t, order), _integrals(a, t, order)
     ps = _integrals(data.panel, t, order) if data.panel is not None else None
-    columns, kinds = _layout(fs, accs, ps, order)
+    kinds = kinds_of(tanks, data.panel is not None)
+    signals = {"f": [-x for x in fs], "a": accs, "p": ps or []}
+    columns = np.column_stack([signals[signal][j] for signal, j in kinds])
     scale = np.linalg.norm(columns, axis=0) / np.linalg.norm(a)
     full = np.append(scale, 1.0)
     noise = _row_noise(data, kinds) / np.outer(full, full)
-    found = total_least_squares(columns / scale, -a, noise=noise, names=_symbols(kinds))
+    found = total_least_squares(columns / scale, -a, noise=noise, names=column_names(kinds))
     pi = found.x / scale
-    covariance = _covariance(data, columns, kinds, pi, order)
-    names = _physical_names(tanks, data.panel is not None, marks)
-    values = _physical(pi, kinds, tanks)
+    names = parameter_names(tanks, data.panel is not None, marks)
+    theta = fractions(pi, kinds, tanks)
+    if np.isfinite(theta).all():
+        turned = columns @ sensitivity(theta, kinds, tanks)
+        values, jacobian = physical(theta, tanks, data.panel is not None)
+        influence = jacobian @ _influence(data, turned, kinds, pi, order)
+    else:
+        values, jacobian = without_tanks(pi, kinds, tanks)
+        influence = jacobian @ _influence(data, columns, kinds, pi, order)
     if not values[0] > 0.0:
         raise NotIdentifiableError(
             f"The mass along {data.axis} comes out as {values[0]:.4g} kg.",
@@ -116,8 +135,7 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
             "accelerometer's bias.",
             mass=float(values[0]),
         )
-    jacobian = _jacobian(lambda x: _physical(x, kinds, tanks), pi)
-    return AxisEstimate(data.axis, names, values, jacobian @ covariance @ jacobian.T, pi, found.condition)
+    return AxisEstimate(data.axis, names, values, influence @ influence.T, pi, found.condition)
 
 
 def panel_weights(shapes: np.ndarray, participation: np.ndarray) -> np.ndarray:
@@ -182,28 +200,6 @@ def _integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     return out
 
 
-Kind = tuple[str, int]  # signal ('f', 'p' or 'a') and number of integrations
-
-
-def _layout(
-    fs: list[np.ndarray], accs: list[np.ndarray], ps: list[np.ndarray] | None, order: int
-) -> tuple[np.ndarray, list[Kind]]:
-    """Columns in the order of (25) and (27), generalised to more tanks."""
-    columns, kinds = [-fs[0]], [("f", 0)]
-    if ps is not None:
-        columns.append(ps[0])
-        kinds.append(("p", 0))
-    for j in range(order, 0, -1):
-        columns.append(-fs[j])
-        kinds.append(("f", j))
-        if ps is not None:
-            columns.append(ps[j])
-            kinds.append(("p", j))
-        columns.append(accs[j])
-        kinds.append(("a", j))
-    return np.column_stack(columns), kinds
-
-
 def _row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
     """Covariance of the errors of a row of [Y, b]: b = -a and the column of p carry them."""
     n = len(kinds)
@@ -216,33 +212,33 @@ def _row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
     return noise
 
 
-def _covariance(
+def _influence(
     data: AxisData, columns: np.ndarray, kinds: list[Kind], pi: np.ndarray, order: int
 ) -> np.ndarray:
-    """Covariance of pi: sensor noise and biases carried through filter and integrals into the equation."""
+    """Return F (n, ...) with F F' the covariance of the parameters of ``columns``.
+
+    Noise, sample by sample, and biases are carried through filter and integrals into the equation and from
+    there into the parameters. Kept as a factor: its square would lose what is left of sums that nearly
+    cancel.
+    """
     through = {"a": np.zeros(order + 1), "p": np.zeros(order + 1)}
     through["a"][0] = 1.0
     for (signal, j), value in zip(kinds, pi, strict=True):
         if signal in through:
             through[signal][j] += value
-    rows = columns.T
-    bread = np.linalg.pinv(columns.T @ columns, hermitian=True)
     ramps = np.array(_integrals(np.ones_like(data.time), data.time, order))
     from_a = through["a"].copy()
-    meat = np.zeros((len(pi), len(pi)))
+    factors = []
     if data.panel is not None and data.panel_weights is not None:
         w = data.panel_weights
+        size = np.linalg.norm(w)
         from_a -= w.sum() * through["p"]
-        z = _adjoint(rows, through["p"], data)
-        meat += data.panel_noise**2 * float(w @ w) * z @ z.T
-        meat += data.panel_bias**2 * float(w @ w) * _square(rows @ (through["p"] @ ramps))
-    z = _adjoint(rows, from_a, data)
-    meat += data.noise**2 * z @ z.T + data.bias**2 * _square(rows @ (from_a @ ramps))
-    return bread @ meat @ bread
-
-
-def _square(x: np.ndarray) -> np.ndarray:
-    return np.outer(x, x)
+        factors.append(data.panel_noise * size * _adjoint(columns.T, through["p"], data))
+        factors.append(data.panel_bias * size * (columns.T @ (through["p"] @ ramps))[:, None])
+    factors.append(data.noise * _adjoint(columns.T, from_a, data))
+    factors.append(data.bias * (columns.T @ (from_a @ ramps))[:, None])
+    root = inverse_root(columns)
+    return root @ (root.T @ np.concatenate(factors, axis=1))
 
 
 def _adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarray:
@@ -250,70 +246,17 @@ def _adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarra
     total = through[0] * rows
     integral = rows
     for weight in through[1:]:
-        integral = cumulative_trapezoid(integral[:, ::-1], data.time, axis=1, initial=0.0)[:, ::-1]
+        integral = _transposed_integral(integral, data.time)
         total = total + weight * integral
     if data.filtered is not None:
         total = data.filtered(total.T).T  # zero-phase: its own adjoint away from the ends
     return total
 
 
-def _symbols(kinds: list[Kind]) -> list[str]:
-    """Names of the columns, for messages: the signal and how often it is integrated."""
-    return [f"{signal} integrated {j} times" if j else signal for signal, j in kinds]
-
-
-def _physical_names(tanks: int, panel: bool, marks: Sequence[str] | None) -> tuple[str, ...]:
-    names = ["M"]
-    for mark in marks if marks is not None else [""] if tanks == 1 else [str(i + 1) for i in range(tanks)]:
-        names += [f"m_s{mark}", f"k_s{mark}", f"b_s{mark}"]
-    return (*names, "rho") if panel else tuple(names)
-
-
-def _physical(pi: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
-    """Return M, per tank (m_s, k_s, b_s), and rho, from the regression parameters.
-
-    f*/a = m_r Q/P = m_r + sum_i m_i (beta_i s + kappa_i)/(s^2 + beta_i s + kappa_i), tanks in the order of
-    rising frequency; for one tank these are the formulas behind (24). M is its value at s = 0. Tanks are
-    not-a-number when P has not as many pairs of complex roots.
-    """
-    value = dict(zip(kinds, pi, strict=True))
-    order = 2 * tanks
-    m_r = 1.0 / value[("f", 0)]
-    p = np.array([1.0] + [m_r * value[("f", j)] for j in range(1, order + 1)])
-    q = np.array([1.0] + [value[("a", j)] for j in range(1, order + 1)])
-    mass = m_r * q[-1] / p[-1]
-    found = [mass]
-    if tanks == 1:
-        m_s = mass - m_r
-        found += [m_s, p[2] * m_s, p[1] * m_s]
-    elif tanks > 1:
-        found += _several(p, m_r * (q - p), tanks)
-    if ("p", 0) in value:
-        found.append(m_r * value[("p", 0)])
-    return np.array(found)
-
-
-def _several(p: np.ndarray, rest: np.ndarray, tanks: int) -> list[float]:
-    """Partial fractions of rest/P: (m_s, k_s, b_s) of each tank, by rising frequency."""
-    roots = np.roots(p)
-    upper = roots[roots.imag > 0]
-    if len(upper) != tanks:
-        return [np.nan] * (3 * tanks)
-    found: list[float] = []
-    for root in upper[np.argsort(np.abs(upper))]:
-        kappa, beta = abs(root) ** 2, -2 * root.real
-        residue = np.polyval(rest, root) / np.polyval(np.polyder(p), root)
-        mass = -2 * (residue * np.conj(root)).real / kappa
-        found += [mass, kappa * mass, beta * mass]
-    return found
-
-
-def _jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    columns = []
-    for i in range(len(x)):
-        h = 1e-6 * max(abs(x[i]), 1e-12)
-        up, down = x.copy(), x.copy()
-        up[i] += h
-        down[i] -= h
-        columns.append((function(up) - function(down)) / (2 * h))
-    return np.column_stack(columns)
+def _transposed_integral(rows: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Apply the transpose of the cumulative trapezoid rule, exactly: repeated integrals nearly cancel."""
+    after = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1][:, 1:] * (0.5 * np.diff(t))
+    out = np.zeros_like(rows)
+    out[:, 1:] += after
+    out[:, :-1] += after
+    return out
