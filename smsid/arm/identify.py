@@ -28,8 +28,8 @@ GROUP = "arm"
 class TorqueErrors:
     """How far predicted torques are from measured ones.
 
-    ``relative`` is ``|predicted - measured| / |measured|`` over all samples and joints, ``by_joint`` the same of
-    each; ``rmse`` by joint [N m].
+    ``relative`` is ``|predicted - measured| / |measured|`` over all samples and joints, ``by_joint`` the
+    same of each; ``rmse`` by joint [N m].
     """
 
     relative: float
@@ -41,9 +41,9 @@ class TorqueErrors:
 class ArmIdentification:
     """An identified arm.
 
-    ``description`` is the given one with the identified values of its effects; ``base`` and ``regression`` hold
-    the combinations of inertial and effect parameters that torques tell apart, and their values. ``motion`` is
-    what was fitted.
+    ``description`` is the given one with the identified values of its effects; ``base`` and ``regression``
+    hold the combinations of inertial and effect parameters that torques tell apart, and their values.
+    ``motion`` is what was fitted.
     """
 
     estimate: Estimate
@@ -105,7 +105,8 @@ def identify_arm(
     found, notes = identified_effects(description, base, solved, names)
     done = time.perf_counter()
     notes.append(
-        f"low-pass at {motion.cutoff:g} Hz, {len(motion.time)} samples at {motion.rate:.6g} Hz; residuals are "
+        f"low-pass at {motion.cutoff:g} Hz, {len(motion.time)} samples at {motion.rate:.6g} Hz; residuals "
+        "are "
         f"correlated over {solved.lags / motion.rate:.3g} s"
     )
     estimate = Estimate(
@@ -137,7 +138,9 @@ def rigid_arm(description: Description) -> SpacecraftModel:
 
 
 class _Scaffold(Effect):
-    """Lets a model be built whose links alone leave a joint without inertia: torques need no forward dynamics."""
+    """Lets a model be built whose links alone leave a joint without inertia: torques need no forward
+    dynamics.
+    """
 
     kind: Literal["scaffold"] = "scaffold"
 
@@ -171,7 +174,9 @@ def torque_errors(model: SpacecraftModel, predicted: np.ndarray, measured: np.nd
 
 
 def _structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameters:
-    """Base parameters of the arm for any motion: from random states, so that names do not depend on the log."""
+    """Base parameters of the arm for any motion: from random states, so that names do not depend on the
+    log.
+    """
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))
     q = np.array([model.set_joint_angles(model.home, x) for x in angles])
@@ -228,7 +233,8 @@ def identified_effects(
             own[p.name] = min(max(value[p.name], p.lower), p.upper)
             if own[p.name] != value[p.name]:
                 notes.append(
-                    f"{p.name} came out at {value[p.name]:.4g} {p.unit}; the description takes {own[p.name]:g}"
+                    f"{p.name} came out at {value[p.name]:.4g} {p.unit}; the description takes "
+                    f"{own[p.name]:g}"
                 )
         effects.append(effect.with_values(own) if own else effect)
     return description.with_effects(*effects), notes

@@ -36,7 +36,8 @@ def recorded_joints(model: SpacecraftModel, recording: Recording) -> tuple[tuple
     if lacking or strangers:
         raise RecordingError(
             f"The recording's joints do not fit the model's: lacking {lacking}, unknown {strangers}.",
-            advice=f"Joints of the model: {', '.join(place)}. Correct the labels; weld joints that do not move.",
+            advice=f"Joints of the model: {', '.join(place)}. Correct the labels; weld joints that do not "
+            "move.",
             lacking=tuple(lacking),
             unknown=tuple(strangers),
         )

@@ -28,8 +28,9 @@ SETTLING = 2.0
 class JointMotion:
     """Joint motion and torque at N instants; all joints of the model, in its order.
 
-    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s, rad/s^2],
-    ``torque`` (N, nv) motor torque at the joints [N m], ``cutoff`` of the low-pass all went through [Hz].
+    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s,
+    rad/s^2], ``torque`` (N, nv) motor torque at the joints [N m], ``cutoff`` of the low-pass all went
+    through [Hz].
     """
 
     time: np.ndarray
@@ -48,10 +49,10 @@ class JointMotion:
 def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | None = None) -> JointMotion:
     """Filter, differentiate and decimate a recording of an arm.
 
-    Channels of the source ``motor`` are taken to the joints by the description's `Gear` effects; `JointOffset`
-    effects are added to the angles. Angles and torques go through the same zero-phase low-pass, so that what
-    it takes away is missing on both sides of the equations; two periods of the cutoff at either end are left
-    out. A measured rate or acceleration is not used:
+    Channels of the source ``motor`` are taken to the joints by the description's `Gear` effects;
+    `JointOffset` effects are added to the angles. Angles and torques go through the same zero-phase
+    low-pass, so that what it takes away is missing on both sides of the equations; two periods of the
+    cutoff at either end are left out. A measured rate or acceleration is not used:
     differentiated angles agree with the angles.
 
     Args:
@@ -60,8 +61,8 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
         cutoff: -6 dB frequency of the low-pass [Hz]; default a fiftieth of the sampling rate.
 
     Raises:
-        RecordingError: a channel is missing, joints are unlabelled or not the model's, the clock is uneven, or
-            the record is shorter than the filter.
+        RecordingError: a channel is missing, joints are unlabelled or not the model's, the clock is
+            uneven, or the record is shorter than the filter.
         DescriptionError: the gears do not fit.
     """
     position, torque = (_channel(recording, q) for q in ("joint_position", "joint_torque"))
@@ -87,7 +88,8 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
     edge = round(SETTLING * rate / top)
     if 2 * edge >= len(angles):
         raise RecordingError(
-            f"{len(angles)} samples are all edge for a low-pass at {top:g} Hz, which takes {edge} at either end.",
+            f"{len(angles)} samples are all edge for a low-pass at {top:g} Hz, which takes {edge} at "
+            "either end.",
             advice="Record longer, or raise the cutoff.",
             samples=len(angles),
             edge=edge,
@@ -115,8 +117,10 @@ def _channel(recording: Recording, quantity: str) -> str:
     chosen = measured or [name for name in found if name.startswith("command.")]
     if len(chosen) != 1:
         raise RecordingError(
-            f"The recording has {len(chosen)} channels of '{quantity}' to choose from: {', '.join(chosen) or 'none'}.",
-            advice=f"It takes exactly one, such as 'encoder.{quantity}', or '{MOTOR}.{quantity}' at the motors; "
+            f"The recording has {len(chosen)} channels of '{quantity}' to choose from: "
+            f"{', '.join(chosen) or 'none'}.",
+            advice=f"It takes exactly one, such as 'encoder.{quantity}', or '{MOTOR}.{quantity}' at the "
+            "motors; "
             "leave the others out with recording.without(...).",
             quantity=quantity,
             found=tuple(chosen),

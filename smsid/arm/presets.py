@@ -20,8 +20,8 @@ _MAKERS: dict[str, tuple[str, type[Effect]]] = {
 def with_joint_effects(description: Description, joints: Sequence[str], *kinds: Kind) -> Description:
     """Return the description with an effect of each kind on each joint that has none of it yet.
 
-    They start at zero and are named ``friction_<joint>``, ``rotor_<joint>`` and ``bias_<joint>`` (with ``-`` for
-    what a name cannot hold).
+    They start at zero and are named ``friction_<joint>``, ``rotor_<joint>`` and ``bias_<joint>`` (with
+    ``-`` for what a name cannot hold).
 
     Raises:
         DescriptionError: an unknown kind, or a name is taken.

@@ -37,8 +37,8 @@ class JointRegression:
 def solve_joints(rows: np.ndarray, torque: np.ndarray) -> JointRegression:
     """Weighted least squares with one weight per joint, found with it; covariance after Newey and West.
 
-    Friction that the model lacks is no white noise: the residual stays correlated over a fraction of a second,
-    and the covariance allows for it up to the first lag at which the correlation is gone.
+    Friction that the model lacks is no white noise: the residual stays correlated over a fraction of a
+    second, and the covariance allows for it up to the first lag at which the correlation is gone.
 
     Args:
         rows: (N, joints, n).

@@ -69,7 +69,8 @@ def _file(chosen: DataSet, file: DataFile, download: bool) -> Path:
         if found != file.sha256:
             raise RecordingError(
                 f"{local} is not the published file: its sha256 is {found}, not {file.sha256}.",
-                advice=f"Copy it again from {chosen.repository} at {chosen.commit}, or take it out of ${VARIABLE}.",
+                advice=f"Copy it again from {chosen.repository} at {chosen.commit}, or take it out of "
+                f"${VARIABLE}.",
                 path=str(local),
                 sha256=found,
             )
@@ -97,8 +98,10 @@ def _local(chosen: DataSet, file: DataFile) -> Path | None:
 def _downloaded(chosen: DataSet, file: DataFile) -> Path:
     if file.path is None:
         raise RecordingError(
-            f"'{file.name}' of data set '{chosen.name}' is absent, and where it lies in its repository is unknown.",
-            advice=f"Look for it in {chosen.repository} at commit {chosen.commit} (sha256 {file.sha256}) and put "
+            f"'{file.name}' of data set '{chosen.name}' is absent, and where it lies in its repository is "
+            "unknown.",
+            advice=f"Look for it in {chosen.repository} at commit {chosen.commit} (sha256 {file.sha256}) "
+            "and put "
             f"it into ${VARIABLE}/{chosen.name}/.",
             data_set=chosen.name,
             file=file.name,

@@ -11,7 +11,9 @@ from smsid.errors import RecordingError
 
 @dataclass(frozen=True)
 class DataFile:
-    """A published file: its name, the sha256 of its content, and its path in the repository if it is known."""
+    """A published file: its name, the sha256 of its content, and its path in the repository if it is
+    known.
+    """
 
     name: str
     sha256: str

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 @register
 class JointOffset(Effect):
-    """The joint's angle is the encoder's reading plus ``angle``. It changes what is measured, not the motion."""
+    """The joint's angle is the encoder's reading plus ``angle``. It changes what is measured, not the
+    motion.
+    """
 
     summary: ClassVar[str] = "zero of a joint's encoder: joint angle minus reading"
     kind: Literal["joint_offset"] = "joint_offset"

@@ -73,12 +73,13 @@ class MotorCoupling(Effect):
         """Add the friction of s as a generalised force.
 
         Raises:
-            DescriptionError: the motor has inertia; Pinocchio's forward dynamics knows rotors of single joints
-                only. Identification from torques (`smsid.arm`) needs no forward dynamics and takes it.
+            DescriptionError: the motor has inertia; Pinocchio's forward dynamics knows rotors of single
+                joints only. Identification from torques (`smsid.arm`) needs no forward dynamics and takes it.
         """
         if self.inertia > 0.0:
             raise DescriptionError(
-                f"'{self.name}' has inertia {self.inertia:g} kg m^2 on a sum of joints, which cannot be simulated.",
+                f"'{self.name}' has inertia {self.inertia:g} kg m^2 on a sum of joints, which cannot be "
+                "simulated.",
                 advice="Set its inertia to zero, or share it out over `motor_inertia` effects of the joints.",
                 effect=self.name,
             )

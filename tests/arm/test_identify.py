@@ -120,7 +120,7 @@ def test_arms_at_rest_a_floating_base_and_validation_data_are_refused(arm, log):
         identify_arm(free, recording(t, q, torque))
     with pytest.raises(RecordingError, match="for validation"):
         identify_arm(arm, recording(t, q, torque, role="validation"))
-    with pytest.raises(RecordingError, match="lacking .'joint3'.*unknown .'elbow'"):
+    with pytest.raises(RecordingError, match=r"lacking .'joint3'.*unknown .'elbow'"):
         identify_arm(arm, recording(t, q, torque, labels=("joint1", "joint2", "elbow")))
 
 
@@ -168,5 +168,6 @@ def test_staubli_tx40_predicts_its_held_out_torques(staubli):
     assert found.estimate["wrist.coulomb"].value == pytest.approx(1.95, rel=0.1)
     for k, documented in enumerate(DOCUMENTED_VISCOUS):
         own = found.estimate[f"friction_joint_{k + 1}.viscous"].value
-        # the published values of joints 5 and 6 are for the joint's own rate: the coupled motor's share included
+        # the published values of joints 5 and 6 are for the joint's own rate: the coupled motor's share
+        # included
         assert own + (coupling if k >= 4 else 0.0) == pytest.approx(documented, rel=0.1)
