@@ -1,0 +1,137 @@
+"""The measured channels a prediction is compared with: samples, clocks, noise, and biases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+from smsid.errors import RecordingError
+from smsid.identify.clocks import event_times
+from smsid.identify.robust import white_sigma
+from smsid.likelihood.timeline import Timeline
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+from smsid.simulate.truth import find_appendage
+
+QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration")
+BIASED = ("angular_rate", "acceleration")
+"""Quantities with a constant bias per recording and axis. A pose sensor's is part of the initial pose."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured channel: samples (N, k) at times (N,) [s]; attitudes are quaternions (N, 4).
+
+    ``covariance`` (k, k) of the noise of a sample, an attitude's as rotation vector (3, 3); panel
+    accelerometers come station after station.
+    """
+
+    sensor: Sensor
+    quantity: str
+    times: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+    weights: csr_array
+    gram: csr_array
+
+    @property
+    def name(self) -> str:
+        """Name of the channel."""
+        return f"{self.sensor.name}.{self.quantity}"
+
+    @property
+    def width(self) -> int:
+        """Number of components of the residual."""
+        return len(self.covariance)
+
+    @property
+    def biased(self) -> bool:
+        """Whether it has a constant bias."""
+        return self.quantity in BIASED
+
+    @property
+    def whitening(self) -> np.ndarray:
+        """Matrix (k, k) that makes the noise of a sample white with unit variance."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariance))
+
+    def with_covariance(self, covariance: np.ndarray) -> Channel:
+        """Return the channel with another noise."""
+        return replace(self, covariance=covariance)
+
+    def residual(self, nodes: np.ndarray, bias: np.ndarray | None) -> np.ndarray:
+        """Return measured minus predicted (N, k) from predictions at the nodes."""
+        predicted = self.weights @ nodes
+        if self.quantity == "attitude":
+            return (Rotation.from_quat(predicted).inv() * Rotation.from_quat(self.values)).as_rotvec()
+        return self.values - predicted if bias is None else self.values - predicted - bias
+
+
+def spanned(model: SpacecraftModel, recording: Recording) -> tuple[float, float]:
+    """Return the first and last time [s] of all channels used; raises `RecordingError` when there are none."""
+    times = [event_times(recording, s, q) for s, q in present(model, recording)]
+    if not times:
+        raise RecordingError(
+            f"'{recording.name}' has no channel of a sensor of the description.",
+            advice="Import it with the description's sensor names.",
+            channels=recording.channels,
+        )
+    return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+
+
+def present(model: SpacecraftModel, recording: Recording) -> list[tuple[Sensor, str]]:
+    """Return sensors and quantities the recording has and a prediction explains."""
+    return [
+        (s, q)
+        for s in model.description.sensor
+        for q in QUANTITIES
+        if q in s.quantities and f"{s.name}.{q}" in recording
+    ]
+
+
+def measured_channels(
+    model: SpacecraftModel, recording: Recording, timeline: Timeline, sigma: dict[str, np.ndarray] | None
+) -> tuple[Channel, ...]:
+    """Return the channels of a recording; noise from the samples, or given by channel name (k,).
+
+    Raises `RecordingError` when a panel's columns do not fit.
+    """
+    found = []
+    for sensor, quantity in present(model, recording):
+        name = f"{sensor.name}.{quantity}"
+        values = recording[name]
+        if sensor.kind == "accelerometers":
+            find_appendage(model, str(sensor.appendage))
+            values = values.reshape(len(values), -1)
+        if sigma is None:
+            size = _noise(values, quantity)
+        else:
+            size = np.asarray(sigma[name], dtype=float)
+        times = event_times(recording, sensor, quantity)
+        weights = timeline.interpolation(times)
+        gram = csr_array(weights.T @ weights)
+        found.append(Channel(sensor, quantity, times, values, np.diag(size**2), weights, gram))
+    return tuple(found)
+
+
+def described_sigma(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
+    """Return one sigma (width,) of a sample's white noise as the description states it."""
+    sigma = sensor.error(quantity).white_sigma(sensor.rate)
+    return np.broadcast_to(
+        np.tile(sigma, width // max(np.size(sigma), 1)) if np.size(sigma) > 1 else sigma, width
+    )
+
+
+def _noise(values: np.ndarray, quantity: str) -> np.ndarray:
+    if quantity == "attitude":
+        turn = Rotation.from_quat(values[:-1]).inv() * Rotation.from_quat(values[1:])
+        # increments of the rotation vector: their second differences are third ones of the angle
+        d = np.diff(turn.as_rotvec(), n=2, axis=0)
+        sigma = np.median(np.abs(d), axis=0) / 0.6744897501960817 / np.sqrt(20.0)
+    else:
+        sigma = np.asarray(white_sigma(values))
+    floor = 1e-9 * max(float(np.abs(values).max()), 1e-9)
+    return np.maximum(sigma, floor)

@@ -1,0 +1,173 @@
+"""What drives a prediction: thrust as commanded, joint and wheel motion as measured, or everything held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from smsid.errors import DescriptionError, RecordingError
+from smsid.identify.clocks import event_times
+from smsid.identify.exp1 import excited_axes
+from smsid.identify.motion import Roles
+from smsid.identify.robust import white_sigma
+from smsid.likelihood.spline import MeasuredMotion, Samples, fit_motion
+from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+
+FEW = 0.02  # share of samples at which a force may change and still count as made of steps
+SHORTEST = 0.1  # [s] between knots of a measured motion
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """Force [N] and torque [N m] on the bus (N, 6) in body axes, sampled at ``times`` (N,) [s].
+
+    ``steps``: the value holds until the next sample; otherwise a cubic spline goes through the samples.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    steps: bool
+
+    @property
+    def jumps(self) -> np.ndarray:
+        """Times at which it jumps [s]."""
+        if not self.steps:
+            return np.zeros(0)
+        return self.times[1:][np.any(np.diff(self.values, axis=0) != 0.0, axis=1)]
+
+    def at(self, times: np.ndarray, middle: np.ndarray) -> np.ndarray:
+        """Return values (N, 6) at times (N,), each within a segment whose middle is given [s]."""
+        if not self.steps:
+            return np.asarray(CubicSpline(self.times, self.values, axis=0)(times))
+        index = np.searchsorted(self.times, middle, side="right") - 1
+        return self.values[np.clip(index, 0, len(self.values) - 1)]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Which velocities of the model are free, and what the others do.
+
+    ``free`` indexes v. ``held``: the attitude is held and joints and wheels stand still at ``home`` (nq,).
+    """
+
+    free: np.ndarray
+    home: np.ndarray
+    held: bool
+    thrust: Thrust | None
+    joints: MeasuredMotion | None
+    wheels: MeasuredMotion | None
+
+    def prescribed(self, model: SpacecraftModel, times: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return q (N, nq), v (N, nv), a (N, nv) with prescribed parts filled in, all else home and zero."""
+        q = np.tile(self.home, (len(times), 1))
+        v, a = np.zeros((2, len(times), model.nv))
+        for group, motion in ((model.arm_joints, self.joints), (model.wheels, self.wheels)):
+            if motion is None:
+                continue
+            angle, v[:, group.v], a[:, group.v] = motion.values(times)
+            if all(model.pin.joints[int(j)].nq == 1 for j in group.joints):
+                q[:, group.q] = angle
+            else:
+                q = np.array(
+                    [set_group_angles(model.pin, group, x, y) for x, y in zip(q, angle, strict=True)]
+                )
+        return q, v, a
+
+
+def measured_drive(
+    model: SpacecraftModel, recording: Recording, start: float, stop: float, *, described_noise: bool = False
+) -> Drive:
+    """Return what drives a recording: Exp. 1 (thrust, attitude held) or Exp. 2 (free floating).
+
+    Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description.
+    Raises `RecordingError` when encoders or tachometers are missing in free floating, `DescriptionError` when
+    something moves freely that the refinement cannot predict.
+    """
+    held = bool(excited_axes(recording))
+    roles = Roles.of(model, recording, joints=False)
+    locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | ({3, 4, 5} if held else set())
+    free = np.array([i for i in range(model.nv) if i not in locked])
+    _check_free(model, free)
+    home = model.home.copy()
+    if held and roles.encoder is not None:
+        angles = recording[f"{roles.encoder.name}.joint_position"].mean(axis=0)
+        home = set_group_angles(model.pin, model.arm_joints, home, angles)
+    thrust = _thrust(recording, held)
+    if held:
+        return Drive(free, home, True, thrust, None, None)
+    joints, wheels = None, None
+    if len(model.arm_joints):
+        roles_ = Roles.of(model, recording, joints=True)
+        encoder = roles_.encoder
+        assert encoder is not None
+        samples = [
+            _samples(recording, encoder, quantity, order, described_noise)
+            for order, quantity in enumerate(("joint_position", "joint_velocity"))
+        ]
+        joints = fit_motion(samples, start, stop, _rate(recording, roles.imu), SHORTEST)
+    if len(model.wheels):
+        tachometer = Roles.of(model, recording, joints=True).tachometer
+        assert tachometer is not None
+        sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
+        wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST)
+    return Drive(free, home, False, thrust, joints, wheels)
+
+
+def _rate(recording: Recording, imu: Sensor) -> float:
+    return 1.0 / float(np.median(np.diff(recording.time(f"{imu.name}.angular_rate"))))
+
+
+def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, described: bool) -> Samples:
+    values = recording[f"{sensor.name}.{quantity}"]
+    if described:
+        sigma = np.broadcast_to(sensor.error(quantity).white_sigma(sensor.rate), values.shape[1:])
+    else:
+        sigma = np.asarray(white_sigma(values))
+    # noise-free data, or a quantised channel that stands still: what is left of it is rounding
+    floor = 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-6)
+    return Samples(order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor))
+
+
+def _thrust(recording: Recording, held: bool) -> Thrust | None:
+    """Force as commanded; torque too, unless it is that which holds the attitude."""
+    if "command.force" not in recording:
+        return None
+    times = recording.time("command.force")
+    values = np.zeros((len(times), 6))
+    values[:, :3] = recording["command.force"]
+    if not held and "command.torque" in recording:
+        torque = recording["command.torque"]
+        if len(torque) != len(times):
+            raise RecordingError(
+                "'command.force' and 'command.torque' are on different clocks.",
+                advice="Resample one of them.",
+            )
+        values[:, 3:] = torque
+    if not values.any():
+        return None
+    changes = np.count_nonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1))
+    return Thrust(times, values, changes <= FEW * len(times))
+
+
+def _check_free(model: SpacecraftModel, free: np.ndarray) -> None:
+    for j in range(2, model.pin.njoints):
+        joint = model.pin.joints[j]
+        if joint.idx_v in free and joint.nq != joint.nv:
+            raise DescriptionError(
+                f"Joint '{model.pin.names[j]}' turns freely without limits; its motion cannot be predicted here.",
+                advice="Put it into an arm, so that its measured motion is used.",
+            )
+    if model.forces:
+        q, v = model.home.copy(), np.full(model.nv, 0.1)
+        tau = np.zeros(model.nv)
+        for term in model.forces:
+            term(0.0, q, v, tau)
+        if tau[free].any():
+            raise DescriptionError(
+                "A nonlinear force acts on slosh, panels or the bus; its derivative is not known.",
+                advice="Leave the effect out of the description for the refinement.",
+            )

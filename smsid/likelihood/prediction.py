@@ -1,0 +1,193 @@
+"""Predicted motion: hybrid forward dynamics from rest on a fixed grid, with every evaluation kept.
+
+Equations (10)-(15) for what is free - bus, slosh, modes, any other unmeasured joint - with the rest
+prescribed. Without gravity nothing depends on where the bus is and how it points, so its pose is integrated
+afterwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from smsid.errors import SimulationError
+from smsid.likelihood.drive import Drive
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
+from smsid.likelihood.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """States at every evaluation of the timeline.
+
+    ``q`` (E, nq), ``v``, ``a`` (E, nv); base position and attitude in q are not filled in. At the nodes:
+    ``position`` of the bus origin (nodes, 3) [m, inertial] and ``quaternion`` (nodes, 4), x y z w, from the
+    given start; ``rotation_stages`` (E, 3, 3). ``model`` carries the inertias used.
+    """
+
+    model: pin.Model
+    timeline: Timeline
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    rest_q: np.ndarray
+    rest_v: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+
+    def at_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q (nodes, nq), v, a (nodes, nv), base pose filled in."""
+        index = self.timeline.node_evaluation
+        q = self.q[index].copy()
+        q[:, :3], q[:, 3:7] = self.position, self.quaternion
+        return q, self.v[index], self.a[index]
+
+
+def rest_joints(model: pin.Model, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where free joints other than the base are in q and v."""
+    v = np.array([i for i in free if i >= 6], dtype=int)
+    place = {
+        model.joints[j].idx_v + k: model.joints[j].idx_q + k
+        for j in range(2, model.njoints)
+        for k in range(model.joints[j].nv)
+    }
+    return np.array([place[int(i)] for i in v], dtype=int), v
+
+
+def predict(
+    parameters: Parameters, drive: Drive, timeline: Timeline, position: np.ndarray, quaternion: np.ndarray
+) -> Prediction:
+    """Predict the motion from rest (held) or from zero momentum (free floating).
+
+    ``position`` (3,) of the bus origin and ``quaternion`` (4,) at the start. Raises `SimulationError` when
+    the motion is not finite.
+    """
+    spacecraft = parameters.layout.model
+    model = parameters.pin_model()
+    data = model.createData()
+    times = timeline.evaluations
+    q, v, a = drive.prescribed(spacecraft, times)
+    free = drive.free
+    rest_q, rest_v = rest_joints(model, free)
+    applied = applied_forces(parameters, drive, timeline)[:, free]
+    stiffness, damping, _, _ = parameters.springs()
+    k, d = np.zeros((2, spacecraft.nv))
+    k[spacecraft.spring_v], d[spacecraft.spring_v] = stiffness, damping
+    k_rest, d_rest = k[rest_v], d[rest_v]
+    base = len(free) - len(rest_v)
+    flat = (free[:, None] * spacecraft.nv + free).ravel()
+    shape, n_rest = (len(free), len(free)), len(rest_v)
+
+    def accelerate(e: int, y: np.ndarray) -> np.ndarray:
+        q_e, v_e, a_e = q[e], v[e], a[e]
+        q_e[rest_q] = y[:n_rest]
+        v_e[free] = y[n_rest:]
+        rhs = applied[e] - pin.rnea(model, data, q_e, v_e, a_e)[free]
+        rhs[base:] -= k_rest * y[:n_rest] + d_rest * y[n_rest + base :]
+        mass = pin.crba(model, data, q_e).ravel()[flat].reshape(shape)
+        _, x, info = lapack.dposv(mass, rhs)
+        if info != 0 or not np.isfinite(x).all():
+            raise SimulationError(
+                f"The predicted motion is not finite at t = {times[e]:.6g} s.",
+                advice="The starting guess is too far off: start from the linear method.",
+                time=times[e],
+            )
+        a_e[free] = x
+        return np.concatenate([y[n_rest + base :], x])
+
+    y = np.zeros(n_rest + len(free))
+    y[n_rest:] = start_velocity(model, data, q[0], v[0], free)
+    slopes = np.empty((STAGES, len(y)))
+    h, e, step = timeline.h, 0, 0
+    for segment, count in enumerate(timeline.counts):
+        for _ in range(count):
+            for j in range(STAGES):
+                slopes[j] = accelerate(e, y if j == 0 else y + h[step] * (A[j, :j] @ slopes[:j]))
+                e += 1
+            y = y + h[step] * (B @ slopes)
+            step += 1
+        accelerate(timeline.steps * STAGES + segment, y)
+    positions, quaternions = _pose(timeline, v, position, quaternion)
+    return Prediction(model, timeline, q, v, a, rest_q, rest_v, positions, quaternions)
+
+
+def applied_forces(parameters: Parameters, drive: Drive, timeline: Timeline) -> np.ndarray:
+    """Return generalised forces (E, nv) of thrust at every evaluation."""
+    model = parameters.layout.model
+    out = np.zeros((len(timeline.evaluations), model.nv))
+    if drive.thrust is None:
+        return out
+    edges = timeline.edges
+    middle = (0.5 * (edges[1:] + edges[:-1]))[timeline.evaluation_segment]
+    wrench = drive.thrust.at(timeline.evaluations, middle)
+    out[:, :3] = wrench[:, :3]
+    out[:, 3:6] = wrench[:, 3:] + np.cross(model.thrust_point, wrench[:, :3])
+    return out
+
+
+def start_velocity(
+    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, free: np.ndarray
+) -> np.ndarray:
+    """Return the free velocities at which all free momenta vanish while the prescribed parts move with v."""
+    start = v.copy()
+    start[free] = 0.0
+    if not start.any():
+        return np.zeros(len(free))
+    mass = pin.crba(model, data, q)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    return -np.linalg.solve(mass[np.ix_(free, free)], mass[free] @ start)
+
+
+def _pose(
+    timeline: Timeline, v: np.ndarray, position: np.ndarray, quaternion: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and quaternion of the bus at the nodes from its velocity at the evaluations."""
+    steps = timeline.steps
+    stage_v = v[: steps * STAGES, :6].reshape(steps, STAGES, 6)
+    rate = np.zeros((steps, STAGES, 4, 4))
+    a, b, c = 0.5 * np.moveaxis(stage_v[..., 3:], -1, 0)
+    # q_dot = q o (0, omega) / 2, x y z w
+    rows = ((0, c, -b, a), (-c, 0, a, b), (b, -a, 0, c), (-a, -b, -c, 0))
+    for i, row in enumerate(rows):
+        for j, value in enumerate(row):
+            rate[..., i, j] = value
+    h = timeline.h
+    phi, _, stages = transitions(rate, None, h)
+    at_steps = np.empty((steps, 4))
+    now = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+    nodes, places = [], []
+    step = 0
+    for count in timeline.counts:
+        for _ in range(count):
+            at_steps[step] = now
+            nodes.append(now)
+            now = phi[step] @ now
+            now = now / np.linalg.norm(now)
+            step += 1
+        nodes.append(now)
+    quaternions = np.array(nodes)
+    turned = np.einsum("sjab,sb->sja", stages, at_steps)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    inertial = np.einsum("sjab,sjb->sja", rotation_matrices(turned), stage_v[..., :3])
+    change = h[:, None] * np.einsum("j,sja->sa", B, inertial)
+    now, step = np.asarray(position, dtype=float), 0
+    for count in timeline.counts:
+        block = np.vstack([now, now + np.cumsum(change[step : step + count], axis=0)])
+        places.append(block)
+        now, step = block[-1], step + count
+    return np.vstack(places), quaternions
+
+
+def rotation_matrices(quaternion: np.ndarray) -> np.ndarray:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), x y z w."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)

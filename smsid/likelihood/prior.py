@@ -1,0 +1,43 @@
+"""What is known before the data: the user's priors, and a wide one around the description for the rest.
+
+Directions that the data do not see - masses and moments of links that no base parameter contains alone - are
+held by it; where the data see, it weighs next to nothing. Stated defaults: 50 % of every body's mass, first
+moment and inertia (`CAD`), and ten times the value for parameters of effects (`EFFECT`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smsid.likelihood.parameters import Parameters
+
+CAD = 0.5  # standard deviation of inertial parameters, relative to the body's own size
+EFFECT = 10.0  # standard deviation of effect parameters without a prior, relative to the described value
+
+
+class Prior:
+    """Gaussian prior around a described point, in ordinary inertial parameters and scalar values."""
+
+    def __init__(self, described: Parameters) -> None:
+        self.mean = described.inertias
+        self.sigma = CAD * described.sizes
+
+    def residual(self, at: Parameters) -> tuple[np.ndarray, np.ndarray]:
+        """Return whitened residuals (rows,) and their derivative by the step (rows, size)."""
+        n = at.inertias.size
+        rows = [((at.inertias - self.mean) / self.sigma).ravel()]
+        jacobian = [np.hstack([np.diag((at.sizes / self.sigma).ravel()), np.zeros((n, at.size - n))])]
+        start = n
+        for i, s in enumerate(at.scalars):
+            sigma_ = s.sigma if s.sigma is not None else EFFECT * s.size
+            own = np.zeros((1, at.size))
+            if s.log:
+                # the logarithm of a value with this standard deviation about the reference
+                width = float(np.sqrt(np.log1p((sigma_ / s.reference) ** 2)))
+                rows.append(np.array([np.log(s.value / s.reference) / width]))
+                own[0, start + i] = 1.0 / width
+            else:
+                rows.append(np.array([(s.value - s.reference) / sigma_]))
+                own[0, start + i] = 1.0 / sigma_
+            jacobian.append(own)
+        return np.concatenate(rows), np.vstack(jacobian)

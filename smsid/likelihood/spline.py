@@ -1,0 +1,128 @@
+"""A motion that is measured, not predicted: least-squares B-splines through positions and rates.
+
+A quintic spline on uniform knots gives angle, rate and acceleration that belong together. Positions carry the
+slow part of the motion (at frequency f a position noise s is a rate noise of 2 pi f s only), rates the fast
+part; least squares with their noise as weights takes both. The number of intervals is the one that Akaike's
+criterion prefers: misfit of the motion biases every parameter, while noise of the motion is averaged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+DEGREE = 5
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Measurements of one derivative (0: angle, 1: rate): times (N,) [s], values (N, k), sigma (k,)."""
+
+    derivative: int
+    times: np.ndarray
+    values: np.ndarray
+    sigma: np.ndarray
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """A fitted motion of k coordinates.
+
+    ``spline`` gives (N, k). ``angle_density`` and ``rate_density`` (k,) are the standard deviations that
+    white noise on samples of the angle, or of the rate, taken ``per`` second, would need to be as uncertain
+    in band as the fit: its mean variance times samples over coefficients.
+    """
+
+    spline: BSpline
+    intervals: int
+    angle_density: np.ndarray
+    rate_density: np.ndarray
+
+    @property
+    def spacing(self) -> float:
+        """Distance of the knots [s]."""
+        t = self.spline.t
+        return float((t[-1] - t[0]) / self.intervals)
+
+    def values(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return angle, rate and acceleration (N, k) each."""
+        s = self.spline
+        inside = np.clip(times, s.t[0], s.t[-1])
+        return s(inside), s.derivative(1)(inside), s.derivative(2)(inside)
+
+
+def fit_motion(
+    samples: list[Samples], start: float, stop: float, rate: float, shortest: float
+) -> MeasuredMotion:
+    """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
+
+    Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
+    zero then.
+    """
+    best: tuple[float, MeasuredMotion] | None = None
+    intervals, worse = 4, 0
+    while (stop - start) / intervals >= shortest and worse < 3:
+        score, motion = _fit(samples, start, stop, intervals, rate)
+        if best is None or score < best[0]:
+            best, worse = (score, motion), 0
+        else:
+            worse += 1
+        intervals = int(np.ceil(intervals * 1.3))
+    assert best is not None
+    return best[1]
+
+
+def _fit(
+    samples: list[Samples], start: float, stop: float, intervals: int, rate: float
+) -> tuple[float, MeasuredMotion]:
+    knots = _knots(start, stop, intervals)
+    size, width = intervals + DEGREE, samples[0].values.shape[1]
+    designs = [_design(s.times, knots, s.derivative) for s in samples]
+    anchored = any(s.derivative == 0 for s in samples)
+    coefficients, score = np.empty((size, width)), 0.0
+    angle, speed = np.empty(width), np.empty(width)
+    grid = np.linspace(start, stop, 4 * intervals + 1)
+    at = [_design(grid, knots, d).toarray() for d in (0, 1)]
+    for k in range(width):
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        for s, design in zip(samples, designs, strict=True):
+            weight = 1.0 / s.sigma[k] ** 2
+            normal += weight * (design.T @ design).toarray()
+            right += weight * (design.T @ s.values[:, k])
+        if not anchored:
+            normal[0, 0] += normal.diagonal().max()
+        solve = cho_factor(normal)
+        coefficients[:, k] = cho_solve(solve, right)
+        for s, design in zip(samples, designs, strict=True):
+            score += float(np.sum(((s.values[:, k] - design @ coefficients[:, k]) / s.sigma[k]) ** 2))
+        inverse = cho_solve(solve, np.eye(size))
+        for out, design in zip((angle, speed), at, strict=True):
+            variance = np.einsum("ij,jk,ik->i", design, inverse, design)
+            out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
+    motion = MeasuredMotion(BSpline(knots, coefficients, DEGREE), intervals, angle, speed)
+    return score + 2.0 * size * width, motion
+
+
+def _knots(start: float, stop: float, intervals: int) -> np.ndarray:
+    inner = np.linspace(start, stop, intervals + 1)
+    return np.concatenate([[start] * DEGREE, inner, [stop] * DEGREE])
+
+
+def _design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
+    times = np.clip(times, knots[0], knots[-1])
+    if derivative == 0:
+        return csr_array(BSpline.design_matrix(times, knots, DEGREE))
+    # the derivative of a B-spline is one of lower degree on the inner knots, of scaled differences
+    size = len(knots) - DEGREE - 1
+    lower = csr_array(BSpline.design_matrix(times, knots[1:-1], DEGREE - 1))
+    scale = DEGREE / (knots[DEGREE + 1 : -1] - knots[1:size])
+    rows = np.repeat(np.arange(size - 1), 2)
+    columns = rows + np.tile([0, 1], size - 1)
+    differences = csr_array(
+        (np.column_stack([-scale, scale]).ravel(), (rows, columns)), shape=(size - 1, size)
+    )
+    return csr_array(lower @ differences)

@@ -1,0 +1,94 @@
+"""The grid a prediction is computed on: segments between jumps of the inputs, steps, stages, interpolation."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from smsid.likelihood.runge_kutta import STAGES, C
+
+POINTS = 8  # of the interpolation: degree seven
+SLACK = 1e-9  # [s] by which a sample may precede a jump and still count as after it
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Uniform steps within segments; a jump of an input is the end of one segment and the start of the next.
+
+    ``edges`` (segments + 1,) [s], ``counts`` (segments,) steps in each. Evaluations are numbered: seven
+    stages of every step in order, then the end of every segment. Nodes are the ends of steps, those at an
+    edge twice: before and after the jump.
+    """
+
+    edges: np.ndarray
+    counts: np.ndarray
+
+    @classmethod
+    def of(cls, start: float, stop: float, jumps: Sequence[float], longest: float) -> Timeline:
+        """Return the grid from start to stop [s] with steps of at most ``longest`` [s]."""
+        inner = [t for t in sorted(set(jumps)) if start + SLACK < t < stop - SLACK]
+        edges = np.array([start, *inner, stop])
+        counts = np.maximum(np.ceil(np.diff(edges) / longest - 1e-9).astype(int), POINTS - 1)
+        return cls(edges, counts)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return int(self.counts.sum())
+
+    @property
+    def h(self) -> np.ndarray:
+        """Length of every step (steps,) [s]."""
+        return np.repeat(np.diff(self.edges) / self.counts, self.counts)
+
+    @property
+    def step_starts(self) -> np.ndarray:
+        """Start of every step (steps,) [s]."""
+        pieces = zip(itertools.pairwise(self.edges), self.counts, strict=True)
+        return np.concatenate([np.linspace(a, b, n + 1)[:-1] for (a, b), n in pieces])
+
+    @property
+    def evaluations(self) -> np.ndarray:
+        """Times of all evaluations (7 steps + segments,) [s]."""
+        stages = self.step_starts[:, None] + self.h[:, None] * C
+        return np.concatenate([stages.ravel(), self.edges[1:]])
+
+    @property
+    def evaluation_segment(self) -> np.ndarray:
+        """Segment of every evaluation."""
+        own = np.repeat(np.arange(len(self.counts)), self.counts * STAGES)
+        return np.concatenate([own, np.arange(len(self.counts))])
+
+    @property
+    def node_evaluation(self) -> np.ndarray:
+        """Number of the evaluation at every node (steps + segments,)."""
+        first = np.concatenate([[0], np.cumsum(self.counts)])
+        parts = []
+        for s, (a, b) in enumerate(itertools.pairwise(first)):
+            parts += [np.arange(a, b) * STAGES, [self.steps * STAGES + s]]
+        return np.concatenate(parts).astype(int)
+
+    def interpolation(self, times: np.ndarray) -> csr_array:
+        """Return W (N, nodes) that takes values at the nodes to times (N,): Lagrange of degree seven.
+
+        Never across a jump; a time at a jump is after it. Times must lie within the grid.
+        """
+        times = np.clip(times, self.edges[0], self.edges[-1])
+        segment = np.searchsorted(self.edges[1:-1], times + SLACK, side="right")
+        offset = np.concatenate([[0], np.cumsum(self.counts + 1)])
+        span = np.diff(self.edges) / self.counts
+        x = np.clip((times - self.edges[segment]) / span[segment], 0.0, self.counts[segment])
+        first = np.clip(np.floor(x).astype(int) - (POINTS // 2 - 1), 0, self.counts[segment] + 1 - POINTS)
+        local = x - first
+        weights = np.ones((len(times), POINTS))
+        for i in range(POINTS):
+            for j in range(POINTS):
+                if i != j:
+                    weights[:, i] *= (local - j) / (i - j)
+        columns = (offset[segment] + first)[:, None] + np.arange(POINTS)
+        rows = np.repeat(np.arange(len(times)), POINTS)
+        return csr_array((weights.ravel(), (rows, columns.ravel())), shape=(len(times), int(offset[-1])))

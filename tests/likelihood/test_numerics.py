@@ -1,0 +1,118 @@
+"""The numerical parts: pseudo-inertia, integration rule, interpolation, splines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.linalg import expm
+
+from smsid.errors import DescriptionError
+from smsid.likelihood.pseudo_inertia import factor, is_body, moved, parameters_of, tangent
+from smsid.likelihood.runge_kutta import A, B, C, transitions
+from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.timeline import Timeline
+
+
+def bodies() -> list[np.ndarray]:
+    """Clouds of point masses, flat ones among them."""
+    rng = np.random.default_rng(3)
+    found = []
+    for k in range(20):
+        points = rng.standard_normal((6, 3)) * [1.0, 1.0, 0.01 if k % 2 else 1.0] + rng.standard_normal(3)
+        masses = rng.uniform(1.0, 10.0, 6)
+        total = np.zeros(10)
+        for m, r in zip(masses, points, strict=True):
+            total += pin.Inertia(m, r, np.zeros((3, 3))).toDynamicParameters()
+        found.append(total)
+    return found
+
+
+def test_factor_reproduces_the_parameters():
+    for theta in bodies():
+        np.testing.assert_allclose(parameters_of(factor(theta)), theta, rtol=1e-12, atol=1e-12)
+
+
+def test_any_step_leads_to_a_body_that_can_exist():
+    rng = np.random.default_rng(0)
+    for theta in bodies():
+        there = parameters_of(moved(factor(theta), 0.5 * rng.standard_normal(10)))
+        assert is_body(there)
+
+
+def test_tangent_is_the_derivative():
+    for theta in bodies():
+        lower = factor(theta)
+        h = 1e-6
+        for k, column in enumerate(tangent(lower).T):
+            step = h * np.eye(10)[k]
+            found = (parameters_of(moved(lower, step)) - parameters_of(moved(lower, -step))) / (2 * h)
+            np.testing.assert_allclose(column, found, atol=1e-8 * np.abs(theta).max())
+
+
+def test_a_flat_body_is_refused():
+    rod = pin.Inertia(1.0, np.zeros(3), np.diag([0.0, 1.0, 1.0])).toDynamicParameters()
+    assert not is_body(rod)
+    with pytest.raises(DescriptionError):
+        factor(pin.Inertia(1.0, np.zeros(3), np.diag([3.0, 1.0, 1.0])).toDynamicParameters(), "wide")
+
+
+def test_tableau_is_consistent():
+    np.testing.assert_allclose(A.sum(axis=1), C, atol=1e-15)
+    np.testing.assert_allclose([B @ C**k for k in range(6)], 1.0 / np.arange(1, 7), rtol=1e-13)
+
+
+def test_integration_is_of_order_six():
+    """A forced oscillator: halving the step divides the error by 64."""
+    rate = np.array([[0.0, 1.0], [-4.0, -0.1]])
+    errors = []
+    for n in (20, 40, 80):
+        h = np.full(n, 5.0 / n)
+        times = np.arange(n)[:, None] * h[0] + h[0] * C
+        drive = np.stack([np.zeros_like(times), np.cos(times)], -1)[..., None]
+        phi, gamma, _ = transitions(np.broadcast_to(rate, (n, 7, 2, 2)), drive, h)
+        x = np.array([[1.0], [0.0]])
+        for a, b in zip(phi, gamma, strict=True):
+            x = a @ x + b
+        # the oscillator with (cos, sin) as two more states
+        big = np.zeros((4, 4))
+        big[:2, :2], big[1, 2], big[2, 3], big[3, 2] = rate, 1.0, -1.0, 1.0
+        exact = expm(5.0 * big) @ [1.0, 0.0, 1.0, 0.0]
+        errors.append(np.abs(x[:, 0] - exact[:2]).max())
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 6.0, atol=0.5)
+
+
+def test_interpolation_never_crosses_a_jump():
+    line = Timeline.of(0.0, 12.0, [4.0], 0.1)
+    node_times = line.evaluations[line.node_evaluation]
+    segment = line.evaluation_segment[line.node_evaluation]
+    values = np.sin(3 * node_times) + 5.0 * segment
+    times = np.linspace(0.0, 12.0, 1201)
+    expected = np.sin(3 * times) + 5.0 * (times >= 4.0 - 1e-9)
+    # (w h)^8 / 8! times the largest product of distances to eight nodes, 630 in the outermost interval
+    bound = 0.3**8 / 40320 * 630 * 1.1
+    np.testing.assert_allclose(line.interpolation(times) @ values, expected, rtol=0.0, atol=bound)
+
+
+def test_spline_takes_positions_and_rates_and_states_its_error():
+    """Angle and rate within what the densities say: over 40 draws the mean square is one."""
+    times = np.arange(0.0, 40.0, 0.01)
+    angle, rate = np.sin(0.7 * times), 0.7 * np.cos(0.7 * times)
+    scores = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        samples = [
+            Samples(0, times, (angle + 1e-5 * rng.standard_normal(len(times)))[:, None], np.array([1e-5])),
+            Samples(1, times, (rate + 1e-4 * rng.standard_normal(len(times)))[:, None], np.array([1e-4])),
+        ]
+        motion = fit_motion(samples, 0.0, times[-1], 100.0, 0.1)
+        q, qd, _ = motion.values(times)
+        share = (motion.intervals + 5) / len(times)
+        scores.append(
+            [
+                np.mean((q[:, 0] - angle) ** 2) / (motion.angle_density[0] ** 2 * share),
+                np.mean((qd[:, 0] - rate) ** 2) / (motion.rate_density[0] ** 2 * share),
+            ]
+        )
+        assert motion.rate_density[0] < 1e-4  # positions help
+    np.testing.assert_allclose(np.mean(scores, axis=0), 1.0, atol=0.25)

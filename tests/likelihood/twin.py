@@ -1,0 +1,95 @@
+"""Recordings of the MuJoCo twin for the tests of maximum likelihood, made once per session of tests."""
+
+from __future__ import annotations
+
+import zlib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from twins.mujoco_twin import Drive, MujocoTwin
+from twins.recordings import Q0_ARM, thrust
+from twins.state import State
+
+from smsid.description import load_description
+from smsid.description.schema import Description
+from smsid.model import SpacecraftModel, build_model
+from smsid.recording import Recording
+from smsid.sensing import Sensor, add_noise
+
+URDF = Path(__file__).resolve().parents[2] / "urdf"
+BIASES = {"acceleration": 1e-4, "angular_rate": 1e-5}  # one sigma, drawn per axis [m/s^2, rad/s]
+CHANNELS = {
+    "pose.position": "base_pos_P",
+    "pose.velocity": "base_vel_P",
+    "imu.acceleration": "acc_imu_body",
+    "imu.angular_rate": "omega_body",
+    "encoder.joint_position": "q",
+    "encoder.joint_velocity": "qd",
+    "tachometer.wheel_rate": "rw_rate",
+    "panel.acceleration": "panel_acc_base",
+    "command.force": "force_body",
+}
+
+
+@cache
+def description() -> Description:
+    return load_description(URDF / "paper_sms.toml")
+
+
+@cache
+def model() -> SpacecraftModel:
+    return build_model(description())
+
+
+@cache
+def exp1(axes: tuple[int, int, int] = (1, 1, 1), duration: float = 120.0) -> Recording:
+    """Thrust (48) with the attitude held, without noise."""
+    drive = Drive(force_body=thrust(np.array(axes, dtype=float), duration))
+    data = MujocoTwin().simulate(drive, duration, initial=State(q=Q0_ARM.copy()), hold=True, dt=1e-2)
+    return recording(data, "exp1")
+
+
+@cache
+def exp2(duration: float = 80.0) -> Recording:
+    """Fourier torques on wheels and arm, free floating, without noise."""
+    order = 2 * np.pi / 40.0 * np.arange(1, 6)
+    rng = np.random.default_rng(4)
+    wheel, arm = rng.standard_normal((2, 3, 5)) * [[[0.35]], [[1.0]]]
+    arm *= np.array([4.0, 5.0, 1.2])[:, None]
+
+    def wheels(t: float) -> np.ndarray:
+        return wheel @ np.sin(order * t)
+
+    def joints(t: float) -> np.ndarray:
+        return arm @ np.cos(order * t)
+
+    drive = Drive(wheel_torque=wheels, joint_torque=joints)
+    data = MujocoTwin().simulate(drive, duration, initial=State(q=Q0_ARM.copy()), dt=5e-3)
+    return recording(data, "exp2")
+
+
+def recording(data: dict[str, np.ndarray], name: str) -> Recording:
+    channels = {mine: data[theirs] for mine, theirs in CHANNELS.items()}
+    channels["pose.attitude"] = data["quat_wxyz"][:, [1, 2, 3, 0]]
+    labels = {"joint": list(model().arm_joints.names), "wheel": list(model().wheels.names)}
+    return Recording.from_arrays(data["t"], channels, labels=labels, role="estimation", name=name)
+
+
+def sensors(*, biased: bool = True) -> list[Sensor]:
+    """The description's sensors, with biases drawn once per recording."""
+    out = []
+    for sensor in description().sensor:
+        errors = {
+            quantity: e.model_copy(update={"bias_sigma": BIASES[quantity]})
+            if biased and quantity in BIASES
+            else e
+            for quantity, e in sensor.errors.items()
+        }
+        out.append(sensor.model_copy(update={"errors": errors}))
+    return out
+
+
+def noisy(clean: Recording, seed: int, *, biased: bool = True) -> Recording:
+    rng = np.random.default_rng([seed, zlib.crc32(clean.name.encode())])
+    return add_noise(clean, sensors(biased=biased), rng)
