@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from smsid.arm.joints import recorded_joints
 from smsid.effects import Gear, JointOffset
@@ -12,13 +13,16 @@ from smsid.effects.gear import gear_matrix
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.sensing.filters import differentiate, uniform_rate, zero_phase
+from smsid.sensing.filters import uniform_rate, zero_phase
 
 MOTOR = "motor"
 """Source of channels measured at the motors; every other source is at the joints."""
 
 SAMPLES_PER_PERIOD = 2.5
 """Samples kept per period of the cutoff."""
+
+SPLINE_SAMPLES = 10.0
+"""Samples per period of the cutoff that the spline goes through; nothing is left above half of that."""
 
 SETTLING = 2.0
 """Periods of the cutoff left out at either end, where the filter does not know what lies beyond."""
@@ -48,6 +52,8 @@ class JointMotion:
 
 def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | None = None) -> JointMotion:
     """Filter, differentiate and decimate a recording of an arm.
+
+    Rates and accelerations are the slopes of the quintic spline through the filtered angles.
 
     Channels of the source ``motor`` are taken to the joints by the description's `Gear` effects;
     `JointOffset` effects are added to the angles. Angles and torques go through the same zero-phase
@@ -94,18 +100,20 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
             samples=len(angles),
             edge=edge,
         )
-    keep = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
-    smooth = zero_phase(angles, rate, top)
-    rates = differentiate(angles, rate, top)
-    accelerations = differentiate(rates, rate, top)
-    filtered = zero_phase(torques, rate, top)
+    coarse = max(1, int(rate / (SPLINE_SAMPLES * top)))
+    both = zero_phase(np.hstack([angles, torques]), rate, top)
+    times = np.asarray(recording.time(position))
+    count = angles.shape[1]
+    spline = make_interp_spline(times[::coarse], both[::coarse, :count], k=5, axis=0)
+    kept = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
+    at = times[kept]
     order = np.argsort(place)
     return JointMotion(
-        np.asarray(recording.time(position))[keep],
-        np.array([model.set_joint_angles(model.home, x) for x in smooth[keep][:, order]]),
-        rates[keep][:, order],
-        accelerations[keep][:, order],
-        filtered[keep][:, order],
+        at,
+        np.array([model.set_joint_angles(model.home, x) for x in spline(at)[:, order]]),
+        spline.derivative(1)(at)[:, order],
+        spline.derivative(2)(at)[:, order],
+        both[kept, count:][:, order],
         top,
     )
 

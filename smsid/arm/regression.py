@@ -54,25 +54,29 @@ def solve_joints(rows: np.ndarray, torque: np.ndarray) -> JointRegression:
         raise NotIdentifiableError(
             f"{samples * joints} equations for {n} unknowns.", advice="Record longer.", samples=samples
         )
-    noise = np.maximum(np.std(torque, axis=0), 1e-12)
-    x = np.zeros(n)
+    scale = np.linalg.norm(rows, axis=(0, 1))
+    if not scale.min() > 0.0:
+        raise NotIdentifiableError(
+            "A parameter does not enter at all.", advice="Excite its joint.", column=int(scale.argmin())
+        )
+    # One triangle per joint holds all that its equations say; the rounds only weight the triangles anew.
+    triangles = [
+        np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r") for j in range(joints)
+    ]
+    noise = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-12)
     for _ in range(ROUNDS):
-        weighted = (rows / noise[:, None]).reshape(-1, n)
-        scale = np.linalg.norm(weighted, axis=0)
-        if not scale.min() > 0.0:
-            raise NotIdentifiableError(
-                "A parameter does not enter at all.", advice="Excite its joint.", column=int(scale.argmin())
-            )
-        x_scaled, _, rank, singular = np.linalg.lstsq(weighted / scale, (torque / noise).ravel(), rcond=1e-10)
+        stacked = np.vstack([r / s for r, s in zip(triangles, noise, strict=True)])
+        column = np.linalg.norm(stacked[:, :-1], axis=0)
+        y, _, rank, singular = np.linalg.lstsq(stacked[:, :-1] / column, stacked[:, -1], rcond=1e-10)
         if rank < n:
             raise NotIdentifiableError(
                 f"Only {rank} of {n} combinations are excited.",
                 advice="Move the joints through more configurations, rates and accelerations.",
                 rank=int(rank),
             )
-        x = x_scaled / scale
+        x = y / column / scale
         residual = torque - rows @ x
-        before, noise = noise, np.maximum(np.std(residual, axis=0), 1e-12)
+        before, noise = noise, np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
         if np.all(np.abs(noise - before) <= SETTLED * before):
             break
     white = residual / noise
