@@ -1,0 +1,48 @@
+"""``smsid campaign``: the command, ready to be registered with a typer application."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+
+def campaign_command(
+    plan: Annotated[Path, typer.Argument(help="plan of the campaign: a TOML")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="results, one line per run; an existing file is continued")
+    ] = Path("campaign.jsonl"),
+    runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
+    workers: Annotated[int | None, typer.Option(help="worker processes; default: one per core")] = None,
+    backend: Annotated[str, typer.Option(help="loky (local processes), dask, or serial")] = "loky",
+    dask: Annotated[str | None, typer.Option(help="address of a dask scheduler, tcp://host:port")] = None,
+    retry_failed: Annotated[bool, typer.Option(help="do runs again that ended in an error")] = False,
+    level: Annotated[float, typer.Option(help="family-wise level of the bands in the summary")] = 0.01,
+) -> None:
+    """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
+    from smsid.campaign.main import campaign_main, summary_path
+    from smsid.campaign.table import summary_tables
+
+    console, errors = Console(), Console(stderr=True)
+    try:
+        summary = campaign_main(
+            plan,
+            output,
+            backend=backend,
+            workers=workers,
+            dask_address=dask,
+            retry_failed=retry_failed,
+            runs=runs,
+            level=level,
+            console=errors,
+        )
+    except KeyboardInterrupt:
+        errors.print(f"Finished runs are in {output}; the same command goes on from there.", highlight=False)
+        raise typer.Abort from None
+    for table in summary_tables(summary):
+        console.print(table)
+    if summary.failed:
+        errors.print(f"warning: {summary.failed} of {summary.runs} runs failed", style="yellow")
+    console.print(f"wrote {output} and {summary_path(output)}")

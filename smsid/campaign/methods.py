@@ -1,0 +1,115 @@
+"""Methods by name: functions that take a `Case` and return its `Findings`."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import logging
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, cast, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from smsid.campaign.outcome import Findings
+from smsid.description.schema import did_you_mean
+from smsid.errors import ExperimentError
+
+logger = logging.getLogger(__name__)
+
+Method = Callable[..., Findings]
+"""Called as ``method(case, **options)`` with a `Case`; must be a pure function of ``case`` and options."""
+
+# References, not functions: workers import what they need, and `import smsid.campaign` stays light.
+_REGISTRY: dict[str, str] = {"paper": "smsid.campaign.paper:run_paper"}
+
+
+def register(name: str, method: Method | str) -> None:
+    """Offer a method under a name; ``method`` is a function of a module, or ``module:function``.
+
+    Raises `ExperimentError` for a name that is taken, or a function that workers could not import.
+    """
+    reference = method if isinstance(method, str) else f"{method.__module__}:{method.__qualname__}"
+    if "<" in reference or reference.startswith("__main__:") or reference.count(":") != 1:
+        raise ExperimentError(
+            f"The method '{name}' ({reference}) cannot be imported by worker processes.",
+            advice="Define it at the top level of a module.",
+        )
+    if ":" in name or _REGISTRY.get(name, reference) != reference:
+        raise ExperimentError(f"The name '{name}' is not free for a method.", advice="Use another.")
+    _REGISTRY[name] = reference
+
+
+def known_methods() -> tuple[str, ...]:
+    """Return the names of the registered methods."""
+    return tuple(sorted(_REGISTRY))
+
+
+def reference_of(name: str) -> str:
+    """Return ``module:function`` of a method; raises `ExperimentError` for an unknown name."""
+    if ":" in name:
+        return name
+    if name not in _REGISTRY:
+        raise ExperimentError(
+            f"There is no method '{name}'." + did_you_mean(name, list(_REGISTRY)),
+            advice=f"Registered: {', '.join(known_methods())}; or give `module:function` of your own.",
+        )
+    return _REGISTRY[name]
+
+
+def import_method(reference: str, folder: Path) -> Method:
+    """Import ``module:function``; modules in ``folder`` (the plan's) are found too.
+
+    Raises `ExperimentError` when there is no such module or function.
+    """
+    module_name, _, function = reference.partition(":")
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    importlib.invalidate_caches()
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as cause:  # the module is the user's: anything may go wrong in it
+        raise ExperimentError(
+            f"The method '{reference}' cannot be imported: {type(cause).__name__}: {cause}.",
+            advice="Its module must be installed, or be in the folder of the plan.",
+        ) from cause
+    method = getattr(module, function, None)
+    if not callable(method):
+        raise ExperimentError(
+            f"Module '{module_name}' has no function '{function}'."
+            + did_you_mean(function, [n for n, _ in inspect.getmembers(module, inspect.isfunction)])
+        )
+    return cast(Method, method)
+
+
+def check_options(method: Method, name: str, options: Mapping[str, Any]) -> None:
+    """Raise `ExperimentError` for options the method does not take or lacks, or of the wrong type."""
+    signature = inspect.signature(method)
+    try:
+        signature.bind(None, **options)
+    except TypeError as cause:
+        known = ", ".join(list(signature.parameters)[1:])
+        raise ExperimentError(
+            f"The options do not fit the method '{name}': {cause}.", advice=f"Options: {known or 'none'}."
+        ) from cause
+    try:
+        hints = get_type_hints(method)
+    except Exception:  # annotations are the user's, and need not be importable
+        logger.info("The annotations of '%s' cannot be read; its options are not checked by type.", name)
+        return
+    for key, value in options.items():
+        try:
+            TypeAdapter(hints.get(key, Any)).validate_python(value)
+        except ValidationError as cause:
+            reason = cause.errors()[0]["msg"]
+            raise ExperimentError(f"Option `{key}` of the method '{name}' is {value!r}. {reason}.") from cause
+
+
+def source_of(method: Method) -> bytes:
+    """Return the source of the module that defines a method, empty when there is none to read."""
+    try:
+        file = inspect.getsourcefile(method)
+    except TypeError:
+        return b""
+    return Path(file).read_bytes() if file and Path(file).is_file() else b""

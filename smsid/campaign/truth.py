@@ -1,0 +1,59 @@
+"""The true values of what an identification estimates, by the same names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.campaign.case import Case
+from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.identify.momentum import Regression, carried_by_bus
+from smsid.identify.pipeline import Identification
+from smsid.model import SpacecraftModel, build_model
+from smsid.model.regressor import Regressor
+
+
+def true_values(case: Case, found: Identification) -> dict[str, float]:
+    """Return the true values by parameter name, in the units of the estimate.
+
+    Parameters without a truth of their own are left out: coupled frequencies, and Step B as printed, whose
+    parameters are products.
+    """
+    truth = build_model(case.truth)
+    out = {"total.mass": truth.mass}
+    for effect in case.truth.effect:
+        out.update({p.name: p.value for p in effect.parameters()})
+        if isinstance(effect, Appendage):
+            out.update(_appendage(effect, case))
+    if found.momentum is not None:
+        floating = [e for e in case.experiments if e.force is None]
+        if floating:
+            q = floating[0].start(truth)
+            centre = pin.centerOfMass(truth.pin, truth.data, q) - q[:3]
+            out.update({f"system_cm.{axis}": float(centre[k]) for k, axis in enumerate("xyz")})
+        step_a = _base(truth, found.momentum.a.moments, carried=False)
+        out.update({f"step A: {name}": value for name, value in step_a.items()})
+        out.update(_base(truth, found.momentum.b, carried=True))
+    return out
+
+
+def _appendage(effect: Appendage, case: Case) -> dict[str, float]:
+    out: dict[str, float] = {}
+    if isinstance(effect, BeamAppendage):
+        out[f"{effect.name}.linear_density"] = effect.linear_density
+    elif effect == case.guess.get_effect(effect.name):
+        out[f"{effect.name}.participation_factor"] = 1.0  # relative to the starting guess
+    for k, mode in enumerate(effect.modal_data(), start=1):
+        out[f"{effect.name}.mode{k}.frequency"] = mode.frequency
+        out[f"{effect.name}.mode{k}.damping"] = mode.damping
+    return out
+
+
+def _base(truth: SpacecraftModel, found: Regression, *, carried: bool) -> dict[str, float]:
+    regressor = Regressor(truth)
+    theta = regressor.parameters + (carried_by_bus(truth, regressor) if carried else 0.0)
+    if not len(found.base):
+        return {}
+    chosen = np.array([regressor.names.index(n) for n in found.theta_names])
+    values = found.base.values(theta[chosen])
+    return dict(zip(found.base.names, map(float, values), strict=True))
