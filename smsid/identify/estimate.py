@@ -151,7 +151,8 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
         raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid identify` to make it.")
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
-        if document.get("kind") != "estimate" or document.get("schema") != SCHEMA_VERSION:
+        known = isinstance(document, dict) and document.get("kind") == "estimate"
+        if not known or document.get("schema") != SCHEMA_VERSION:
             raise SmsidError(
                 f"'{file}' is no estimate of schema {SCHEMA_VERSION}.",
                 advice="Was it made by another version?",
@@ -172,7 +173,7 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             notes=tuple(document["notes"]),
             conditions={k: v["value"] for k, v in document["conditions"].items()},
         )
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SmsidError(
             f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?"
         ) from error

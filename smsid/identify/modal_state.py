@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from smsid.errors import NotIdentifiableError
 from smsid.identify.motion import Motion
 from smsid.model.assembly import AppendageJoints
 
@@ -78,10 +79,17 @@ class _Panel:
 def integrate_accelerometers(motion: Motion, joints: AppendageJoints) -> ModalState:
     """Return the modal state by (31)-(32) as printed: accelerometers solved for delta'' and integrated twice.
 
-    Needs at least as many accelerometer axes that see the panel as modes. Drifts with bias and noise.
+    Drifts with bias and noise, and errs by the step: (32) is the rectangle rule. Raises
+    `NotIdentifiableError` when fewer accelerometer axes see the panel than it has modes.
     """
     name = joints.appendage.name
     panel = _Panel.of(joints, motion.stations[name])
+    seen = np.linalg.matrix_rank(panel.shapes.reshape(-1, panel.shapes.shape[2]))
+    if seen < panel.shapes.shape[2]:
+        raise NotIdentifiableError(
+            f"{seen} accelerometer axes see the {panel.shapes.shape[2]} modes of '{name}': too few for (31).",
+            advice="Add stations, describe fewer modes, or use the smoother.",
+        )
     inverse = np.linalg.pinv(panel.shapes.reshape(-1, panel.shapes.shape[2]))
     excess = panel.excess(motion, motion.panels[name])
     n, m = len(motion), panel.shapes.shape[2]
