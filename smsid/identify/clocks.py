@@ -28,7 +28,8 @@ def sampled(
 
     Low-passed without phase at ``cutoff`` [Hz] at its own rate (a channel too slow to have anything above the
     cut-off is taken as it is), then by a cubic spline where its samples are not at ``times``. Quaternions
-    come out continuous in sign, not normalised.
+    come out continuous in sign, not normalised. Up to one of its samples beyond its ends, which is about
+    what delays shift clocks by, the channel keeps its first and last value.
 
     Raises `RecordingError` for missing or uneven samples, and times the channel does not cover.
     """
@@ -43,7 +44,7 @@ def sampled(
     at = np.clip(np.searchsorted(own, times), 0, len(own) - 1)
     if np.array_equal(own[at], times):
         return values[at]
-    slack = 1e-9 * max(1.0, abs(times[-1]))
+    slack = 1.0 / rate
     if times[0] < own[0] - slack or times[-1] > own[-1] + slack:
         raise RecordingError(
             f"'{channel}' runs from {own[0]:.6g} to {own[-1]:.6g} s; it is needed from {times[0]:.6g} to "
