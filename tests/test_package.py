@@ -18,7 +18,9 @@ MODULES = sorted(m.name for m in pkgutil.walk_packages(smsid.__path__, "smsid.")
 
 def test_importing_smsid_pulls_in_no_plotting_and_no_server() -> None:
     code = "import sys, smsid; print([m for m in ('matplotlib', 'meshcat', 'tornado', 'plotly', 'zmq') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ
+    )
     assert done.stdout.strip() == "[]"
 
 

@@ -32,14 +32,20 @@ _width = None if sys.stdout.isatty() else 132
 console = Console(width=_width)
 errors = Console(stderr=True)
 
-DescriptionPath = Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")]
+DescriptionPath = Annotated[
+    Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")
+]
 Output = Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")]
 Seed = Annotated[int, typer.Option(help="seed of sensor noise and turn-on biases")]
 
 
 @app.callback()
-def _common(verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False) -> None:
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+def _common(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False,
+) -> None:
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(name)s: %(message)s"
+    )
 
 
 @app.command()
@@ -50,9 +56,9 @@ def version() -> None:
 
 @app.command()
 def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings, estimate and view")] = Path(
-        "demo-out"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="folder for recordings, estimate and view")
+    ] = Path("demo-out"),
     seed: Seed = 1,
 ) -> None:
     """Fly both experiments of the paper, identify the spacecraft, print Tables 2 and 3 beside the paper's."""
@@ -64,7 +70,9 @@ def demo(
 @app.command()
 def simulate(
     description: DescriptionPath,
-    experiment: Annotated[str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")],
+    experiment: Annotated[
+        str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")
+    ],
     output: Output = Path("recording.nc"),
     seed: Seed = 1,
     role: Annotated[str, typer.Option(help="estimation or validation")] = "estimation",
@@ -88,7 +96,7 @@ def simulate(
     with _progress(f"simulating {plan.name}", plan.duration) as tell:
         flight = fly(model, plan, np.random.default_rng(seed), role=role, progress=tell)
     audit = flight.trajectory.audit()
-    recording = flight.recording.with_provenance(seed=seed)
+    recording = flight.recording.with_provenance({"seed": seed})
     save_recording(recording, output)
     if save_experiment_to is not None:
         save_experiment(plan, save_experiment_to)
@@ -111,7 +119,8 @@ def simulate(
 def import_(
     file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT or HDF5 file")],
     mapping: Annotated[
-        str, typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones")
+        str,
+        typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones"),
     ],
     output: Output = Path("recording.nc"),
 ) -> None:
@@ -128,10 +137,14 @@ def import_(
 @app.command()
 def identify(
     description: DescriptionPath,
-    recordings: Annotated[list[Path], typer.Argument(help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust)")],
+    recordings: Annotated[
+        list[Path], typer.Argument(help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust)")
+    ],
     output: Output = Path("estimate.json"),
     method: Annotated[str, typer.Option(help="paper: total least squares and SSI-COV")] = "paper",
-    show_all: Annotated[bool, typer.Option("--all", help="print Step B as printed in the paper as well")] = False,
+    show_all: Annotated[
+        bool, typer.Option("--all", help="print Step B as printed in the paper as well")
+    ] = False,
 ) -> None:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.cli.tables import estimate_table
@@ -154,7 +167,9 @@ def identify(
 
 
 @app.command()
-def show(file: Annotated[Path, typer.Argument(help="a recording, estimate, description or experiment")]) -> None:
+def show(
+    file: Annotated[Path, typer.Argument(help="a recording, estimate, description or experiment")],
+) -> None:
     """Show what is in a file."""
     from smsid.cli.show import show_file
 
@@ -166,7 +181,9 @@ def show(file: Annotated[Path, typer.Argument(help="a recording, estimate, descr
 def view(
     description: DescriptionPath,
     recording: Annotated[Path | None, typer.Argument(help="recording to replay")] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="self-contained HTML to write")] = Path("view.html"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="self-contained HTML to write")] = Path(
+        "view.html"
+    ),
 ) -> None:
     """Write a 3-D view of a spacecraft, or the replay of a recording, as one HTML file (extra: view)."""
     from smsid.view import view_main
@@ -178,8 +195,12 @@ def view(
 @contextmanager
 def _progress(label: str, total: float) -> Iterator:  # type: ignore[type-arg]
     bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
-        TimeRemainingColumn(), console=errors, transient=True,
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
+        TimeRemainingColumn(),
+        console=errors,
+        transient=True,
     )
     with bar:
         task = bar.add_task(label, total=total)

@@ -70,7 +70,9 @@ def run_demo(output: Path, seed: int, console: Console) -> None:
     _print(estimate, console)
     folder = oracle_folder()
     if folder is None:
-        console.print("\n2. Recordings of an independent engine: SMSID_ORACLE is not set or no folder; left out.")
+        console.print(
+            "\n2. Recordings of an independent engine: SMSID_ORACLE is not set or no folder; left out."
+        )
     else:
         console.print("\n2. Recordings of an independent engine (MuJoCo), with the same sensor noise.")
         described = load_description(urdf_folder() / "paper_sms.toml")
@@ -115,7 +117,9 @@ def table_2(estimate: Estimate) -> Table:
     for row in TABLE_2:
         found = [estimate[n] for n in row.names if n in estimate]
         if not found:
-            table.add_row(Text(row.label), f"{row.truth:g}", row.paper, row.paper_error, "not found", "", "", "")
+            table.add_row(
+                Text(row.label), f"{row.truth:g}", row.paper, row.paper_error, "not found", "", "", ""
+            )
             continue
         value = float(np.mean([p.value for p in found]))
         half = 1.96 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
@@ -142,12 +146,18 @@ def table_3(estimate: Estimate) -> Table:
     table.add_row("paper, best", "pi_m(2)", "336028.408", "335988.01", "", "0.01")
     table.add_row("paper, worst", "pi_m(12)", "-1.06", "-1.11", "", "4.80")
     for label, group in (("with slosh state", "exp2.step_b"), ("as printed", "exp2.step_b_printed")):
-        usable = [p for p in estimate.group(group) if p.status == "identifiable" and not p.small and p.nominal]
+        usable = [
+            p for p in estimate.group(group) if p.status == "identifiable" and not p.small and p.nominal
+        ]
         ranked = sorted(usable, key=_error)
         shown = [("best", p) for p in ranked[:2]] + [("worst", p) for p in ranked[-2:]]
         for rank, p in shown:
             table.add_row(
-                f"{label}, {rank}", Text(_short(p.name)), f"{p.nominal:.6g}", f"{p.value:.6g}", f"{1.96 * p.sigma:.2g}",
+                f"{label}, {rank}",
+                Text(_short(p.name)),
+                f"{p.nominal:.6g}",
+                f"{p.value:.6g}",
+                f"{1.96 * p.sigma:.2g}",
                 f"{100 * _error(p):.3g}",
             )
     return table

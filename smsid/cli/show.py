@@ -110,5 +110,3 @@ def _joints(model: SpacecraftModel) -> Table:
         mass = f"{model.pin.inertias[j].mass:.5g}"
         table.add_row(model.pin.names[j], roles.get(j, "base"), model.pin.names[model.pin.parents[j]], mass)
     return table
-
-

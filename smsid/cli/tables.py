@@ -42,7 +42,12 @@ def parameter_table(title: str, parameters: Iterable[ParameterEstimate]) -> Tabl
         style = {"identifiable": "green", "not_identifiable": "yellow"}.get(p.status, "")
         described = "" if p.nominal is None else f"{p.nominal:.6g}"
         table.add_row(
-            Text(p.name), f"{p.value:.6g}", f"{1.96 * p.sigma:.2g}", p.unit, described, Text(status, style=style)
+            Text(p.name),
+            f"{p.value:.6g}",
+            f"{1.96 * p.sigma:.2g}",
+            p.unit,
+            described,
+            Text(status, style=style),
         )
     return table
 
@@ -62,7 +67,9 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
 def recording_table(recording: Recording) -> Table:
     """Return a table of a recording's channels."""
     table = Table(
-        title=f"recording '{recording.name}', role {recording.role}", title_justify="left", header_style="bold"
+        title=f"recording '{recording.name}', role {recording.role}",
+        title_justify="left",
+        header_style="bold",
     )
     for name in ("channel", "shape", "unit", "rate", "from", "to", "smallest", "largest"):
         table.add_column(name, justify="left" if name in ("channel", "unit") else "right")

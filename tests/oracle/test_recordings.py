@@ -33,7 +33,9 @@ def fourier(time: np.ndarray, torque: np.ndarray) -> Fourier:
     return Fourier(1 / 40, found[1:6].T, found[6:].T, found[0])
 
 
-def differences(model: SpacecraftModel, recording: Recording, inputs: Inputs, steps: list[float]) -> dict[str, float]:
+def differences(
+    model: SpacecraftModel, recording: Recording, inputs: Inputs, steps: list[float]
+) -> dict[str, float]:
     """Largest difference of each channel, relative to the largest magnitude of the whole channel."""
     time = recording.time()
     trajectory = simulate(model, inputs, float(time[-1]))
@@ -57,7 +59,9 @@ def differences(model: SpacecraftModel, recording: Recording, inputs: Inputs, st
 
 
 @pytest.mark.parametrize(("name", "axes"), [("exp1_z_modal3", "z"), ("exp1_xyz_modal3", "xyz")])
-def test_experiment_1_agrees_with_the_recording(model: SpacecraftModel, oracle: Path, name: str, axes: str) -> None:
+def test_experiment_1_agrees_with_the_recording(
+    model: SpacecraftModel, oracle: Path, name: str, axes: str
+) -> None:
     recording = import_recording(oracle / f"{name}.npz", "oracle_exp1")
     found = differences(model, recording, thrust_experiment(axes).inputs(), [0.0, 20.0, 40.0])
     assert {"imu.acceleration", "panel.acceleration", "truth.slosh_position", "command.torque"} <= set(found)
@@ -73,5 +77,7 @@ def test_experiment_2_agrees_with_the_recording(model: SpacecraftModel, oracle: 
         joint_torque=fourier(time, recording["command.joint_torque"]),
     )
     found = differences(model, recording, inputs, [0.0])
-    assert {"imu.acceleration", "imu.angular_rate", "panel.acceleration", "encoder.joint_velocity"} <= set(found)
+    assert {"imu.acceleration", "imu.angular_rate", "panel.acceleration", "encoder.joint_velocity"} <= set(
+        found
+    )
     assert max(found.values()) < TOLERANCE, found
