@@ -20,6 +20,7 @@ ITERATIONS = 60
 NEAR = 1e-4  # a step counts as none when it would gain this much in the sum of squares: 0.01 sigma
 PASSES = 40
 LONGEST_STEP = 3.0  # a factor of 20 in a scalar, three times a body's size
+CLOSE = 0.1  # relative change of noise levels below which the joints' motion is estimated too
 SAME_NOISE = 0.01  # relative change of noise levels that needs no further pass
 
 
@@ -84,8 +85,10 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray |
         point, normal, cost = found.point, found.normal, found.cost
         total += found.iterations
         logger.info("pass: cost %.8g, largest change of a noise level %.2g", cost, change)
-        if settled:
+        if settled and all(p.follows for p in pieces if p.drive.joints is not None):
             break
+        if change < CLOSE:
+            pieces = tuple(p.following() for p in pieces)
     else:
         raise _stuck(cost, float("nan"), total)
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
@@ -98,8 +101,7 @@ def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
     total = float(residual @ residual)
     for piece, local in zip(pieces, point.locals, strict=True):
         prediction = piece.predict(point.parameters, local)
-        own, _ = piece.prior(local)
-        total += piece.cost(piece.residuals(point.parameters, local, prediction)) + float(own @ own)
+        total += piece.cost(piece.residuals(point.parameters, local, prediction)) + piece.prior(local)[2]
     return total
 
 
@@ -123,12 +125,14 @@ def normal_equations(
         place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
         data[np.ix_(place, place)] += information
         gradient[place] += slope
-        own, weight = piece.prior(local)
-        mine = np.arange(first, first + piece.size)
-        known[mine, mine] += weight**2
+        own, pull, penalty = piece.prior(local)
+        mine = slice(first, first + piece.size)
+        own, encoders = piece.split(own)
+        known[mine, mine] += own
+        data[mine, mine] += encoders
         if found is not None:
-            gradient[mine] -= weight * own
-            cost += piece.cost(found) + float(own @ own)
+            gradient[mine] += pull
+            cost += piece.cost(found) + penalty
         first += piece.size
     return Normal(data, known, gradient), cost
 

@@ -5,11 +5,12 @@ the predicted base velocity by A e, ``A = -M_ff^-1 M_fp`` (momentum is conserved
 its own noise plus A e. The fitted motion lets errors through only in the band of the motion, but in that band
 they are as white as the gyro's noise; what counts for the parameters is the density there. Each channel is
 therefore whitened with its own covariance plus A S A^T, S the equivalent covariance per sample of the fitted
-rates, in which what the positions say is already used (`MeasuredMotion`). Velocity, attitude and position
-get the same treatment; accelerometers do not: their own noise is orders of magnitude above it in band.
+rates (`MeasuredMotion`); velocity, attitude and position get the same treatment.
 
-Averaged over the motion. An error of the inputs also moves the regressors, which biases by the square of
-noise over signal: at the reference noise 1e-8, so it is left out.
+For wheels that is all: a wheel's error moves the bus by 1e-4 of itself. Errors of the joints also shake
+the panels near their resonance, where the response is a hundred times A e and not white; so the final passes
+estimate the joints' motion together with everything else, encoders and outputs deciding between them, and
+this whitening stands in for it only in the first ones.
 """
 
 from __future__ import annotations
@@ -27,16 +28,24 @@ LOOKS = 60  # configurations averaged over
 
 
 def with_input_noise(
-    channels: tuple[Channel, ...], parameters: Parameters, drive: Drive, prediction: Prediction
+    channels: tuple[Channel, ...],
+    parameters: Parameters,
+    drive: Drive,
+    prediction: Prediction,
+    joints_follow: bool,
 ) -> tuple[Channel, ...]:
-    """Return the channels with the noise of measured joint and wheel motion added to their own."""
-    if drive.held or (drive.joints is None and drive.wheels is None):
+    """Return the channels with the noise of measured motion added to their own.
+
+    ``joints_follow``: the joint motion is estimated with everything else, so only the wheels' noise is left.
+    """
+    joints = None if joints_follow else drive.joints
+    if drive.held or (joints is None and drive.wheels is None):
         return channels
     model = parameters.layout.model
     q, _, _ = prediction.at_nodes()
     chosen = np.unique(np.linspace(0, len(q) - 1, LOOKS).astype(int))
     index, rate, angle = [], [], []
-    for group, motion in ((model.arm_joints, drive.joints), (model.wheels, drive.wheels)):
+    for group, motion in ((model.arm_joints, joints), (model.wheels, drive.wheels)):
         if motion is not None:
             index += [int(i) for i in group.v]
             rate += list(motion.rate_density**2)

@@ -44,7 +44,7 @@ class Local:
     """What belongs to one recording alone.
 
     ``position`` (3,) [m] and ``quaternion`` (4,) of the bus at the start; ``gain`` (3,) relative thrust
-    error; ``bias`` (k,) and ``scale`` by channel.
+    error; ``bias`` (k,) and ``scale`` by channel; ``motion`` (m, joints) spline coefficients of the joints.
     """
 
     position: np.ndarray
@@ -52,6 +52,7 @@ class Local:
     gain: np.ndarray
     bias: dict[str, np.ndarray]
     scale: dict[str, float]
+    motion: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,9 @@ class Piece:
         """Names of the local parameters."""
         out = []
         for s in self.slots:
+            if s.kind == "joint_motion":
+                out += [f"{self.name}: joint_motion.{k}" for k in range(s.size)]
+                continue
             for k in range(s.size):
                 axis = "xyz"[k % 3] if s.size > 1 else ""
                 station = f"[{k // 3}]" if s.size > 3 else ""
@@ -100,11 +104,28 @@ class Piece:
 
     def predict(self, parameters: Parameters, local: Local) -> Prediction:
         """Predict the motion of the recording."""
-        drive = self.drive
+        drive = self._driven(local)
         if drive.thrust is not None and local.gain.any():
             factor = np.concatenate([1.0 + local.gain, np.ones(3)])
             drive = replace(drive, thrust=replace(drive.thrust, values=drive.thrust.values * factor))
         return predict(parameters, drive, self.timeline, local.position, local.quaternion)
+
+    def _driven(self, local: Local) -> Drive:
+        if self.drive.joints is None:
+            return self.drive
+        return replace(self.drive, joints=self.drive.joints.with_coefficients(local.motion))
+
+    @property
+    def follows(self) -> bool:
+        """Whether the measured joint motion is estimated with everything else."""
+        return any(s.kind == "joint_motion" for s in self.slots)
+
+    def following(self) -> Piece:
+        """Return the piece with the coefficients of the measured joint motion among its parameters."""
+        if self.follows or self.drive.joints is None:
+            return self
+        size = self.drive.joints.coefficients.size
+        return replace(self, slots=(*self.slots, Slot("joint_motion", "", self.size, size, np.inf, "rad")))
 
     def residuals(self, parameters: Parameters, local: Local, prediction: Prediction) -> list[np.ndarray]:
         """Return measured minus predicted, (N, k) by channel."""
@@ -142,7 +163,7 @@ class Piece:
     def columns(self, parameters: Parameters, local: Local, prediction: Prediction) -> Iterator[np.ndarray]:
         """Yield, channel by channel, derivatives at the nodes (nodes, k, n) by (parameters, local ones)."""
         thrust = _unit_thrust(parameters, self.drive, self.timeline)
-        by = sensitivity(parameters, self.drive, prediction, thrust)
+        by = sensitivity(parameters, self._driven(local), prediction, thrust, motion=self.follows)
         kinematics = Kinematics.of(parameters.layout.model, prediction)
         for c in self.channels:
             yield self._columns(kinematics, by, c, parameters.size, local)
@@ -161,6 +182,8 @@ class Piece:
                 out[..., columns] = found[..., size + 3 : size + 6]
             elif s.kind == "thrust_gain":
                 out[..., columns] = factor * found[..., size + 6 : size + 9]
+            elif s.kind == "joint_motion":
+                out[..., columns] = factor * found[..., size + 9 :]
             elif s.channel == c.name and s.kind == "bias":
                 out[..., columns] = np.eye(c.width)
             elif s.channel == c.name and s.kind == "scale":
@@ -170,6 +193,7 @@ class Piece:
     def moved(self, local: Local, step: np.ndarray) -> Local:
         """Return the local values a step (size,) away; the pose moves in the bus frame."""
         position, quaternion, gain = local.position, local.quaternion, local.gain
+        motion = local.motion
         bias, scale = dict(local.bias), dict(local.scale)
         turn = Rotation.from_quat(local.quaternion)
         for s in self.slots:
@@ -180,28 +204,55 @@ class Piece:
                 quaternion = (turn * Rotation.from_rotvec(part)).as_quat()
             elif s.kind == "thrust_gain":
                 gain = gain + part
+            elif s.kind == "joint_motion":
+                motion = motion + part.reshape(motion.shape[::-1]).T
             elif s.kind == "bias":
                 bias[s.channel] = bias[s.channel] + part
             else:
                 scale[s.channel] = scale[s.channel] + float(part[0])
-        return Local(position, quaternion, gain, bias, scale)
+        return Local(position, quaternion, gain, bias, scale, motion)
 
-    def prior(self, local: Local) -> tuple[np.ndarray, np.ndarray]:
-        """Return whitened residuals (size,) of the local priors and their weights (size,).
+    def prior(self, local: Local) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return information (size, size), gradient (size,) and cost of what is known of the local parameters.
 
         The initial pose has a prior about where it is: its weight keeps what no sensor sees from running off.
+        The joint motion's is what encoders say.
         """
-        residual, weight = np.zeros(self.size), np.zeros(self.size)
+        information, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for s in self.slots:
-            place = slice(s.start, s.start + s.size)
-            weight[place] = 1.0 / s.sigma
+            place = np.arange(s.start, s.start + s.size)
+            if s.kind == "joint_motion":
+                joints = self.drive.joints
+                assert joints is not None
+                m = len(joints.coefficients)
+                for k, known in enumerate(joints.information):
+                    own = place[k * m : (k + 1) * m]
+                    off = local.motion[:, k] - joints.coefficients[:, k]
+                    pull = known @ off
+                    information[np.ix_(own, own)] = known
+                    gradient[own] = -pull
+                    cost += float(off @ pull)
+                continue
+            off = np.zeros(s.size)
             if s.kind == "thrust_gain":
-                residual[place] = local.gain / s.sigma
+                off = local.gain
             elif s.kind == "bias":
-                residual[place] = local.bias[s.channel] / s.sigma
+                off = local.bias[s.channel]
             elif s.kind == "scale":
-                residual[place] = local.scale[s.channel] / s.sigma
-        return residual, weight
+                off = np.array([local.scale[s.channel]])
+            information[place, place] = 1.0 / s.sigma**2
+            gradient[place] = -off / s.sigma**2
+            cost += float(off @ off) / s.sigma**2
+        return information, gradient, cost
+
+    def split(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what `prior` gave (size, size) as prior proper, and as data: that of the encoders."""
+        encoders = np.zeros_like(information)
+        for s in self.slots:
+            if s.kind == "joint_motion":
+                place = slice(s.start, s.start + s.size)
+                encoders[place, place] = information[place, place]
+        return information - encoders, encoders
 
     def values(self, local: Local) -> np.ndarray:
         """Return the local values (size,); the initial attitude as rotation vector."""
@@ -213,6 +264,7 @@ class Piece:
                 "thrust_gain": local.gain,
                 "bias": local.bias.get(s.channel),
                 "scale": local.scale.get(s.channel),
+                "joint_motion": local.motion.T.ravel(),
             }[s.kind]
             out[s.start : s.start + s.size] = value
         return out
@@ -225,7 +277,8 @@ class Piece:
             c.with_covariance(np.diag(np.maximum(np.mean(r**2, axis=0), np.diag(c.covariance) * 1e-4)))
             for c, r in zip(self.channels, residuals, strict=True)
         )
-        return replace(self, channels=with_input_noise(channels, parameters, self.drive, prediction))
+        follows = self.follows
+        return replace(self, channels=with_input_noise(channels, parameters, self.drive, prediction, follows))
 
 
 def piece_of(
@@ -311,7 +364,8 @@ def _initial(piece: Piece) -> Local:
             position = c.values[:10].mean(axis=0) - offset
     bias = {s.channel: np.zeros(s.size) for s in piece.slots if s.kind == "bias"}
     scale = {s.channel: 0.0 for s in piece.slots if s.kind == "scale"}
-    return Local(position, attitude, np.zeros(3), bias, scale)
+    motion = piece.drive.joints.coefficients.copy() if piece.drive.joints is not None else np.zeros((0, 0))
+    return Local(position, attitude, np.zeros(3), bias, scale, motion)
 
 
 def _unit_thrust(parameters: Parameters, drive: Drive, timeline: Timeline) -> np.ndarray | None:

@@ -8,7 +8,7 @@ criterion prefers: misfit of the motion biases every parameter, while noise of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -16,6 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 DEGREE = 5
+WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
 @dataclass(frozen=True)
@@ -34,19 +35,46 @@ class MeasuredMotion:
 
     ``spline`` gives (N, k). ``angle_density`` and ``rate_density`` (k,) are the standard deviations that
     white noise on samples of the angle, or of the rate, taken ``per`` second, would need to be as uncertain
-    in band as the fit: its mean variance times samples over coefficients.
+    in band as the fit: its mean variance times samples over coefficients. ``information`` (k, m, m) of the
+    coefficients (m, k).
     """
 
     spline: BSpline
     intervals: int
     angle_density: np.ndarray
     rate_density: np.ndarray
+    information: np.ndarray
 
     @property
     def spacing(self) -> float:
         """Distance of the knots [s]."""
         t = self.spline.t
         return float((t[-1] - t[0]) / self.intervals)
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Coefficients of the basis (m, k)."""
+        return self.spline.c
+
+    def with_coefficients(self, coefficients: np.ndarray) -> MeasuredMotion:
+        """Return the motion with other coefficients (m, k)."""
+        return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
+
+    def windows(self, starts: np.ndarray) -> np.ndarray:
+        """Return the first (N,) of the `WINDOW` functions that act from ``starts`` (N,) [s] to one spacing on."""
+        t = self.spline.t
+        interval = np.clip(((starts - t[0]) / self.spacing + 1e-9).astype(int), 0, self.intervals - 1)
+        return np.minimum(interval, len(self.spline.c) - WINDOW)
+
+    def basis(self, times: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Return values, first and second derivatives (3, N, WINDOW) of the functions from ``first`` (N,) on."""
+        columns = first[:, None] + np.arange(WINDOW)
+        return np.stack(
+            [
+                np.take_along_axis(_design(times, self.spline.t, d).toarray(), columns, axis=1)
+                for d in range(3)
+            ]
+        )
 
     def values(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return angle, rate and acceleration (N, k) each."""
@@ -84,6 +112,7 @@ def _fit(
     designs = [_design(s.times, knots, s.derivative) for s in samples]
     anchored = any(s.derivative == 0 for s in samples)
     coefficients, score = np.empty((size, width)), 0.0
+    information = np.empty((width, size, size))
     angle, speed = np.empty(width), np.empty(width)
     grid = np.linspace(start, stop, 4 * intervals + 1)
     at = [_design(grid, knots, d).toarray() for d in (0, 1)]
@@ -95,6 +124,7 @@ def _fit(
             right += weight * (design.T @ s.values[:, k])
         if not anchored:
             normal[0, 0] += normal.diagonal().max()
+        information[k] = normal
         solve = cho_factor(normal)
         coefficients[:, k] = cho_solve(solve, right)
         for s, design in zip(samples, designs, strict=True):
@@ -103,7 +133,7 @@ def _fit(
         for out, design in zip((angle, speed), at, strict=True):
             variance = np.einsum("ij,jk,ik->i", design, inverse, design)
             out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
-    motion = MeasuredMotion(BSpline(knots, coefficients, DEGREE), intervals, angle, speed)
+    motion = MeasuredMotion(BSpline(knots, coefficients, DEGREE), intervals, angle, speed, information)
     return score + 2.0 * size * width, motion
 
 
@@ -114,15 +144,19 @@ def _knots(start: float, stop: float, intervals: int) -> np.ndarray:
 
 def _design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
     times = np.clip(times, knots[0], knots[-1])
-    if derivative == 0:
-        return csr_array(BSpline.design_matrix(times, knots, DEGREE))
-    # the derivative of a B-spline is one of lower degree on the inner knots, of scaled differences
     size = len(knots) - DEGREE - 1
-    lower = csr_array(BSpline.design_matrix(times, knots[1:-1], DEGREE - 1))
-    scale = DEGREE / (knots[DEGREE + 1 : -1] - knots[1:size])
+    inner = knots[derivative : len(knots) - derivative]
+    out = csr_array(BSpline.design_matrix(times, inner, DEGREE - derivative))
+    # the derivative of a B-spline is one of lower degree on the inner knots, of scaled differences
+    for d in range(derivative, 0, -1):
+        out = csr_array(out @ _differences(knots[d - 1 : len(knots) - d + 1], DEGREE - d + 1, size - d + 1))
+    return out
+
+
+def _differences(knots: np.ndarray, degree: int, size: int) -> csr_array:
+    """Matrix (size - 1, size) from the coefficients of a spline to those of its derivative."""
+    scale = degree / (knots[degree + 1 : -1] - knots[1:size])
     rows = np.repeat(np.arange(size - 1), 2)
     columns = rows + np.tile([0, 1], size - 1)
-    differences = csr_array(
-        (np.column_stack([-scale, scale]).ravel(), (rows, columns)), shape=(size - 1, size)
-    )
-    return csr_array(lower @ differences)
+    values = np.column_stack([-scale, scale]).ravel()
+    return csr_array((values, (rows, columns)), shape=(size - 1, size))

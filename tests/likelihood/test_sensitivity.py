@@ -66,4 +66,3 @@ def attitude_difference(
         c = next(c for c in piece.channels if c.quantity == "attitude")
         turns.append(Rotation.from_quat(c.weights @ kinematics.output(c.sensor, "attitude")))
     return (turns[1].inv() * turns[0]).as_rotvec()
-

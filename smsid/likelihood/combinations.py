@@ -1,0 +1,138 @@
+"""What is reported: parameters by name, as functions of the parameter vector with their gradients.
+
+Inertias are reported as the base parameters of Step B (`smsid.identify.momentum.step_b`), by the same names:
+total mass given, the combinations that angular momentum about the CM and the place of the CM depend on;
+"bus" includes its wheels and undeformed appendages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.effects.appendage import BeamAppendage
+from smsid.identify.momentum_rows import Split, first_moments
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.pseudo_inertia import SIZE
+from smsid.likelihood.sensitivity import skew
+from smsid.model.assembly import move_parameters
+from smsid.model.identifiable import BaseParameters, base_parameters
+from smsid.model.regressor import Regressor
+
+SAMPLES = 300  # of a motion, from which the identifiable combinations are read
+SMALL = 0.01  # share of the momentum below which a parameter is judged against its peers
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A reported parameter: value, its gradient by the step of the parameters (size,), and what describes it.
+
+    ``reference`` is what a small value is judged against, else None.
+    """
+
+    name: str
+    unit: str
+    value: float
+    gradient: np.ndarray
+    nominal: float
+    reference: float | None = None
+
+
+def effects_and_mass(at: Parameters, described: Parameters) -> list[Combination]:
+    """Return total mass, slosh, densities and modes, named as the linear method names them."""
+    masses = np.arange(0, len(at.layout.fixed), SIZE)
+    gradient = at.theta_jacobian()[masses].sum(axis=0)
+    nominal = float(described.theta()[masses].sum())
+    found = [Combination("total.mass", "kg", float(at.theta()[masses].sum()), gradient, nominal)]
+    parts = {a.appendage.name: a.appendage for a in at.layout.model.appendages}
+    for k, s in enumerate(at.scalars, start=at.inertias.size):
+        own = np.zeros(at.size)
+        own[k] = s.slope
+        if s.name.endswith(".density_factor"):
+            part = parts[s.name.removesuffix(".density_factor")]
+            if isinstance(part, BeamAppendage):
+                name, unit, size = f"{part.name}.linear_density", "kg/m", part.linear_density
+            else:
+                name, unit, size = f"{part.name}.participation_factor", "1", 1.0
+            found.append(Combination(name, unit, s.value * size, own * size, s.reference * size))
+        else:
+            found.append(Combination(s.name, s.unit, s.value, own, s.reference))
+    return found
+
+
+def inertial(
+    at: Parameters, described: Parameters, predictions: Sequence[Prediction]
+) -> tuple[list[Combination], BaseParameters | None, tuple[str, ...]]:
+    """Return the identifiable inertial combinations of free-floating motions, their base and its columns."""
+    if not predictions:
+        return [], None, ()
+    model = at.layout.model
+    regressor = Regressor(model)
+    theta, jacobian = at.theta(), at.theta_jacobian()
+    parts = Split.of(model, regressor, bus_first=True)
+    bus = regressor.names.index(f"{regressor.bodies[0]}.m")
+    total = float(theta[::SIZE].sum())
+    rows, spins, known = [], [], []
+    for prediction in predictions:
+        q, v, _ = prediction.at_nodes()
+        chosen = np.unique(np.linspace(0, len(q) - 1, SAMPLES).astype(int))
+        y = regressor.momentum(q[chosen], v[chosen])
+        moments = first_moments(model, regressor, q[chosen])
+        cm = moments @ theta / total
+        spin = y[:, 3:] - skew(cm) @ y[:, :3]
+        for full in (spin, moments):
+            free = full[:, :, parts.unknown].copy()
+            for k, i in enumerate(parts.unknown):
+                if regressor.names[i].endswith(".m"):
+                    free[:, :, k] -= full[:, :, bus]
+            rows.append(free.reshape(-1, len(parts.unknown)))
+            if full is spin:
+                spins.append(rows[-1])
+        known.append((spin[:, :, parts.known] @ theta[parts.known]).ravel())
+    base = base_parameters(np.vstack(rows), parts.names, parts.units)
+    to_bus = carried_matrix(at, regressor)
+    matrix = base.matrix @ (np.eye(len(theta)) + to_bus)[parts.unknown]
+    values, nominal = matrix @ theta, matrix @ described.theta()
+    sizes = np.linalg.norm(np.vstack(spins)[:, base.independent], axis=0) * np.abs(values)
+    shares = sizes / np.linalg.norm(np.concatenate(known))
+    kinds = [_kind(name) for name in base.names]
+    found = []
+    for i, name in enumerate(base.names):
+        reference = None
+        if shares[i] < SMALL:
+            reference = max(abs(x) for x, other in zip(values, kinds, strict=True) if other == kinds[i])
+        found.append(
+            Combination(
+                name,
+                base.units[i],
+                float(values[i]),
+                matrix[i] @ jacobian,
+                float(nominal[i]),
+                None if reference is None else float(reference),
+            )
+        )
+    return found, base, parts.names
+
+
+def carried_matrix(at: Parameters, regressor: Regressor) -> np.ndarray:
+    """Matrix (10 bodies, 10 bodies) that adds wheels and undeformed modes to the bus, as `carried_by_bus`."""
+    model = at.layout.model
+    out = np.zeros((regressor.columns, regressor.columns))
+    joints = {int(j) for g in (model.modes, model.wheels) for j in g.joints} - {s.joint for s in model.slosh}
+    parents = list(model.pin.parents)
+    for j in sorted(joints):
+        if parents[j] != 1:
+            continue
+        for k in range(SIZE):
+            unit = np.eye(SIZE)[k]
+            out[:SIZE, SIZE * (j - 1) + k] = move_parameters(model.pin.jointPlacements[j], unit)
+    return out
+
+
+def _kind(name: str) -> tuple[str, str]:
+    """Body and kind (mass, first moment, inertia) of a combination, from its leading term."""
+    body, symbol = name.split(" ", 1)[0].rsplit(".", 1)
+    return body, {"m": "mass"}.get(symbol, "inertia" if symbol.startswith("I") else "moment")

@@ -1,0 +1,70 @@
+"""Rigid bodies that can exist, nearest to an estimate in the sense of its own uncertainty.
+
+Unconstrained maximum likelihood may put a thin link's moments a little outside of what a rigid body can have:
+noise does not know the triangle inequality. The inertias handed out minimise ``(theta - theta^)^T Lambda
+(theta - theta^)`` over log-Cholesky coordinates (`pseudo_inertia`), Lambda the posterior's information with
+everything else marginalised: the constrained estimate, to second order. Every iterate is physical; bodies
+that already are do not move.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of, tangent
+from smsid.model.assembly import pseudo_inertia
+
+ITERATIONS = 200
+ENOUGH = 1e-4  # decrease of the sum of squares that no longer matters
+FLOOR = 1e-3  # smallest eigenvalue a start may have, relative to the described body
+
+
+def consistent_inertias(found: Parameters, described: Parameters, covariance: np.ndarray) -> np.ndarray:
+    """Return inertial parameters (bodies, 10) of bodies that can exist.
+
+    ``covariance`` (10 bodies, 10 bodies) is that of the steps of the inertial parameters.
+    """
+    if all(is_body(theta) for theta in found.inertias):
+        return found.inertias.copy()
+    weight = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    factors = [_start(a, b) for a, b in zip(found.inertias, described.inertias, strict=True)]
+
+    def residual(at: list[np.ndarray]) -> np.ndarray:
+        off = (np.array([parameters_of(f) for f in at]) - found.inertias) / found.sizes
+        return weight @ off.ravel()
+
+    now, damping = residual(factors), 1e-3
+    for _ in range(ITERATIONS):
+        jacobian = np.zeros((len(now), len(now)))
+        for k, (f, size) in enumerate(zip(factors, found.sizes, strict=True)):
+            own = slice(SIZE * k, SIZE * (k + 1))
+            jacobian[:, own] = weight[:, own] @ (tangent(f) / size[:, None])
+        hessian, slope = jacobian.T @ jacobian, jacobian.T @ now
+        improved = False
+        while damping < 1e12:
+            step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian) + 1e-12), slope)
+            step *= min(1.0, 1.0 / np.abs(step).max())
+            trial = [moved(f, p) for f, p in zip(factors, step.reshape(-1, SIZE), strict=True)]
+            new = residual(trial)
+            if new @ new < now @ now:
+                improved = True
+                break
+            damping *= 10.0
+        if not improved:
+            break
+        gained = float(now @ now - new @ new)
+        factors, now, damping = trial, new, damping / 10.0
+        if gained < ENOUGH:
+            break
+    return np.array([parameters_of(f) for f in factors])
+
+
+def _start(theta: np.ndarray, described: np.ndarray) -> np.ndarray:
+    """Factor of the body nearest to theta in the metric of the described one, eigenvalues floored."""
+    lower = factor(described)
+    scaled = np.linalg.solve(lower, np.linalg.solve(lower, pseudo_inertia(theta)).T)
+    size, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    half = lower @ vectors * np.sqrt(np.maximum(size, FLOOR))
+    r = np.linalg.qr(half.T, mode="r")
+    return r.T * np.sign(np.diag(r))

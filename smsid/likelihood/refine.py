@@ -1,0 +1,228 @@
+"""Maximum-likelihood refinement: one recording or several jointly, started from the linear method."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.identify.estimate import Estimate, ParameterEstimate, judged
+from smsid.identify.pipeline import Identification
+from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
+from smsid.likelihood.consistent import consistent_inertias
+from smsid.likelihood.fit import Fit, Normal, Point, fit
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.piece import Nuisance, Piece, piece_of
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.starting import best_start, candidates
+from smsid.model import build_model
+from smsid.recording import Recording
+
+METHOD = "maximum_likelihood"
+HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A maximum-likelihood estimate and what it was made from.
+
+    ``estimate`` holds every parameter with status and Gaussian interval; ``covariance`` (n, n) is that of its
+    parameters, in order. ``description`` carries slosh and appendages as found; ``inertias`` are the rigid
+    bodies' parameters (10,) by name, physically consistent (wheels included, appendages not; see
+    `consistent`), of which only the combinations in the estimate are determined by the data. ``described``
+    and ``fit`` are what profiles need.
+    """
+
+    estimate: Estimate
+    covariance: np.ndarray
+    description: Description
+    inertias: dict[str, np.ndarray]
+    described: Parameters
+    fit: Fit
+
+    def correlation(self, first: str, second: str) -> float:
+        """Return the correlation of two parameters of the estimate."""
+        names = [p.name for p in self.estimate.parameters]
+        i, j = names.index(first), names.index(second)
+        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
+
+
+def refine(
+    description: Description,
+    recordings: Sequence[Recording],
+    start: Identification | None = None,
+    *,
+    nuisance: Nuisance | None = None,
+) -> Refinement:
+    """Refine an identification to the maximum of the likelihood of all channels of all recordings.
+
+    Output error: the motion is predicted by the model from thrust (Exp. 1, attitude held) or from measured
+    joint and wheel motion (Exp. 2, free floating, zero momentum), and compared with pose, velocity, gyro and
+    accelerometers, whitened by noise levels estimated from the data. Joint torques and friction do not enter.
+    Both experiments start at rest. Sources: design, section 4; Ljung, *System Identification*, chapter 7.
+
+    Without ``start`` the search begins at the description's values: good for modes within about 5 %.
+    ``nuisance``: what is estimated beside biases and initial pose.
+
+    Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
+    rest, `DescriptionError` for a spacecraft it cannot predict.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
+        return _refine(description, recordings, start, nuisance or Nuisance())
+
+
+def _refine(
+    description: Description,
+    recordings: Sequence[Recording],
+    start: Identification | None,
+    nuisance: Nuisance,
+) -> Refinement:
+    began = time.perf_counter()
+    if not recordings:
+        raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
+    for recording in recordings:
+        if recording.role == "validation":
+            raise RecordingError(
+                f"'{recording.name}' is for validation.",
+                advice="Identify from recordings in the role estimation.",
+            )
+        recording.check()
+    model = build_model(description)
+    described = Parameters.of(model)
+    pairs = [piece_of(model, r, nuisance) for r in recordings]
+    pieces, locals_ = [p for p, _ in pairs], tuple(local for _, local in pairs)
+    prior = Prior(described)
+    first = best_start(pieces, [Point(p, locals_) for p in candidates(described, start)], prior)
+    prepared = time.perf_counter()
+    found = fit(pieces, first, prior)
+    searched = time.perf_counter()
+    at = found.point.parameters
+    predictions = free_predictions(found.pieces, found.point)
+    combinations, notes = reported(at, described, predictions)
+    covariance = found.normal.covariance()
+    jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
+    seen = jacobian @ covariance
+    reported_covariance = seen @ jacobian.T
+    held = prior_shares(found.normal, jacobian, covariance)
+    parameters = [
+        _judged(c, float(np.sqrt(v)), share)
+        for c, v, share in zip(combinations, np.diag(reported_covariance), held, strict=False)
+    ]
+    parameters += _nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
+    n = at.inertias.size
+    bodies = consistent_inertias(at, described, covariance[:n, :n])
+    done = time.perf_counter()
+    estimate = Estimate(
+        description=description.name,
+        method=METHOD,
+        parameters=tuple(parameters),
+        recordings=tuple(r.name for r in recordings),
+        timing={
+            "preparation": prepared - began,
+            "search": searched - prepared,
+            "report": done - searched,
+            "total": done - began,
+        },
+        notes=tuple(notes + _fit_notes(found)),
+        conditions={
+            "iterations": float(found.iterations),
+            "sum of squares / samples": found.cost / found.samples,
+        },
+    )
+    inertias = dict(zip(at.layout.names, bodies, strict=True))
+    return Refinement(estimate, reported_covariance, at.description(), inertias, described, found)
+
+
+def free_predictions(pieces: Sequence[Piece], point: Point) -> list[Prediction]:
+    """Return the predictions of the free-floating recordings at a point."""
+    pairs = zip(pieces, point.locals, strict=True)
+    return [p.predict(point.parameters, local) for p, local in pairs if not p.drive.held]
+
+
+def reported(
+    at: Parameters, described: Parameters, predictions: Sequence[Prediction]
+) -> tuple[list[Combination], list[str]]:
+    """Return what is reported at a point, and notes about what is not."""
+    combinations = effects_and_mass(at, described)
+    found, base, _ = inertial(at, described, predictions)
+    notes = []
+    if base is None:
+        notes.append("no free-floating recording: inertias are not seen and stay as described")
+    elif base.unseen:
+        notes.append(f"do not enter the motion, and stay as described: {', '.join(base.unseen)}")
+    if at.layout.unseen:
+        notes.append(f"without extent in three directions, taken as known: {', '.join(at.layout.unseen)}")
+    return combinations + found, notes
+
+
+def gradient_matrix(
+    combinations: Sequence[Combination], n: int, size: int, pieces: Sequence[Piece]
+) -> np.ndarray:
+    """Return the gradients (rows, n) of what is reported, nuisance parameters but the joints' motion last."""
+    rows = []
+    for c in combinations:
+        row = np.zeros(n)
+        row[:size] = c.gradient
+        rows.append(row)
+    first = size
+    for piece in pieces:
+        for s in piece.slots:
+            if s.kind != "joint_motion":
+                rows += list(np.eye(n)[first + s.start : first + s.start + s.size])
+        first += piece.size
+    return np.array(rows)
+
+
+def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return which part of each variance the prior accounts for (rows,): 0 seen by the data, 1 not at all."""
+    spread = jacobian @ covariance
+    variance = np.einsum("ij,ij->i", spread, jacobian)
+    return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance
+
+
+def _judged(c: Combination, sigma: float, share: float) -> ParameterEstimate:
+    found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
+    if share <= HELD:
+        return found
+    note = f"{100 * share:.0f} % of what is known of it is the prior around the description: the data do not see it"
+    return ParameterEstimate(
+        found.name,
+        found.value,
+        found.unit,
+        found.sigma,
+        "not_identifiable",
+        METHOD,
+        found.nominal,
+        found.reference,
+        found.small,
+        note,
+    )
+
+
+def _nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
+    out = []
+    for piece, local in zip(found.pieces, found.point.locals, strict=True):
+        kept = [k for s in piece.slots if s.kind != "joint_motion" for k in range(s.start, s.start + s.size)]
+        values, names, units = piece.values(local), piece.names, piece.units
+        for k in kept:
+            out.append(
+                ParameterEstimate(
+                    names[k], float(values[k]), units[k], float(sigma[len(out)]), "by_product", "nuisance"
+                )
+            )
+    return out
+
+
+def _fit_notes(found: Fit) -> list[str]:
+    notes = []
+    for piece in found.pieces:
+        for c in piece.channels:
+            levels = ", ".join(f"{x:.2g}" for x in np.sqrt(np.diag(c.covariance)))
+            notes.append(f"{piece.name}: noise of {c.name} as its residuals show it: {levels}")
+    return notes
