@@ -42,9 +42,10 @@ def parameter_table(summary: Summary) -> Table:
         caption_justify="left",
         header_style="bold",
         box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+        padding=0,
+        pad_edge=False,
     )
-    table.add_column("parameter", overflow="fold", min_width=21, max_width=48)
+    table.add_column("parameter", overflow="fold", min_width=18, max_width=48)
     for name in _COLUMNS:
         table.add_column(name, justify="right", no_wrap=True)
     for p in summary.parameters:

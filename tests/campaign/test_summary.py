@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -142,4 +143,6 @@ def test_table_fits_a_terminal_of_80_columns_and_says_what_is_outside() -> None:
     assert "settling [s]" in text
     assert "[bold]no[/bold]" in text
     assert "…" not in text
+    assert re.search(r"covered +runs\s", text)
+    assert re.search(r"a \[kg\] .* 400\s", text)
     assert summarise([]).parameters == ()
