@@ -8,7 +8,7 @@ from typing import Any
 class SmsidError(Exception):
     """Base of all smsid errors.
 
-    ``message`` says what is wrong and where, ``advice`` how to mend it, ``evidence`` holds the data behind it.
+    ``message`` says what is wrong and where, ``advice`` how to mend it, ``evidence`` holds the data.
     """
 
     def __init__(self, message: str, *, advice: str = "", **evidence: Any) -> None:
@@ -57,5 +57,7 @@ def require(module: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise MissingDependencyError(
-            f"{module} is not installed.", advice=f"Install it with: pip install 'smsid[{extra}]'", module=module
+            f"{module} is not installed.",
+            advice=f"Install it with: pip install 'smsid[{extra}]'",
+            module=module,
         ) from error

@@ -17,7 +17,8 @@ MODULES = sorted(m.name for m in pkgutil.walk_packages(smsid.__path__, "smsid.")
 
 
 def test_importing_smsid_pulls_in_no_plotting_and_no_server() -> None:
-    code = "import sys, smsid; print([m for m in ('matplotlib', 'meshcat', 'tornado', 'plotly', 'zmq') if m in sys.modules])"
+    heavy = ("matplotlib", "meshcat", "tornado", "plotly", "zmq")
+    code = f"import sys, smsid; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ
     )

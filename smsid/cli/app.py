@@ -124,7 +124,7 @@ def import_(
     ],
     output: Output = Path("recording.nc"),
 ) -> None:
-    """Turn a log into a recording: a mapping file says which column is which channel, in what unit and frame."""
+    """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
     from smsid.cli.tables import recording_table
     from smsid.recording import import_recording, save_recording
 

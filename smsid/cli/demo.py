@@ -52,8 +52,9 @@ def run_demo(output: Path, seed: int, console: Console) -> None:
     description = load_description(urdf_folder() / "paper_sms.toml")
     model = build_model(description)
     console.print(
-        f"The paper's spacecraft: {model.mass:.1f} kg, {model.nv} degrees of freedom, from {description.urdf}.\n"
-        "1. Simulated by smsid itself, with sensor noise (shows the path of the data; proves little about accuracy)."
+        f"The paper's spacecraft: {model.mass:.1f} kg, "
+        f"{model.nv} degrees of freedom, from {description.urdf}.\n\n"
+        "1. Simulated by smsid itself, with sensor noise: shows the path of the data, proves little."
     )
     recordings = []
     rng = np.random.default_rng(seed)
@@ -61,8 +62,9 @@ def run_demo(output: Path, seed: int, console: Console) -> None:
         flight = fly(model, named_experiment(name, model), rng)
         audit = flight.trajectory.audit()
         console.print(
-            f"   {name}: {flight.trajectory.stop:g} s, momentum drift {audit.momentum_drift:.0e}, energy drift "
-            f"{audit.energy_drift:.0e} J" + "".join(f"\n   limit exceeded: {u}" for u in flight.exceeded)
+            f"   {name}: {flight.trajectory.stop:g} s, momentum drift {audit.momentum_drift:.0e}, energy "
+            f"drift {audit.energy_drift:.0e} J"
+            + "".join(f"\n   limit exceeded: {u}" for u in flight.exceeded)
         )
         save_recording(flight.recording, output / f"{name}.nc")
         recordings.append(flight.recording)

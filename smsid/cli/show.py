@@ -31,7 +31,8 @@ def show_file(path: Path) -> Iterable[Any]:
             yield from _recording(path)
         case ".json":
             estimate = load_estimate(path)
-            yield f"estimate of '{estimate.description}' by method {estimate.method} from {', '.join(estimate.recordings)}"
+            sources = ", ".join(estimate.recordings)
+            yield f"estimate of '{estimate.description}' by method {estimate.method} from {sources}"
             yield from estimate_table(estimate, everything=True)
             yield from (f"note: {n}" for n in estimate.notes)
         case ".urdf":

@@ -205,7 +205,8 @@ def test_a_file_cut_short_is_refused(flown: Path, urdf: Path, tmp_path: Path) ->
 def test_time_going_back_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t,wx,wy,wz\n0,0,0,0\n0.1,0,0,0\n0.05,0,0,0\n0.2,0,0,0\n")
     (tmp_path / "map.toml").write_text(
-        '[time]\ncolumn = "t"\nunit = "s"\n[channel."imu.angular_rate"]\ncolumns = ["wx", "wy", "wz"]\nunit = "rad/s"\n'
+        '[time]\ncolumn = "t"\nunit = "s"\n'
+        '[channel."imu.angular_rate"]\ncolumns = ["wx", "wy", "wz"]\nunit = "rad/s"\n'
     )
     target = tmp_path / "rec.nc"
     fails(run("import", tmp_path / "log.csv", "--map", tmp_path / "map.toml", "-o", target), "time")
