@@ -50,7 +50,7 @@ def parameter_table(summary: Summary) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     for p in summary.parameters:
         if p.truth is not None:
-            table.add_row(Text(f"{p.name} [{p.unit}]"), *_cells(p))
+            table.add_row(_label(p), *_cells(p))
     return table
 
 
@@ -63,7 +63,7 @@ def figure_table(summary: Summary) -> Table:
     for p in summary.parameters:
         if _is_figure(p):
             cells = (_figure(p.mean, ".6g"), _figure(p.spread, ".3g"), _runs(p))
-            table.add_row(Text(f"{p.name} [{p.unit}]"), *cells)
+            table.add_row(_label(p), *cells)
     return table
 
 
@@ -82,6 +82,10 @@ def _cells(p: ParameterSummary) -> list[Text]:
         Text(_figure(p.coverage, ".1%"), style="red" if p.coverage_holds is False else ""),
         Text(_runs(p)),
     ]
+
+
+def _label(p: ParameterSummary) -> Text:
+    return Text(f"{p.name} [{p.unit}]" if p.unit else p.name)
 
 
 def _runs(p: ParameterSummary) -> str:
