@@ -30,7 +30,7 @@ $(VENV)/.demo: pyproject.toml
 
 $(VENV)/.test: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view,control,robots,test,lint]"
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view,control,robots,campaign,data,bags,parquet,test,lint]"
 	touch $@
 
 clean:

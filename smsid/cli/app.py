@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import smsid
+from smsid.campaign.command import campaign_command
 from smsid.errors import SmsidError
 
 app = typer.Typer(
@@ -190,6 +191,9 @@ def view(
 
     view_main(description, recording, output)
     console.print(f"wrote {output}")
+
+
+app.command(name="campaign")(campaign_command)
 
 
 @contextmanager
