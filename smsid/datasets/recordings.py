@@ -76,7 +76,7 @@ def cessipy_slab(*, download: bool = True) -> Recording:
         RecordingError: as `fetch`.
     """
     path = fetch("cessipy_slab", download=download)["Example02_Smartphone_Data.csv"]
-    columns = read_columns(path, CsvFormat(names=("t", "x", "y", "z", "rest"), skip_rows=1))
+    columns = read_columns(path, CsvFormat(names=("t", "x", "y", "z"), skip_rows=1))
     return Recording.from_arrays(
         columns["t"],
         {"phone.acceleration": np.column_stack([columns[k] for k in "xyz"])},

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 def import_recording(
     file: str | os.PathLike[str], mapping: str | os.PathLike[str] | ImportMapping, *, check: bool = True
 ) -> Recording:
-    """Bring a log file in: CSV (also gzipped), NPZ, MATLAB, HDF5 or netCDF-4.
+    """Bring a log file in: CSV (also gzipped), NPZ, MATLAB, HDF5, netCDF-4, ROS bags, MCAP or Parquet.
 
     Args:
         file: the log.
@@ -321,5 +321,9 @@ class _Import:
 
 
 def _sum(path: Path) -> str:
+    """Sum of a file; of a folder, that of its files' names and sums."""
+    if path.is_dir():
+        listed = "".join(f"{p.name} {_sum(p)}\n" for p in sorted(path.iterdir()) if p.is_file())
+        return hashlib.sha256(listed.encode()).hexdigest()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

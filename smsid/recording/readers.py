@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
+from smsid.recording._bags import is_bag_folder, read_bag
 from smsid.recording._hdf5 import read_hdf5, read_matlab_hdf5
+from smsid.recording._parquet import read_parquet
 
 Columns = dict[str, NDArray[Any]]
 DELIMITERS = (";", "\t", "|", ",")
@@ -52,8 +54,11 @@ def read_columns(path: str | os.PathLike[str], csv_format: CsvFormat | None = No
 
     Raises:
         RecordingError: no such file, no reader for the suffix, or what the reader finds wrong.
+        MissingDependencyError: the reader needs an extra, such as ``bags`` or ``parquet``.
     """
     file = Path(path)
+    if is_bag_folder(file):
+        return read_bag(file)
     if not file.is_file():
         raise RecordingError(f"There is no file {path}.", advice="Check the path.", path=str(path))
     for suffix, reader in READERS.items():
@@ -83,6 +88,8 @@ def read_csv(path: Path, csv_format: CsvFormat) -> Columns:
     line = first
     for row in rows:
         line = first + rows.line_num - 1
+        if len(row) == len(names) + 1 and not row[-1].strip():
+            row = row[:-1]  # a delimiter at the end of every line, which the header lacks
         if len(row) != len(names):
             rest = any(any(cell.strip() for cell in later) for later in rows)
             if not row and not rest:
@@ -155,6 +162,10 @@ READERS: MappingProxyType[str, Reader] = MappingProxyType(
         ".h5": lambda path, _: read_hdf5(path),
         ".hdf5": lambda path, _: read_hdf5(path),
         ".nc": lambda path, _: read_hdf5(path),
+        ".parquet": lambda path, _: read_parquet(path),
+        ".bag": lambda path, _: read_bag(path),
+        ".db3": lambda path, _: read_bag(path),
+        ".mcap": lambda path, _: read_bag(path),
     }
 )
 """Readers by suffix."""

@@ -176,7 +176,7 @@ def test_pickled_objects_are_not_opened(tmp_path):
 
 def test_unknown_suffix_and_missing_file_are_named(tmp_path):
     with pytest.raises(RecordingError, match="No reader") as caught:
-        read_columns(write(tmp_path, "x", "log.bag"))
+        read_columns(write(tmp_path, "x", "log.xyz"))
     assert all(suffix in str(caught.value) for suffix in READERS)
     with pytest.raises(RecordingError, match="no file"):
         read_columns(tmp_path / "gone.csv")
