@@ -73,6 +73,7 @@ def fly(
             f"'{model.description.name}' has no sensors, so nothing would be recorded.",
             advice="Add [[sensor]] tables to the description.",
         )
+    _check_sensors(model)
     inputs = experiment.inputs()
     trajectory = simulate(
         model, inputs, experiment.duration, q0=experiment.start(model), tolerance=tolerance, progress=progress
@@ -102,6 +103,18 @@ def fly(
     )
     times = np.linspace(trajectory.start, trajectory.stop, max(200, int(20 * experiment.duration)) + 1)
     return Flight(trajectory, recording, limit_use(model, trajectory.states(times), inputs.hold_attitude))
+
+
+def _check_sensors(model: SpacecraftModel) -> None:
+    empty = {"encoder": ("arm joint", model.arm_joints), "tachometer": ("wheel", model.wheels)}
+    for sensor in model.description.sensor:
+        what, group = empty.get(sensor.kind, ("", (None,)))
+        if not len(group):
+            raise ExperimentError(
+                f"Sensor '{sensor.name}' has nothing to measure: '{model.description.name}' has no {what}.",
+                advice="Remove the sensor from the description.",
+                sensor=sensor.name,
+            )
 
 
 def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) -> tuple[LimitUse, ...]:

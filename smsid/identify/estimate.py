@@ -74,7 +74,11 @@ def judged(
     good = bool(math.isfinite(value) and math.isfinite(sigma) and sigma < IDENTIFIABLE_BELOW * scale)
     if not good and not note:
         share = 100 * sigma / scale if scale > 0 else math.inf
-        note = f"predicted standard deviation {share:.0f} % of its size: fly a richer or longer experiment"
+        note = (
+            f"predicted standard deviation {share:.0f} % of its size: fly a richer or longer experiment"
+            if math.isfinite(sigma)
+            else "its standard deviation cannot be told"
+        )
     return ParameterEstimate(
         name,
         float(value),

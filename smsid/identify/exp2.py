@@ -110,9 +110,9 @@ def identify_momentum(
     except NotIdentifiableError as error:
         notes.append(f"Step B as printed: {error}")
     steps = Steps(a, b, b_printed)
-    if perturbed:
+    if perturbed or b_printed is not None:
         steps = timed(
-            "errors carried over from Exp. 1",
+            "errors carried over",
             lambda: with_carried_errors(steps, model, motion, mass, modal, perturbed),
         )
     parameters = [*of_pose_point(model, recording, refined)] if refined else []

@@ -14,6 +14,8 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
+AS_PRINTED = "for comparison; sigma leaves out the bias that noise in products gives total least squares"
+
 
 def of_pose_point(model: SpacecraftModel, recording: Recording, found: PosePoint) -> list[ParameterEstimate]:
     """Return the tracked point, ``pose_point.x`` and so on, from the bus origin [m]."""
@@ -78,7 +80,7 @@ def of_printed(
     """Return pi_m of Step B as printed; nominal values have the m_s of ``model`` in their products."""
     nominal = b.base.values(printed_parameters(model, motion, hidden, slosh_mass))
     return [
-        judged(name, value, unit, sigma, "exp2.step_b_printed", nominal=float(n))
+        judged(name, value, unit, sigma, "exp2.step_b_printed", nominal=float(n), note=AS_PRINTED)
         for name, value, unit, sigma, n in zip(
             b.base.names, b.values, b.base.units, b.sigma, nominal, strict=True
         )
