@@ -106,10 +106,7 @@ def measured_channels(
         if sensor.kind == "accelerometers":
             find_appendage(model, str(sensor.appendage))
             values = values.reshape(len(values), -1)
-        if sigma is None:
-            size = _noise(values, quantity)
-        else:
-            size = np.asarray(sigma[name], dtype=float)
+        size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
         times = event_times(recording, sensor, quantity)
         weights = timeline.interpolation(times)
         gram = csr_array(weights.T @ weights)

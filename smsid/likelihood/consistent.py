@@ -3,8 +3,9 @@
 Unconstrained maximum likelihood may put a thin link's moments a little outside of what a rigid body can have:
 noise does not know the triangle inequality. The inertias handed out minimise ``(theta - theta^)^T Lambda
 (theta - theta^)`` over log-Cholesky coordinates (`pseudo_inertia`), Lambda the posterior's information with
-everything else marginalised: the constrained estimate, to second order. Every iterate is physical; bodies
-that already are do not move.
+everything else marginalised: the constrained estimate, to second order. A weak barrier, `BARRIER` times the
+logarithm of the pseudo-inertia's determinant - in log-Cholesky coordinates simply the sum of four of them -
+keeps bodies off the very boundary. Every iterate is physical; bodies that already are do not move.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parame
 from smsid.model.assembly import pseudo_inertia
 
 ITERATIONS = 200
-ENOUGH = 1e-4  # decrease of the sum of squares that no longer matters
+ENOUGH = 1e-4  # decrease of half the sum of squares that no longer matters
+BARRIER = 0.05  # half a sum of squares per factor of e in the determinant
 FLOOR = 1e-3  # smallest eigenvalue a start may have, relative to the described body
 
 
@@ -34,27 +36,31 @@ def consistent_inertias(found: Parameters, described: Parameters, covariance: np
         off = (np.array([parameters_of(f) for f in at]) - found.inertias) / found.sizes
         return weight @ off.ravel()
 
+    logarithms = SIZE * np.arange(len(factors))[:, None] + np.arange(4)  # of the diagonal of each factor
     now, damping = residual(factors), 1e-3
     for _ in range(ITERATIONS):
         jacobian = np.zeros((len(now), len(now)))
         for k, (f, size) in enumerate(zip(factors, found.sizes, strict=True)):
             own = slice(SIZE * k, SIZE * (k + 1))
             jacobian[:, own] = weight[:, own] @ (tangent(f) / size[:, None])
-        hessian, slope = jacobian.T @ jacobian, jacobian.T @ now
-        improved = False
+        slope = jacobian.T @ now
+        curve = np.diag(jacobian.T @ jacobian).copy()
+        # theta goes with exp(2 phi) along the logarithms: their second derivative is twice the first
+        extra = np.zeros(len(now))
+        extra[logarithms] = 2.0 * np.maximum(slope[logarithms], 0.0)
+        slope[logarithms] -= BARRIER
+        hessian = jacobian.T @ jacobian + np.diag(extra)
+        gained = 0.0
         while damping < 1e12:
-            step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian) + 1e-12), slope)
-            step *= min(1.0, 1.0 / np.abs(step).max())
+            step = -np.linalg.solve(hessian + damping * np.diag(curve + extra + BARRIER), slope)
+            step = np.clip(step, -1.0, 1.0)
             trial = [moved(f, p) for f, p in zip(factors, step.reshape(-1, SIZE), strict=True)]
             new = residual(trial)
-            if new @ new < now @ now:
-                improved = True
+            gained = 0.5 * float(now @ now - new @ new) + BARRIER * float(step[logarithms].sum())
+            if gained > 0.0:
+                factors, now, damping = trial, new, damping / 10.0
                 break
             damping *= 10.0
-        if not improved:
-            break
-        gained = float(now @ now - new @ new)
-        factors, now, damping = trial, new, damping / 10.0
         if gained < ENOUGH:
             break
     return np.array([parameters_of(f) for f in factors])

@@ -95,6 +95,11 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray |
     return Fit(point, pieces, normal, cost, samples, total)
 
 
+def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:
+    """Return the minimum of the sum of squares at given noise levels; see `fit` for ``fixed`` and errors."""
+    return _search(tuple(pieces), start, prior, fixed, ITERATIONS)
+
+
 def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
     """Return the sum of squares of whitened residuals, data and priors."""
     residual, _ = prior.residual(point.parameters)
@@ -165,7 +170,9 @@ def inverse(information: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Search:
+class Minimum:
+    """Where a search ended: point, normal equations and sum of squares there, and steps taken."""
+
     point: Point
     normal: Normal
     cost: float
@@ -174,7 +181,7 @@ class _Search:
 
 def _search(
     pieces: tuple[Piece, ...], start: Point, prior: Prior, fixed: np.ndarray | None, most: int
-) -> _Search:
+) -> Minimum:
     """Search from ``start`` until a step gains less than `NEAR`, or ``most`` steps of a passing search."""
     point, damping, gain = start, 1e-4, np.inf
     normal, cost = normal_equations(pieces, point, prior)
@@ -186,7 +193,7 @@ def _search(
         gain = float(gradient @ _solved(information, gradient, 0.0))
         logger.debug("%d: cost %.8g, gain %.3g, damping %.1e", iteration, cost, gain, damping)
         if gain < NEAR:
-            return _Search(point, normal, cost, iteration)
+            return Minimum(point, normal, cost, iteration)
         while True:
             step = np.zeros(len(free))
             step[free] = _solved(information, gradient, damping)
@@ -199,7 +206,7 @@ def _search(
                 break
             logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
             if gain < 100 * NEAR and trial is not None:
-                return _Search(point, normal, cost, iteration)  # as good as rounding allows
+                return Minimum(point, normal, cost, iteration)  # as good as rounding allows
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e10:
                 raise _stuck(cost, gain, iteration)
@@ -209,7 +216,7 @@ def _search(
         normal, cost = normal_equations(pieces, point, prior)
     if most == ITERATIONS:
         raise _stuck(cost, gain, most)
-    return _Search(point, normal, cost, most)
+    return Minimum(point, normal, cost, most)
 
 
 def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:

@@ -277,8 +277,12 @@ class Piece:
             c.with_covariance(np.diag(np.maximum(np.mean(r**2, axis=0), np.diag(c.covariance) * 1e-4)))
             for c, r in zip(self.channels, residuals, strict=True)
         )
-        follows = self.follows
-        return replace(self, channels=with_input_noise(channels, parameters, self.drive, prediction, follows))
+        return replace(self, channels=channels).with_input_noise(parameters, prediction)
+
+    def with_input_noise(self, parameters: Parameters, prediction: Prediction) -> Piece:
+        """Return the piece with the noise of measured inputs added to that of its channels."""
+        channels = with_input_noise(self.channels, parameters, self.drive, prediction, self.follows)
+        return replace(self, channels=channels)
 
 
 def piece_of(

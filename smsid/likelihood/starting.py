@@ -43,15 +43,17 @@ def best_start(pieces: Sequence[Piece], points: Sequence[Point], prior: Prior) -
 
 
 def candidates(described: Parameters, found: Identification | None) -> list[Parameters]:
-    """Return where a search may start: description, with effects as the linear method found them, with all.
+    """Return where a search may start: description, with modes, effects, or all as the linear method has them.
 
     Slosh, densities and modes by name, where it calls them identifiable; inertias are those nearest to the
     description that have the total mass and the base combinations found.
     """
     if found is None:
         return [described]
-    at = described.with_scalars(_scalars(described, found))
-    return [described, at, _with_inertias(at, found)]
+    scalars = _scalars(described, found)
+    modes = {k: v for k, v in scalars.items() if ".mode" in k}
+    at = described.with_scalars(scalars)
+    return [described, described.with_scalars(modes), at, _with_inertias(at, found)]
 
 
 def _with_inertias(at: Parameters, found: Identification) -> Parameters:

@@ -1,0 +1,121 @@
+"""The Cramer-Rao bound: how well an experiment can determine each parameter, before or after it is flown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.errors import ExperimentError
+from smsid.experiments import Experiment
+from smsid.experiments.fly import fly
+from smsid.likelihood.combinations import Combination
+from smsid.likelihood.fit import Point, normal_equations
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.piece import Nuisance, piece_of
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.refine import free_predictions, gradient_matrix, prior_shares, reported
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+
+
+@dataclass(frozen=True)
+class FisherInformation:
+    """Predicted uncertainty of what the refinement reports.
+
+    ``combinations`` with their values, ``covariance`` (n, n) by them, ``prior_share`` (n,): which part of a
+    variance is the prior's - near one the experiment does not see the parameter.
+    """
+
+    combinations: tuple[Combination, ...]
+    covariance: np.ndarray
+    prior_share: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, as in a `Refinement`."""
+        return tuple(c.name for c in self.combinations)
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """The bound of the standard deviation by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def relative_sigma(self) -> dict[str, float]:
+        """The bound relative to the value, or for a small parameter to the largest of its kind."""
+        out = {}
+        for c, s in zip(self.combinations, self.sigma.values(), strict=True):
+            size = abs(c.value if c.reference is None else c.reference)
+            out[c.name] = s / size if size > 0.0 else float("inf")
+        return out
+
+
+def fisher_information(
+    description: Description,
+    flown: Experiment | Recording | Sequence[Experiment | Recording],
+    sensors: Sequence[Sensor] | None = None,
+    *,
+    nuisance: Nuisance | None = None,
+) -> FisherInformation:
+    """Return the Cramer-Rao bound of experiments, for a spacecraft as described.
+
+    Noise is what the sensors' error models state (description's sensors when not given); biases and initial
+    pose are nuisance parameters, joint motion is as uncertain as encoders leave it, the priors count. An
+    experiment is simulated without noise; of a recording, joint motion and thrust are used.
+
+    Raises `ExperimentError` without sensors or for a channel without noise (its bound would be zero), and
+    what simulating an experiment raises.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _fisher(description, flown, sensors, nuisance or Nuisance())
+
+
+def _fisher(
+    description: Description,
+    flown: Experiment | Recording | Sequence[Experiment | Recording],
+    sensors: Sequence[Sensor] | None,
+    nuisance: Nuisance,
+) -> FisherInformation:
+    if sensors is not None:
+        description = description.with_sensors(*sensors)
+    for sensor in description.sensor:
+        for quantity in sensor.quantities:
+            if not np.all(np.asarray(sensor.error(quantity).white_sigma(sensor.rate)) > 0.0):
+                raise ExperimentError(
+                    f"'{sensor.name}.{quantity}' is described without noise: there is no bound.",
+                    advice="Give it `errors`, or a preset.",
+                )
+    model = build_model(description)
+    several = [flown] if isinstance(flown, Experiment | Recording) else list(flown)
+    recordings = [x if isinstance(x, Recording) else _simulated(description, x) for x in several]
+    pairs = [piece_of(model, r, nuisance, described_noise=True) for r in recordings]
+    at = Parameters.of(model)
+    point = Point(at, tuple(local for _, local in pairs))
+    pieces = []
+    for piece, local in pairs:
+        # the whitening by what measured wheels add, as the refinement has it
+        own = piece.following()
+        pieces.append(own.with_input_noise(at, own.predict(at, local)))
+    normal, _ = normal_equations(pieces, point, Prior(at), with_data=False)
+    covariance = normal.covariance()
+    combinations, _ = reported(at, at, free_predictions(pieces, point))
+    jacobian = gradient_matrix(combinations, len(covariance), at.size, ())
+    return FisherInformation(
+        tuple(combinations), jacobian @ covariance @ jacobian.T, prior_shares(normal, jacobian, covariance)
+    )
+
+
+def _simulated(description: Description, experiment: Experiment) -> Recording:
+    """The experiment as perfect sensors would record it."""
+    if not description.sensor:
+        raise ExperimentError(
+            f"'{description.name}' has no sensors.", advice="Add [[sensor]] tables, or pass sensors."
+        )
+    perfect = [s.model_copy(update={"errors": {}, "preset": None}) for s in description.sensor]
+    model = build_model(description.with_sensors(*perfect))
+    return fly(model, experiment, np.random.default_rng(0)).recording

@@ -1,0 +1,98 @@
+"""Profile-likelihood intervals, for parameters whose Gaussian interval reaches where they cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.errors import NotIdentifiableError
+from smsid.likelihood.fit import Point, minimised
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.refine import Refinement
+
+TIGHT = 0.01  # of the threshold to which the ends are found
+LOOKS = 12
+
+
+@dataclass(frozen=True)
+class ProfileInterval:
+    """The values of a parameter that the data do not speak against at ``level``.
+
+    ``at_bound``: the likelihood does not exclude the smallest value there can be, so that end is the bound.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    level: float
+    at_bound: bool
+
+
+def profile_interval(
+    refinement: Refinement, name: str, *, level: float = 0.95, bound: float = 0.0
+) -> ProfileInterval:
+    """Return the interval in which twice the log likelihood, all else re-estimated, falls by less than chi2.
+
+    ``name`` of a parameter of slosh or appendages (``tank.damping.x``). Where the data do not exclude
+    ``bound``, the smallest value there can be, the interval ends there. Noise levels stay those of the
+    refinement. Source: Wilks (1938); Murphy and van der Vaart (2000), *On profile likelihood*.
+
+    Raises `NotIdentifiableError` for a parameter it cannot hold, or when the likelihood does not fall.
+    """
+    fit, prior = refinement.fit, Prior(refinement.described)
+    at = fit.point.parameters
+    scalars = {s.name: s for s in at.scalars}
+    if name not in scalars:
+        raise NotIdentifiableError(
+            f"'{name}' has no profile.", advice=f"Profiles: {', '.join(sorted(scalars))}.", name=name
+        )
+    index = at.index(name)
+    # at the maximum itself: the search stops within a hundredth of sigma of it
+    best = minimised(fit.pieces, fit.point, prior, None)
+    sigma = float(np.sqrt(np.linalg.inv(best.normal.information)[index, index])) * scalars[name].slope
+    centre = best.point.parameters[name]
+    rise = float(chi2.ppf(level, 1))
+
+    def excess(value: float, near: Point) -> tuple[float, Point]:
+        held = _at(near, name, value)
+        found = minimised(fit.pieces, held, prior, np.array([index]))
+        return found.cost - best.cost - rise, found.point
+
+    upper = _end(excess, best.point, centre, sigma, rise, np.inf)
+    lower = -np.inf
+    if centre > bound:
+        below, _ = excess(bound, best.point) if centre - 4 * sigma < bound else (1.0, best.point)
+        lower = bound if below < 0.0 else _end(excess, best.point, centre, -sigma, rise, bound)
+    else:
+        lower = bound
+    return ProfileInterval(name, float(lower), float(upper), level, bool(lower == bound))
+
+
+def _end(excess, near: Point, centre: float, sigma: float, rise: float, bound: float) -> float:
+    """Where the excess crosses zero on one side, by the secant method on its square root."""
+    known = [(centre, 0.0)]
+    value = centre + sigma * np.sqrt(rise)
+    for _ in range(LOOKS):
+        if np.isfinite(bound):
+            value = max(value, bound)
+        over, near = excess(value, near)
+        known.append((value, float(np.sqrt(max(over + rise, 0.0)))))
+        if abs(over) < TIGHT * rise:
+            return value
+        (x0, y0), (x1, y1) = sorted(known, key=lambda p: abs(p[1] - np.sqrt(rise)))[:2]
+        if y0 == y1:
+            break
+        value = x0 + (np.sqrt(rise) - y0) * (x1 - x0) / (y1 - y0)
+    raise NotIdentifiableError(
+        "The likelihood does not fall off: the interval has no end.",
+        advice="Fly a longer or richer experiment.",
+        looked_at=known,
+    )
+
+
+def _at(point: Point, name: str, value: float) -> Point:
+    parameters: Parameters = point.parameters.with_scalars({name: value})
+    return Point(parameters, point.locals)
