@@ -150,11 +150,13 @@ def _quaternion(
         )
     seen = relative.T @ rate_d
     slip = omega - seen
+    drag = _turn(omega[0], omega[1], omega[2], 0.0) @ seen
     turn = _turn(x, y, z, w)
     coordinates_rate = turn @ slip
     inverse = np.linalg.inv(turn)
-    turn_rate = _turn(*(0.5 * coordinates_rate), -0.5 * (x * slip[0] + y * slip[1] + z * slip[2]))
-    bias = relative.T @ acceleration_d - np.cross(omega, seen) - inverse @ (turn_rate @ slip)
+    dx, dy, dz = 0.5 * coordinates_rate
+    turn_rate = _turn(dx, dy, dz, -0.5 * (x * slip[0] + y * slip[1] + z * slip[2]))
+    bias = relative.T @ acceleration_d - drag - inverse @ (turn_rate @ slip)
     return AttitudeError(-2.0 * np.array([x, y, z]), -coordinates_rate, np.zeros(3), inverse, bias)
 
 

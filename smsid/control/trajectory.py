@@ -228,9 +228,11 @@ def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000)
         ):
             beyond = np.flatnonzero((values < lower - 1e-12) | (values > upper + 1e-12))
             if beyond.size:
+                first = beyond[0]
+                limit = upper if values[first] > upper else lower
                 raise ControlError(
-                    f"Joint '{name}' would be at {values[beyond[0]]:.4g} {what} at t = "
-                    f"{times[beyond[0]]:.4g} s, past its limit of {upper if values[beyond[0]] > upper else lower:.4g} {what}.",
+                    f"Joint '{name}' would be at {values[first]:.4g} {what} at t = {times[first]:.4g} s, "
+                    f"past its limit of {limit:.4g} {what}.",
                     advice="Shorten the motion, slow it down, or start elsewhere.",
                     joint=name,
                     limits=(lower, upper),

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from control_cases import URDF, described, paper, random_state, rigid_paper, two_arms
 from twins.cases import SKEWED
 from twins.description import write_description
 from twins.mujoco_twin import MujocoTwin
@@ -17,8 +18,6 @@ from smsid.control.reduced import ReducedDynamics
 from smsid.description import load_description
 from smsid.errors import ControlError
 from smsid.model import build_model
-
-from .spacecraft import URDF, described, paper, random_state, rigid_paper, two_arms
 
 
 def states(model, count, seed=3):

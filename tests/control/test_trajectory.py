@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from control_cases import paper
 
 from smsid.control.shaper import shaper
 from smsid.control.trajectory import Reference, Shaped, check_joints, minimum_jerk, trapezoid
 from smsid.errors import ControlError
-
-from .spacecraft import paper
 
 START, STOP = np.array([0.4, -0.6, 0.9]), np.array([0.9, 0.1, -0.2])
 MOTIONS = {

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from control_cases import paper, two_arms
 
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
-
-from .spacecraft import paper, two_arms
 
 PYRAMID = WheelLayout.of(two_arms())
 STILL = np.zeros(4)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+import ctrlsys
 import numpy as np
 import pinocchio as pin
 
+from smsid.control.statespace import StateSpace
 from smsid.description import Description, load_description
 from smsid.model import SpacecraftModel, build_model
 
@@ -46,3 +48,12 @@ def random_state(model: SpacecraftModel, rng: np.random.Generator) -> tuple[np.n
     v[model.arm_joints.v] = rng.standard_normal(len(model.arm_joints))
     v[model.wheels.v] = 50.0 * rng.standard_normal(len(model.wheels))
     return q, v
+
+
+def slicot_norm(s: StateSpace) -> float:
+    """The H-infinity norm by SLICOT's ab13dd."""
+    f = [np.asfortranarray(x) for x in (s.a, np.eye(s.order), s.b, s.c, s.d)]
+    size, guess = s.d.shape[::-1], np.array([0.0, 1.0])
+    gain, _, info = ctrlsys.ab13dd("C", "I", "N", "D", s.order, *size, guess, *f, 1e-12)
+    assert info == 0
+    return gain[0] / gain[1]

@@ -1,0 +1,111 @@
+"""Table 4 over draws of uncertainty and noise: ``python benchmarks/table4.py --draws 20 --minutes 30``.
+
+Resumable: every flight is a line of ``results/table4_runs.jsonl``; what is there is not flown again. Draws go
+round all cases first, so a run cut short still compares like with like.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
+
+from smsid.control.table4 import (  # noqa: E402
+    CONTROLLERS,
+    Run,
+    Study,
+    Variant,
+    cases,
+    improvements,
+    orderings,
+    summarise,
+)
+from smsid.description import load_description  # noqa: E402
+from smsid.model import build_model  # noqa: E402
+
+LINES = RESULTS / "table4_runs.jsonl"
+MAIN = Variant()
+VARIANTS = {
+    v.name: v
+    for v in (
+        MAIN,
+        Variant("no noise", noise=0.0),
+        Variant("noise x 10", noise=10.0),
+        Variant("arm stretched", start=(0.0, 0.0, 0.0)),
+        Variant("no noise, signs", noise=0.0, draw="signs"),
+        Variant("no noise, common factor", noise=0.0, draw="common"),
+    )
+}
+
+
+@cache
+def study(variant: str) -> Study:
+    return Study(build_model(load_description(ROOT / "urdf" / "paper_sms.toml")), VARIANTS[variant])
+
+
+def fly(variant: str, case: str, controller: str, draw: int) -> Run:
+    chosen = next(c for c in cases() if c.name == case)
+    return study(variant).fly(chosen, controller, draw)
+
+
+def known() -> list[Run]:
+    if not LINES.is_file():
+        return []
+    return [Run(**json.loads(line)) for line in LINES.read_text(encoding="utf-8").splitlines() if line]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=20, help="of the main variant")
+    parser.add_argument("--other-draws", type=int, default=5, help="of every other variant")
+    parser.add_argument("--minutes", type=float, default=30.0, help="stop starting flights after this long")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--summary-only", action="store_true")
+    options = parser.parse_args()
+    RESULTS.mkdir(exist_ok=True)
+    done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
+    draws = {v: options.draws if v == MAIN.name else options.other_draws for v in VARIANTS}
+    first = ["main", "no noise"]
+    order = [(v, d) for d in range(max(draws.values())) for v in first if d < draws[v]]
+    order += [(v, d) for d in range(options.other_draws) for v in VARIANTS if v not in first]
+    wanted = [(v, c.name, k, d) for v, d in order for c in cases() for k in CONTROLLERS]
+    left = [w for w in wanted if w not in done] if not options.summary_only else []
+    begin = time.monotonic()
+    with ProcessPoolExecutor(options.workers) as pool, LINES.open("a", encoding="utf-8") as file:
+        for at in range(0, len(left), 4 * options.workers):
+            if time.monotonic() - begin > 60.0 * options.minutes:
+                break
+            jobs = [pool.submit(fly, *w) for w in left[at : at + 4 * options.workers]]
+            for job in as_completed(jobs):
+                file.write(json.dumps(job.result().to_table()) + "\n")
+                file.flush()
+            spent = time.monotonic() - begin
+            count = min(at + 4 * options.workers, len(left))
+            print(f"{count}/{len(left)} flights, {spent:.0f} s", flush=True)
+    runs = known()
+    result = {
+        "environment": environment("pin", "numpy", "scipy"),
+        "settings": {name: vars(v) for name, v in VARIANTS.items()},
+        "variants": {
+            name: {
+                "rows": summarise(chosen, cases()),
+                "orderings": orderings(chosen),
+                "improvements": improvements(chosen),
+            }
+            for name in VARIANTS
+            if (chosen := [r for r in runs if r.variant == name])
+        },
+    }
+    print(write_result("table4", result))
+
+
+if __name__ == "__main__":
+    main()

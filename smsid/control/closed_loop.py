@@ -1,0 +1,239 @@
+"""The complete nonlinear spacecraft under control: sensors, sampling, delay, wheel and joint limits."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.control.attitude import attitude_error
+from smsid.control.pd import Command, Measured, ModelBasedController
+from smsid.control.sensed import SensedState, measured_truth
+from smsid.control.wheels import WheelLayout
+from smsid.errors import ControlError, SimulationError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing.sensor import Sensor
+from smsid.simulate.fixed_step import simulate_closed_loop
+from smsid.simulate.integrate import ChartDerivative, initial_state
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """A run at the controller's samples ``time`` (N,) [s], errors of the true state, not of the measured one.
+
+    ``error`` (N, 3 + n) e, e_b first [rad]; ``torques`` (N, 3 + n) what acted, base axes and joints [N m];
+    ``wheel_torque``, ``wheel_rate`` (N, w). ``saturated`` counts the samples at which a limit was met, by
+    actuator. ``q``, ``v`` are the true states.
+    """
+
+    time: np.ndarray
+    error: np.ndarray
+    error_rate: np.ndarray
+    torques: np.ndarray
+    wheel_torque: np.ndarray
+    wheel_rate: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    saturated: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def base(self) -> float:
+        """Largest attitude error e_b about any axis [rad]."""
+        return float(np.abs(self.error[:, :3]).max())
+
+    @property
+    def joints(self) -> float:
+        """Largest joint error e_i of any joint [rad]."""
+        return float(np.abs(self.error[:, 3:]).max())
+
+
+class Actuators:
+    """From Q_c to generalised forces of the spacecraft, within limits; ``hits`` counts samples at a limit."""
+
+    def __init__(self, model: SpacecraftModel, period: float, *, unload: float = 0.0) -> None:
+        """Take the limits of wheels from the description, those of joints from the URDF (0: none)."""
+        self.model, self.period, self.unload = model, period, unload
+        self.layout = WheelLayout.of(model)
+        effort = np.asarray(model.pin.effortLimit)[model.arm_joints.v]
+        self.effort = np.where(effort > 0.0, effort, np.inf)
+        self.hits: dict[str, int] = {}
+
+    def __call__(self, torques: np.ndarray, wheel_rates: np.ndarray) -> np.ndarray:
+        """Return the generalised forces (nv,) for Q_c (3 + n,) at the true wheel rates (w,) [rad/s]."""
+        found = self.layout.allocate(torques[:3], wheel_rates, self.period, unload=self.unload)
+        joints = np.clip(torques[3:], -self.effort, self.effort)
+        for k in np.flatnonzero(found.torque_limited):
+            self._hit(f"{self.layout.names[k]} torque")
+        for k in np.flatnonzero(found.rate_limited):
+            self._hit(f"{self.layout.names[k]} speed")
+        for k in np.flatnonzero(joints != torques[3:]):
+            self._hit(f"{self.model.arm_joints.names[k]} torque")
+        tau = np.zeros(self.model.nv)
+        tau[self.model.wheels.v], tau[self.model.arm_joints.v] = found.wheels, joints
+        return tau
+
+    def _hit(self, name: str) -> None:
+        if name not in self.hits:
+            logger.warning("%s is at its limit", name)
+        self.hits[name] = self.hits.get(name, 0) + 1
+
+
+def track(
+    model: SpacecraftModel,
+    controller: ModelBasedController,
+    *,
+    duration: float | None = None,
+    rate: float = 100.0,
+    dt: float | None = None,
+    delay: int = 0,
+    sensors: Sequence[Sensor] | None = None,
+    rng: np.random.Generator | None = None,
+    limits: bool = True,
+    start: np.ndarray | None = None,
+) -> Tracking:
+    """Fly the complete spacecraft under the controller.
+
+    Args:
+        model: the truth, slosh and panel included.
+        controller: made for calls at ``rate``; its robust term is reset.
+        duration: [s]; by default until the reference rests.
+        rate: of the controller [Hz]. ``dt``: step of the simulation [s], by default one per call.
+        delay: calls between measuring and acting.
+        sensors: what the controller sees with; None: the exact state. ``rng`` draws their errors.
+        limits: whether wheels and joints have limits.
+        start: q (nq,) at rest; by default home with the reference's first attitude and joint angles.
+
+    Raises:
+        ControlError: sensors without ``rng``, sizes that do not fit, a singular attitude.
+        SimulationError: the loop blew up.
+    """
+    duration = controller.reference.duration if duration is None else duration
+    controller.reset()
+    q0 = starting_point(model, controller) if start is None else start
+    actuators = Actuators(model, 1.0 / rate)
+    if not limits:
+        lay = actuators.layout
+        none = np.full(len(lay.names), np.inf)
+        actuators.layout = WheelLayout(lay.names, lay.axes, lay.inertia, none, none)
+        actuators.effort = np.full_like(actuators.effort, np.inf)
+    see: Callable[[float, np.ndarray, np.ndarray], Measured]
+    if sensors is None:
+        see = lambda t, q, v: measured_truth(model, q, v)  # noqa: E731
+    elif rng is None:
+        raise ControlError("Sensors were given without a generator for their errors.", advice="Pass rng.")
+    else:
+        see = SensedState(model, sensors, duration, rate, rng)
+    commands: list[Command] = []
+
+    def act(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        command = controller.command(t, see(t, q, v))
+        commands.append(command)
+        return actuators(command.torques, v[model.wheels.v])
+
+    flown = simulate_closed_loop(
+        model, act, duration, dt=1.0 / rate if dt is None else dt, control_rate=rate, q0=q0, delay=delay
+    )
+    every = (len(flown.time) - 1) // len(commands)
+    return _tracking(
+        model,
+        controller,
+        flown.time[::every],
+        flown.q[::every],
+        flown.v[::every],
+        flown.tau[::every],
+        actuators,
+    )
+
+
+def track_continuously(
+    model: SpacecraftModel, controller: ModelBasedController, *, dt: float, duration: float | None = None
+) -> Tracking:
+    """Fly with the exact state fed back continuously: the controller is part of the state derivative.
+
+    Fourth-order Runge-Kutta with steps of ``dt`` [s], no limits; without robust term, whose state is sampled.
+    Raises `ControlError` for a controller with one, `SimulationError` when the loop blows up.
+    """
+    if controller.filter is not None:
+        raise ControlError("The robust term runs at its own rate.", advice="Use `track`.")
+    duration = controller.reference.duration if duration is None else duration
+    layout = WheelLayout.of(model)
+
+    def force(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        torques = controller.command(t, measured_truth(model, q, v)).torques
+        tau = np.zeros(model.nv)
+        tau[model.wheels.v], tau[model.arm_joints.v] = -layout.inverse @ torques[:3], torques[3:]
+        return tau
+
+    def acceleration(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return model.acceleration(t, q, v, force(t, q, v))
+
+    steps, nv = round(duration / dt), model.nv
+    q, v = initial_state(model, starting_point(model, controller), None)
+    rows = [(0.0, q, v, force(0.0, q, v))]
+    for i in range(steps):
+        t, k = i * dt, np.empty((4, 2 * nv))
+        slope = ChartDerivative(model, acceleration, q)
+        y = np.concatenate([np.zeros(nv), v])
+        slope(t, y, k[0])
+        slope(t + dt / 2, y + dt / 2 * k[0], k[1])
+        slope(t + dt / 2, y + dt / 2 * k[1], k[2])
+        # just before the end of the step, where the reference may jump
+        slope(t + dt * (1.0 - 1e-9), y + dt * k[2], k[3])
+        y = y + dt / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
+        q, v = pin.integrate(model.pin, q, y[:nv]), y[nv:]
+        if not np.isfinite(v).all():
+            raise SimulationError(f"The closed loop blew up at t = {t:.6g} s.", advice="Try a smaller `dt`.")
+        rows.append((t + dt, q, v, force(t + dt, q, v)))
+    time, qs, vs, tau = (np.array(x) for x in zip(*rows, strict=True))
+    return _tracking(model, controller, time, qs, vs, tau, Actuators(model, dt))
+
+
+def starting_point(model: SpacecraftModel, controller: ModelBasedController) -> np.ndarray:
+    """Return q (nq,): home with the attitude and joint angles of the reference's beginning."""
+    wanted = controller.reference.at(0.0)[0]
+    q = model.set_joint_angles(model.home, wanted[3:])
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(*wanted[:3])).coeffs()
+    return q
+
+
+def _tracking(
+    model: SpacecraftModel,
+    controller: ModelBasedController,
+    time: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    tau: np.ndarray,
+    actuators: Actuators,
+) -> Tracking:
+    errors, rates = [], []
+    for t, x, dx in zip(time, q, v, strict=True):
+        wanted, wanted_rate, wanted_acceleration = controller.reference.at(float(t))
+        seen = measured_truth(model, x, dx)
+        base = attitude_error(
+            controller.coordinates,
+            seen.rotation,
+            seen.omega,
+            wanted[:3],
+            wanted_rate[:3],
+            wanted_acceleration[:3],
+        )
+        errors.append(np.concatenate([base.error, wanted[3:] - seen.angles]))
+        rates.append(np.concatenate([base.rate, wanted_rate[3:] - seen.rates]))
+    wheels = tau[:, model.wheels.v]
+    torques = np.hstack([-wheels @ actuators.layout.axes.T, tau[:, model.arm_joints.v]])
+    return Tracking(
+        time,
+        np.array(errors),
+        np.array(rates),
+        torques,
+        wheels,
+        v[:, model.wheels.v],
+        q,
+        v,
+        dict(actuators.hits),
+    )

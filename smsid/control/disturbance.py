@@ -1,0 +1,62 @@
+"""What slosh, panel and sensors do to the loop: d_d of (45), as a bound the weights can use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from smsid.control.closed_loop import Tracking, track
+from smsid.control.gains import Gains
+from smsid.control.pd import ModelBasedController
+from smsid.control.reduced import ReducedDynamics
+from smsid.control.trajectory import Reference
+from smsid.control.weights import in_band
+from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing.sensor import Sensor
+
+
+def disturbance(run: Tracking, gains: Gains) -> np.ndarray:
+    """Return d_tot = dde + K_D de + K_P e (N, 3 + n) [rad/s^2] of a run, (45); dde by central differences."""
+    second = np.gradient(run.error_rate, run.time, axis=0)
+    return second + run.error_rate @ gains.derivative + run.error @ gains.proportional
+
+
+def left_out(
+    model: SpacecraftModel, gains: Gains, reference: Reference, *, rate: float = 100.0
+) -> np.ndarray:
+    """Return the bound (3 + n,) [rad/s^2] on what slosh and panel do along a reference: the largest |d_d|.
+
+    The complete spacecraft flies the reference under PD with its own parameters and exact measurements, so
+    all that is left of (45) is d_d (and the hold of the sampled torques, which the loop sees as well).
+    """
+    run = track(
+        model, ModelBasedController(ReducedDynamics(model), gains, reference), rate=rate, limits=False
+    )
+    return np.abs(disturbance(run, gains)).max(axis=0)
+
+
+def sensor_noise(
+    sensors: Sequence[Sensor], joints: int, rate: float, crossover: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return one sigma of noise on angles and rates, (3 + n,) each [rad, rad/s], in the band of the loop.
+
+    White noise of the first sensor that measures the quantity; biases are no noise and not counted. Raises
+    `ControlError` when a quantity is not measured.
+    """
+    sizes = {"attitude": 3, "joint_position": joints, "angular_rate": 3, "joint_velocity": joints}
+    sigma = {}
+    for quantity, size in sizes.items():
+        owner = next((s for s in sensors if quantity in s.quantities), None)
+        if owner is None:
+            raise ControlError(
+                f"No sensor measures {quantity.replace('_', ' ')}, so its noise is not known.",
+                advice="Add a sensor to the description.",
+            )
+        white = owner.error(quantity).white_sigma(owner.rate)
+        sigma[quantity] = in_band(np.broadcast_to(white, size), rate, crossover)
+    return (
+        np.concatenate([sigma["attitude"], sigma["joint_position"]]),
+        np.concatenate([sigma["angular_rate"], sigma["joint_velocity"]]),
+    )

@@ -1,0 +1,237 @@
+"""The H-infinity term u_inf for the error dynamics (47), with u_inf inside the bracket.
+
+The printed (46) adds u_inf to the torques; put into (40) that gives the wrong sign and adds a torque to an
+acceleration. Inside,
+
+    Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c)  gives  dde + K_D de + K_P e = d_tot + u_inf  (47).
+
+Generalised plant of one group of coordinates, a_fb = K_P (e + n_1) + K_D (de + n_2) - u what is fed back:
+
+    dde = d - a_fb,   w = (d, n_1, n_2),   z = (W_e e, W_T a_fb),   y = (e + n_1, de + n_2).
+
+a_fb / d is the complementary sensitivity at the plant's input, so |W_T| times it below one is stability for
+every |H^-1 H_hat - I| below |W_T|. The noise in a_fb makes D11 nonzero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.control.gains import Gains
+from smsid.control.hinfinity import Plant, Synthesis, feasible, synthesize
+from smsid.control.statespace import StateSpace, hinf_norm, stack
+from smsid.control.weights import ROLL_OFF, SLOWEST, Weights
+from smsid.errors import ControlError
+
+
+@dataclass(frozen=True)
+class Block:
+    """The design of one group of ``coordinates``: ``error`` (k,) [rad] is the bound reached for gamma = 1.
+
+    ``sensitivity`` and ``complementary`` are the peaks of S and T at the plant's input; ``gain_margin``
+    (lower, upper) factors and ``phase_margin`` [deg] follow, guaranteed for all channels at once. ``poles``
+    [rad/s] are those of the loop on the rigid model, weights left out.
+    """
+
+    coordinates: np.ndarray
+    synthesis: Synthesis
+    error: np.ndarray
+    sensitivity: float
+    complementary: float
+    gain_margin: tuple[float, float]
+    phase_margin: float
+    poles: np.ndarray
+
+
+@dataclass(frozen=True)
+class RobustTerm:
+    """u_inf = K (e, de): ``controller`` takes (e (n,), de (n,)) [rad, rad/s] to u_inf (n,) [rad/s^2]."""
+
+    gains: Gains
+    weights: Weights
+    controller: StateSpace
+    blocks: tuple[Block, ...]
+
+    @property
+    def gamma(self) -> float:
+        """Largest norm of the blocks' weighted loops."""
+        return max(b.synthesis.norm for b in self.blocks)
+
+
+def design_robust_term(
+    gains: Gains, weights: Weights, *, error: float | np.ndarray | None = None
+) -> RobustTerm:
+    """Return the H-infinity term for gains and weights.
+
+    ``error`` (n,) [rad] is the wanted bound on e for disturbance and noise of the weights' size; by default
+    the smallest that keeps gamma at one, group by group.
+
+    Raises `ControlError` when sizes do not fit or even no bound on e leaves a robust loop.
+    """
+    if gains.size != weights.size:
+        raise ControlError(
+            f"The gains are for {gains.size} coordinates, the weights for {weights.size}.",
+            advice="Both need 3 of attitude and one per arm joint.",
+        )
+    blocks, parts, order = [], [], []
+    for index in gains.blocks():
+        block, controller = _design(gains, weights, index, error)
+        blocks.append(block)
+        parts.append(controller)
+        order.append(index)
+    n, coordinates = gains.size, np.concatenate(order)
+    joined = stack(parts)
+    inputs = np.zeros((2 * n, 2 * n))
+    at = 0
+    for index in order:
+        k = len(index)
+        inputs[np.arange(at, at + k), index] = 1.0
+        inputs[np.arange(at + k, at + 2 * k), n + index] = 1.0
+        at += 2 * k
+    outputs = np.zeros((n, n))
+    outputs[coordinates, np.arange(n)] = 1.0
+    return RobustTerm(gains, weights, joined.scaled(outputs, inputs), tuple(blocks))
+
+
+def _design(
+    gains: Gains, weights: Weights, index: np.ndarray, error: float | np.ndarray | None
+) -> tuple[Block, StateSpace]:
+    kp, kd = gains.proportional[np.ix_(index, index)], gains.derivative[np.ix_(index, index)]
+    part = Weights(
+        weights.disturbance[index],
+        weights.angle_noise[index],
+        weights.rate_noise[index],
+        weights.uncertainty,
+        weights.crossover,
+        weights.integral,
+    )
+    # what PD alone leaves of a steady disturbance
+    passive = np.linalg.solve(kp, part.disturbance)
+    passive = np.maximum(np.abs(passive), 1e-3 * np.abs(passive).max())
+    if error is None:
+        bound = passive * _smallest(lambda share: feasible(error_plant(kp, kd, part, share * passive), 1.0))
+        found = synthesize(error_plant(kp, kd, part, bound), gamma=1.0)
+    else:
+        bound = np.broadcast_to(np.asarray(error, dtype=float), gains.size)[index]
+        if not (bound > 0.0).all():
+            raise ControlError(f"A bound on the error of {bound} rad is not positive.")
+        found = synthesize(error_plant(kp, kd, part, bound))
+    noise = np.concatenate([1.0 / part.angle_noise, 1.0 / part.rate_noise])
+    controller = found.controller.scaled(np.diag(effective_disturbance(kp, kd, part)), np.diag(noise))
+    return _judged(kp, kd, controller, index, found, bound), controller
+
+
+def _smallest(works) -> float:  # type: ignore[no-untyped-def]
+    """Return the smallest share of the passive error that is feasible, to 2 %."""
+    low, high = 1e-6, 10.0
+    while not works(high):
+        high *= 10.0
+        if high > 1e7:
+            raise ControlError(
+                "No H-infinity term keeps the loop robust, whatever error is allowed.",
+                advice="Too much uncertainty for these gains and this crossover: lower the gains, raise "
+                "the crossover (a faster controller, less delay), or identify first.",
+            )
+    while high > 1.02 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if works(middle) else (middle, high)
+    return high * 1.02
+
+
+def error_plant(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> Plant:
+    """Return the normalised generalised plant of (47) for k coupled coordinates; see the module.
+
+    ``kp``, ``kd`` (k, k), ``error`` (k,) [rad] that counts as one. States: e, de, and those of W_e, W_T and
+    N.
+    """
+    k = len(kp)
+    one, zero = np.eye(k), np.zeros((k, k))
+    d = np.diag(effective_disturbance(kp, kd, weights))
+    n1, n2 = np.diag(weights.angle_noise), np.diag(weights.rate_noise)
+    # W_e = (s + i) / (s + slow), its inverse N on the angle noise (what is averaged away does not count),
+    # W_T = R (s + delta c) / (s + R c)
+    corner, c, delta = weights.integral, weights.crossover, weights.uncertainty
+    slow, fast = SLOWEST * max(corner, 1e-3), ROLL_OFF * c
+    gap = corner - slow
+    to_e, to_a = np.linalg.inv(np.diag(error)), np.linalg.inv(d)
+    p, v = to_a @ kp, to_a @ kd
+    a = np.block(
+        [
+            [zero, one, zero, zero, zero],
+            [-kp, -kd, zero, zero, gap * kp @ n1],
+            [gap * to_e, zero, -slow * one, zero, zero],
+            [p, v, zero, -fast * one, -gap * p @ n1],
+            [zero, zero, zero, zero, -corner * one],
+        ]
+    )
+    b1 = np.block(
+        [
+            [zero, zero, zero],
+            [d, -kp @ n1, -kd @ n2],
+            [zero, zero, zero],
+            [zero, p @ n1, v @ n2],
+            [zero, one, zero],
+        ]
+    )
+    b2 = np.vstack([zero, d, zero, -one, zero])
+    high = ROLL_OFF
+    c1 = np.block(
+        [
+            [to_e, zero, one, zero, zero],
+            [high * p, high * v, zero, high * (delta * c - fast) * one, -high * gap * p @ n1],
+        ]
+    )
+    d11 = np.block([[zero, zero, zero], [zero, high * p @ n1, high * v @ n2]])
+    d12 = np.vstack([zero, -high * one])
+    i1, i2 = np.linalg.inv(n1), np.linalg.inv(n2)
+    c2 = np.block([[i1, zero, zero, zero, -gap * one], [zero, i2, zero, zero, zero]])
+    d21 = np.block([[zero, one, zero], [zero, zero, one]])
+    system = StateSpace(
+        a, np.hstack([b1, b2]), np.vstack([c1, c2]), np.block([[d11, d12], [d21, np.zeros((2 * k, k))]])
+    )
+    return Plant(system, k, 2 * k)
+
+
+def effective_disturbance(kp: np.ndarray, kd: np.ndarray, weights: Weights) -> np.ndarray:
+    """Return the disturbance (k,) with what noise makes PD ask for, which disturbs like anything else."""
+    noise = np.abs(kp) @ weights.angle_noise + np.abs(kd) @ weights.rate_noise
+    return weights.disturbance + noise
+
+
+def rigid_loop(kp: np.ndarray, kd: np.ndarray, controller: StateSpace) -> StateSpace:
+    """Return the loop from d to (e, a_fb) on the rigid, exactly known model: (47) under u_inf = K (e, de)."""
+    k = len(kp)
+    zero, one = np.zeros((k, k)), np.eye(k)
+    law = np.hstack([kp, kd]) - controller.d
+    a = np.block(
+        [
+            [np.hstack([zero, one]), np.zeros((k, controller.order))],
+            [-law, controller.c],
+            [controller.b, controller.a],
+        ]
+    )
+    b = np.vstack([zero, one, np.zeros((controller.order, k))])
+    c = np.block([[np.hstack([one, zero]), np.zeros((k, controller.order))], [law, -controller.c]])
+    return StateSpace(a, b, c, np.zeros((2 * k, k)))
+
+
+def _judged(
+    kp: np.ndarray,
+    kd: np.ndarray,
+    controller: StateSpace,
+    index: np.ndarray,
+    found: Synthesis,
+    error: np.ndarray,
+) -> Block:
+    loop = rigid_loop(kp, kd, controller)
+    k = len(index)
+    t = StateSpace(loop.a, loop.b, loop.c[k:], loop.d[k:])
+    s = StateSpace(loop.a, loop.b, -loop.c[k:], np.eye(k))
+    peak_s, _ = hinf_norm(s)
+    peak_t, _ = hinf_norm(t)
+    lower = min(peak_s / (peak_s + 1.0), 1.0 - 1.0 / peak_t if peak_t > 1.0 else 0.0)
+    upper = max(peak_s / (peak_s - 1.0) if peak_s > 1.0 else np.inf, 1.0 + 1.0 / peak_t)
+    phase = np.degrees(2.0 * np.arcsin(min(1.0, 0.5 / min(peak_s, peak_t))))
+    return Block(index, found, error, peak_s, peak_t, (lower, upper), float(phase), loop.poles)

@@ -1,0 +1,138 @@
+"""What sensors tell the controller, sample by sample: errors drawn for a whole run, applied as it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.control.pd import Measured
+from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.sensor import Sensor
+
+NEEDED = ("attitude", "angular_rate", "joint_position", "joint_velocity")
+LINEAR = ("scale_error", "scale_sigma", "misalignment", "misalignment_sigma")
+
+
+def measured_truth(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> Measured:
+    """Return what perfect sensors see in the state q (nq,), v (nv,)."""
+    rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
+    return Measured(rotation, v[3:6].copy(), model.joint_angles(q), v[model.arm_joints.v], v[model.wheels.v])
+
+
+@dataclass
+class _Stream:
+    """One quantity: additive errors (k, ...), a linear map, limits, and what was last reported."""
+
+    rate: float
+    late: float
+    errors: np.ndarray
+    linear: np.ndarray | None
+    saturation: float | None
+    step: float
+    last: int = -1
+    value: np.ndarray | None = None
+
+
+class SensedState:
+    """The state as sensors report it to a controller called at ``control_rate`` [Hz] for ``duration`` [s].
+
+    Each sensor samples at its own rate, never faster than the controller asks; its delay is rounded up to
+    whole calls of the controller. The first sensor that measures a quantity is used; wheel rates are
+    optional.
+    """
+
+    def __init__(
+        self,
+        model: SpacecraftModel,
+        sensors: Sequence[Sensor],
+        duration: float,
+        control_rate: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """Draw the errors; raises `ControlError` when a quantity the controller needs is not measured."""
+        self.model, self.period = model, 1.0 / control_rate
+        self.history: list[Measured] = []
+        self.streams: dict[str, _Stream] = {}
+        sizes = {
+            "attitude": 4,
+            "angular_rate": 3,
+            "joint_position": len(model.arm_joints),
+            "joint_velocity": len(model.arm_joints),
+            "wheel_rate": len(model.wheels),
+        }
+        for quantity, size in sizes.items():
+            owner = next((s for s in sensors if quantity in s.quantities), None)
+            if owner is None and quantity in NEEDED:
+                raise ControlError(
+                    f"No sensor measures {quantity.replace('_', ' ')}, which the controller needs.",
+                    advice="Add a sensor to the description: pose, imu and encoder.",
+                    sensors=[s.name for s in sensors],
+                )
+            if owner is not None:
+                child = np.random.default_rng(rng.integers(2**63))
+                self.streams[quantity] = _stream(owner, quantity, size, duration, control_rate, child)
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> Measured:
+        """Return what is reported at t [s]."""
+        self.history.append(measured_truth(self.model, q, v))
+        turned = self._read("attitude", t)
+        wheels = self._read("wheel_rate", t) if "wheel_rate" in self.streams else None
+        rest = [self._read(name, t) for name in NEEDED[1:]]
+        return Measured(turned, rest[0], rest[1], rest[2], wheels)
+
+    def _read(self, quantity: str, t: float) -> np.ndarray:
+        s = self.streams[quantity]
+        index = min(int(t * s.rate + 1e-6), len(s.errors) - 1)
+        if index == s.last and s.value is not None:
+            return s.value
+        late = min(int(np.ceil(s.late / self.period - 1e-9)), len(self.history) - 1)
+        state = self.history[-1 - late]
+        s.last = index
+        if quantity == "attitude":
+            found = s.value = state.rotation @ s.errors[index]
+            return found
+        names = {"angular_rate": "omega", "joint_position": "angles", "joint_velocity": "rates"}
+        exact = getattr(state, names.get(quantity, "wheel_rates"))
+        value = (exact if s.linear is None else exact @ s.linear) + s.errors[index]
+        if s.saturation is not None:
+            value = np.clip(value, -s.saturation, s.saturation)
+        value = s.value = np.round(value / s.step) * s.step if s.step > 0.0 else value
+        return value
+
+
+def _stream(
+    sensor: Sensor, quantity: str, size: int, duration: float, control_rate: float, rng: np.random.Generator
+) -> _Stream:
+    error = sensor.error(quantity)
+    rate = min(sensor.rate, control_rate)
+    times = np.arange(int(duration * rate + 1e-6) + 2) / rate
+    nothing = {"delay": 0.0, "saturation": None, "quantisation": 0.0}
+    seed = int(rng.integers(2**63))
+    if quantity == "attitude":
+        still = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
+        turns = _with(sensor, quantity, error.model_copy(update=nothing)).measure(
+            quantity, times, still, np.random.default_rng(seed), delayed=True
+        )
+        matrices = np.array([pin.Quaternion(x).toRotationMatrix() for x in turns])
+        return _Stream(rate, error.delay, matrices, None, None, 0.0)
+    fresh = ErrorModel()
+    additive = error.model_copy(update={**nothing, **{k: getattr(fresh, k) for k in LINEAR}})
+    errors = _with(sensor, quantity, additive).measure(
+        quantity, times, np.zeros((len(times), size)), np.random.default_rng(seed), delayed=True
+    )
+    linear = None
+    if error.misaligned or error.scaled:
+        only = ErrorModel(**{k: getattr(error, k) for k in LINEAR})
+        linear = _with(sensor, quantity, only).measure(
+            quantity, np.arange(size) / rate, np.eye(size), np.random.default_rng(seed), delayed=True
+        )
+    return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
+
+
+def _with(sensor: Sensor, quantity: str, error: ErrorModel) -> Sensor:
+    return sensor.model_copy(update={"errors": {quantity: error}})
