@@ -142,29 +142,43 @@ def identify(
         list[Path], typer.Argument(help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust)")
     ],
     output: Output = Path("estimate.json"),
-    method: Annotated[str, typer.Option(help="paper: total least squares and SSI-COV")] = "paper",
+    method: Annotated[
+        str,
+        typer.Option(
+            help="ml: maximum likelihood started from the paper's method; paper: the linear method alone"
+        ),
+    ] = "ml",
     show_all: Annotated[
-        bool, typer.Option("--all", help="print Step B as printed in the paper as well")
+        bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
     ] = False,
 ) -> None:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
-    from smsid.cli.tables import estimate_table
+    from smsid.cli.tables import comparison_table, estimate_table
     from smsid.description import load_description
     from smsid.identify.estimate import save_estimate
     from smsid.identify.pipeline import identify as run
     from smsid.recording import load_recording
 
-    if method != "paper":
-        raise SmsidError(f"There is no method '{method}'.", advice="Use --method paper.")
+    if method not in ("ml", "paper"):
+        raise SmsidError(f"There is no method '{method}'.", advice="Use --method ml or --method paper.")
+    described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
-    with console.status("identifying"):
-        result = run(load_description(description), loaded)
-    save_estimate(result.estimate, output)
-    for table in estimate_table(result.estimate, everything=show_all):
+    with console.status("identifying by the paper's method"):
+        linear = run(described, loaded)
+    estimate = linear.estimate
+    tables = list(estimate_table(estimate, everything=show_all))
+    if method == "ml":
+        from smsid.likelihood import refine
+
+        with console.status("refining by maximum likelihood"):
+            estimate = refine(described, loaded, linear).estimate
+        tables = [comparison_table(estimate, linear.estimate, everything=show_all)]
+    save_estimate(estimate, output)
+    for table in tables:
         console.print(table)
-    for note in result.estimate.notes:
-        console.print(f"note: {note}")
-    console.print(f"{result.estimate.timing['total']:.1f} s; wrote {output}")
+    for note in dict.fromkeys((*linear.estimate.notes, *estimate.notes)):
+        console.print(f"note: {note}", markup=False, highlight=False)
+    console.print(f"{estimate.timing['total']:.1f} s; wrote {output}")
 
 
 @app.command()

@@ -52,6 +52,34 @@ def parameter_table(title: str, parameters: Iterable[ParameterEstimate]) -> Tabl
     return table
 
 
+def comparison_table(refined: Estimate, linear: Estimate, *, everything: bool = False) -> Table:
+    """Return the refined parameters beside those of the linear method."""
+    table = Table(
+        title="maximum likelihood beside the paper's method", title_justify="left", header_style="bold"
+    )
+    table.add_column("parameter", overflow="fold", max_width=58)
+    for name in ("value", "± 95 %", "paper's method", "± 95 %", "unit", "described"):
+        table.add_column(name, justify="right" if name != "unit" else "left")
+    table.add_column("status", overflow="fold")
+    known = {p.name: p for p in linear.parameters}
+    for p in refined.parameters:
+        if p.status == "by_product" and not everything:
+            continue
+        other = known.get(p.name)
+        style = {"identifiable": "green", "not_identifiable": "yellow"}.get(p.status, "")
+        table.add_row(
+            Text(p.name),
+            f"{p.value:.6g}",
+            f"{1.96 * p.sigma:.2g}",
+            "" if other is None else f"{other.value:.6g}",
+            "" if other is None else f"{1.96 * other.sigma:.2g}",
+            p.unit,
+            "" if p.nominal is None else f"{p.nominal:.6g}",
+            Text(p.status.replace("_", " "), style=style),
+        )
+    return table
+
+
 def limits_table(limits: Iterable[LimitUse]) -> Table:
     """Return a table of how far limits were used."""
     table = Table(title="limits", title_justify="left", header_style="bold")

@@ -48,7 +48,14 @@ def test_help_explains_itself() -> None:
 
 def test_simulate_then_identify_gives_value_unit_sigma_and_status(flown: Path, urdf: Path) -> None:
     done = run(
-        "identify", urdf / "paper_sms.toml", flown / "exp1.nc", flown / "exp2.nc", "-o", flown / "e.json"
+        "identify",
+        urdf / "paper_sms.toml",
+        flown / "exp1.nc",
+        flown / "exp2.nc",
+        "-o",
+        flown / "e.json",
+        "--method",
+        "paper",
     )
     assert done.returncode == 0, done.stderr
     document = json.loads((flown / "e.json").read_text())
@@ -61,6 +68,18 @@ def test_simulate_then_identify_gives_value_unit_sigma_and_status(flown: Path, u
     shown = run("show", flown / "e.json")
     assert shown.returncode == 0
     assert "tank.mass" in shown.stdout
+
+
+def test_identify_refines_by_default_and_prints_both_side_by_side(flown: Path, urdf: Path) -> None:
+    done = run("identify", urdf / "paper_sms.toml", flown / "exp1.nc", "-o", flown / "ml.json")
+    assert done.returncode == 0, done.stderr
+    assert "maximum likelihood beside the paper's method" in done.stdout
+    document = json.loads((flown / "ml.json").read_text())
+    assert document["method"] == "maximum_likelihood"
+    damping = next(p for p in document["parameters"] if p["name"] == "tank.damping.x")
+    assert damping["status"] == "identifiable"  # the linear method cannot say
+    assert abs(damping["value"] - 0.02) < 5 * damping["sigma"]
+    fails(run("identify", urdf / "paper_sms.toml", flown / "exp1.nc", "--method", "guess"), "guess")
 
 
 def test_same_seed_gives_the_same_recording(flown: Path, urdf: Path, tmp_path: Path) -> None:
@@ -216,6 +235,8 @@ def test_time_going_back_is_refused(tmp_path: Path) -> None:
 def test_only_a_recording_with_thrust_and_one_without_are_both_used(
     flown: Path, urdf: Path, tmp_path: Path
 ) -> None:
-    done = run("identify", urdf / "paper_sms.toml", flown / "exp2.nc", "-o", tmp_path / "e.json")
+    done = run(
+        "identify", urdf / "paper_sms.toml", flown / "exp2.nc", "-o", tmp_path / "e.json", "--method", "paper"
+    )
     assert done.returncode == 0, done.stderr
     assert "no Exp. 1 was given" in done.stdout
