@@ -101,9 +101,13 @@ def assemble(
     appendages = {j.appendage.name: j.appendage for j in model.appendages}
     for name, seen in modes.items():
         described = appendages[name].modal_data()
-        count = len(seen.modes.clamped)
-        if count < len(described):
-            notes.append(f"{name}: {count} of {len(described)} described modes found. {seen.modes.status}")
+        matched = match_modes(seen.modes.clamped, described)
+        missing = [str(k + 1) for k in range(len(described)) if k not in matched]
+        if missing:
+            notes.append(
+                f"{name}: {len(matched)} of {len(described)} described modes found; mode "
+                f"{', '.join(missing)} stays as described. {seen.modes.status}"
+            )
         parameters += _mode_parameters(name, seen, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
     return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)

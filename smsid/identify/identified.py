@@ -11,14 +11,21 @@ from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.appendage import Mode as DescribedMode
 from smsid.identify.modes import Mode
 
+SAME_MODE = 2.0  # ratio of frequencies, stiffness off by a factor of four, up to which a mode is recognised
+
 
 def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> dict[int, int]:
-    """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency."""
+    """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency.
+
+    A described mode that none is found within `SAME_MODE` of stays unmatched; it does not push the others on.
+    """
     if not found or not described:
         return {}
     log = [np.log([m.frequency for m in x]) for x in (described, found)]
-    rows, columns = linear_sum_assignment(np.abs(log[0][:, None] - log[1][None, :]))
-    return {int(k): int(j) for k, j in zip(rows, columns, strict=True)}
+    apart = np.abs(log[0][:, None] - log[1][None, :])
+    limit = np.log(SAME_MODE)
+    rows, columns = linear_sum_assignment(np.minimum(apart, limit))
+    return {int(k): int(j) for k, j in zip(rows, columns, strict=True) if apart[k, j] < limit}
 
 
 def identified_modes(appendage: Appendage, factor: float, modes: Sequence[Mode]) -> ModalAppendage:
