@@ -11,6 +11,7 @@ results/likelihood.json are not repeated; each is written as soon as it is there
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import sys
 import tempfile
@@ -54,7 +55,7 @@ def described(case: str) -> Description:
 
 
 def wrong(description: Description, seed: int, off: float, folder: Path) -> Description:
-    """Every mass with its inertia, every slosh and panel property too high or too low by ``off``, at random."""
+    """Masses with their inertias, slosh and panel properties too high or too low by ``off``, at random."""
     rng = np.random.default_rng([seed, 77])
     tree = ElementTree.parse(description.folder / description.urdf)
     for inertial in tree.getroot().iter("inertial"):
@@ -168,6 +169,13 @@ def load() -> dict[str, Any]:
 
 def update(change: Any) -> None:
     """Change the results and write them whole, with summary and environment."""
+    RESULTS.mkdir(exist_ok=True)
+    with (RESULTS / f".{NAME}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # several processes may fill different cases at a time
+        _rewrite(change)
+
+
+def _rewrite(change: Any) -> None:
     document = load()
     change(document)
     cases = [c for c in CASES if c in document["bounds"]]

@@ -71,7 +71,7 @@ class Channel:
 
 
 def spanned(model: SpacecraftModel, recording: Recording) -> tuple[float, float]:
-    """Return the first and last time [s] of all channels used; raises `RecordingError` when there are none."""
+    """Return the first and last time [s] of all channels used; `RecordingError` when there are none."""
     times = [event_times(recording, s, q) for s, q in present(model, recording)]
     if not times:
         raise RecordingError(

@@ -150,7 +150,7 @@ def _thrust(recording: Recording, held: bool) -> Thrust | None:
     if not values.any():
         return None
     changes = np.count_nonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1))
-    return Thrust(times, values, changes <= FEW * len(times))
+    return Thrust(times, values, bool(changes <= FEW * len(times)))
 
 
 def _check_free(model: SpacecraftModel, free: np.ndarray) -> None:
@@ -158,7 +158,7 @@ def _check_free(model: SpacecraftModel, free: np.ndarray) -> None:
         joint = model.pin.joints[j]
         if joint.idx_v in free and joint.nq != joint.nv:
             raise DescriptionError(
-                f"Joint '{model.pin.names[j]}' turns freely without limits; its motion cannot be predicted here.",
+                f"Joint '{model.pin.names[j]}' turns freely without limits; that cannot be predicted here.",
                 advice="Put it into an arm, so that its measured motion is used.",
             )
     if model.forces:

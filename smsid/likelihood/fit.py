@@ -34,7 +34,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Normal:
-    """Information (n, n) of data and prior by (parameters, local ones of each piece), and the gradient (n,)."""
+    """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,)."""
 
     data: np.ndarray
     prior: np.ndarray

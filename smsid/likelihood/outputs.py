@@ -60,7 +60,7 @@ class Kinematics:
         return np.concatenate(out, axis=1)
 
     def jacobian(self, sensor: Sensor, quantity: str, by: Sensitivity) -> np.ndarray:
-        """Return the derivative (nodes, k, P); of an attitude that of the rotation vector in the bus frame."""
+        """Return the derivative (nodes, k, P); an attitude's is that of a rotation vector, bus frame."""
         r = np.asarray(sensor.position, dtype=float)
         rho, phi = by.pose[:, :3], by.pose[:, 3:]
         dv, dw = by.v[:, :3], by.v[:, 3:6]

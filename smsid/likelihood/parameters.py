@@ -20,7 +20,7 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
 from smsid.identify.identified import identified_modes
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
-from smsid.model.assembly import move_parameters, parameters_to_matrix
+from smsid.model.assembly import AppendageJoints, move_parameters, parameters_to_matrix
 from smsid.model.regressor import INERTIAL_NAMES, body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -242,24 +242,16 @@ class Parameters:
                 effects.append(effect.with_values({k: max(v, 0.0) for k, v in own.items()}))
         for joints in self.layout.model.appendages:
             part = joints.appendage
-            modes = [
-                mode.model_copy(
-                    update={
-                        "frequency": self[f"{part.name}.mode{k}.frequency"],
-                        "damping": max(self[f"{part.name}.mode{k}.damping"], 0.0),
-                    }
-                )
-                for k, mode in enumerate(part.modal_data(), start=1)
-            ]
-            effects.append(identified_modes(part, self[f"{part.name}.density_factor"], modes))
+            own = {s.name: max(s.value, 0.0) for s in self.scalars if s.name.startswith(f"{part.name}.mode")}
+            effects.append(identified_modes(part, self[f"{part.name}.density_factor"], ()).with_values(own))
         return d.with_effects(*effects)
 
     def _slope(self, name: str) -> float:
         return next(s.slope for s in self.scalars if s.name == name)
 
 
-def _appendage_parts(model: SpacecraftModel, joints) -> np.ndarray:
-    """Inertial parameters (10 bodies,) an appendage adds to the model: modes, and remainder of what carries it."""
+def _appendage_parts(model: SpacecraftModel, joints: AppendageJoints) -> np.ndarray:
+    """Inertial parameters (10 bodies,) an appendage adds: its modes, and the remainder."""
     out = np.zeros(SIZE * (model.pin.njoints - 1))
     remainder = move_parameters(joints.placement, dynamic_parameters(joints.appendage.rigid_inertia()))
     for j in joints.joints:
@@ -309,7 +301,7 @@ def _scalars(model: SpacecraftModel) -> list[Scalar]:
 
 
 def body_size(theta: np.ndarray) -> np.ndarray:
-    """Return what the parameters (10,) of a body are compared with: mass, mass times radius of gyration, ..."""
+    """Return what a body's parameters (10,) are compared with: mass, mass times gyration radius, ..."""
     mass = theta[0]
     gyration = np.sqrt(np.trace(parameters_to_matrix(theta)) / (2.0 * mass))
     return mass * np.concatenate([[1.0], np.full(3, gyration), np.full(6, gyration**2)])

@@ -1,4 +1,4 @@
-"""One recording as a term of the likelihood: drive, grid, channels, and what is its own (pose, biases, gains)."""
+"""One recording as a term of the likelihood: drive, grid, channels, and its own pose, biases and gains."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Piece:
     def normal(
         self, parameters: Parameters, local: Local, prediction: Prediction, residuals: list[np.ndarray] | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return information (n, n) and gradient (n,) by (parameters, local ones); no gradient without data."""
+        """Return information (n, n) and gradient (n,) by (parameters, local ones), the latter with data."""
         n = parameters.size + self.size
         information, gradient = np.zeros((n, n)), np.zeros(n)
         derivatives = self.columns(parameters, local, prediction)
@@ -213,7 +213,7 @@ class Piece:
         return Local(position, quaternion, gain, bias, scale, motion)
 
     def prior(self, local: Local) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return information (size, size), gradient (size,) and cost of what is known of the local parameters.
+        """Return information (size, size), gradient (size,) and cost of what is known beforehand.
 
         The initial pose has a prior about where it is: its weight keeps what no sensor sees from running off.
         The joint motion's is what encoders say.
@@ -317,7 +317,7 @@ def piece_of(
 
 
 def longest_step(model: SpacecraftModel) -> float:
-    """Return the step [s] that resolves the fastest mode of the described spacecraft, coupling allowed for."""
+    """Return the step [s] that resolves the fastest mode as described, coupling allowed for."""
     fastest = 0.0
     if len(model.spring_v):
         mass = pin.crba(model.pin, model.pin.createData(), model.home)

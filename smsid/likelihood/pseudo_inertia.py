@@ -41,7 +41,7 @@ def is_body(theta: np.ndarray) -> bool:
 
 
 def inertial_parameters(pseudo: np.ndarray) -> np.ndarray:
-    """Return (m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) (10,) of a symmetric (..., 4, 4) pseudo-inertia; linear."""
+    """Return (m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of a pseudo-inertia (..., 4, 4); linear."""
     s = pseudo[..., :3, :3]
     trace = np.trace(s, axis1=-2, axis2=-1)
     return np.stack(

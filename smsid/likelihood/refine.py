@@ -190,7 +190,9 @@ def _judged(c: Combination, sigma: float, share: float) -> ParameterEstimate:
     found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
     if share <= HELD:
         return found
-    note = f"{100 * share:.0f} % of what is known of it is the prior around the description: the data do not see it"
+    note = (
+        f"{100 * share:.0f} % of its variance is the prior's, around the description: the data do not see it"
+    )
     return ParameterEstimate(
         found.name,
         found.value,

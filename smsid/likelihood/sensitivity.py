@@ -27,7 +27,7 @@ POSE = 6
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives at the nodes by P = (parameters, initial position 3 and attitude 3, thrust gains 3, motion).
+    """Derivatives at the nodes by P = (parameters, initial position and attitude, thrust gains, motion).
 
     Motion: the spline coefficients of the measured joint motion, joint after joint, when asked for.
 
@@ -151,7 +151,9 @@ def _starting(
 
 @dataclass(frozen=True)
 class _Linear:
-    """Linear rate (E, n, n) and drive (E, n, p) of x = (pose 6, rest, free velocities), p = parameters, gains.
+    """Linear rate (E, n, n) and drive (E, n, p) of x = (pose 6, rest, free velocities).
+
+    p counts parameters and gains.
 
     ``start`` (free, p): derivative of the start velocity; ``follow`` (E, free, 3, joints): acceleration per
     angle, rate and acceleration of the prescribed joints.

@@ -61,13 +61,13 @@ class MeasuredMotion:
         return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
 
     def windows(self, starts: np.ndarray) -> np.ndarray:
-        """Return the first (N,) of the `WINDOW` functions that act from ``starts`` (N,) [s] to one spacing on."""
+        """Return the first (N,) of the functions that act from ``starts`` (N,) [s] to one spacing on."""
         t = self.spline.t
         interval = np.clip(((starts - t[0]) / self.spacing + 1e-9).astype(int), 0, self.intervals - 1)
         return np.minimum(interval, len(self.spline.c) - WINDOW)
 
     def basis(self, times: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Return values, first and second derivatives (3, N, WINDOW) of the functions from ``first`` (N,) on."""
+        """Return values and two derivatives (3, N, WINDOW) of the functions from ``first`` (N,) on."""
         columns = first[:, None] + np.arange(WINDOW)
         return np.stack(
             [

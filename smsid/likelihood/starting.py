@@ -43,7 +43,7 @@ def best_start(pieces: Sequence[Piece], points: Sequence[Point], prior: Prior) -
 
 
 def candidates(described: Parameters, found: Identification | None) -> list[Parameters]:
-    """Return where a search may start: description, with modes, effects, or all as the linear method has them.
+    """Return where to start: the description, with modes, effects, or all from the linear method.
 
     Slosh, densities and modes by name, where it calls them identifiable; inertias are those nearest to the
     description that have the total mass and the base combinations found.

@@ -1,4 +1,4 @@
-"""The grid a prediction is computed on: segments between jumps of the inputs, steps, stages, interpolation."""
+"""The grid of a prediction: segments between jumps of the inputs, steps, stages, interpolation."""
 
 from __future__ import annotations
 

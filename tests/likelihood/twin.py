@@ -31,6 +31,36 @@ CHANNELS = {
     "command.force": "force_body",
 }
 
+# torques of the reference recording of Exp. 2, harmonics 1 to 5 of 1/40 Hz, rounded [N m]
+WHEEL_COS = np.array(
+    [
+        [0.2167, -0.0563, -0.1796, 0.0930, 0.1732],
+        [0.1026, 0.0731, 0.3243, -0.3792, -0.1953],
+        [0.2974, 0.1764, 0.1347, 0.0862, 0.2051],
+    ]
+)
+WHEEL_SIN = np.array(
+    [
+        [-0.0725, 0.1315, 0.2518, -0.0500, -0.1965],
+        [-0.2474, -0.5118, 0.0373, 0.1558, -0.2181],
+        [-0.2859, 0.1318, 0.1294, -0.3795, 0.0745],
+    ]
+)
+JOINT_COS = np.array(
+    [
+        [1.2309, -4.2414, -6.5054, 5.0738, 5.9987],
+        [1.0779, -1.1264, -0.4638, -3.6429, 14.7415],
+        [0.3731, -0.7229, -0.2492, -1.4449, 1.8751],
+    ]
+)
+JOINT_SIN = np.array(
+    [
+        [-0.9939, -4.3173, 5.3775, 6.1946, -4.5277],
+        [3.0639, -2.1717, -0.8646, -1.1323, -5.2294],
+        [0.8715, -0.9298, 0.1934, -1.6903, 0.0866],
+    ]
+)
+
 
 @cache
 def description() -> Description:
@@ -54,15 +84,15 @@ def exp1(axes: tuple[int, int, int] = (1, 1, 1), duration: float = 120.0) -> Rec
 def exp2(duration: float = 80.0) -> Recording:
     """Fourier torques on wheels and arm, free floating, without noise."""
     order = 2 * np.pi / 40.0 * np.arange(1, 6)
-    rng = np.random.default_rng(4)
-    wheel, arm = rng.standard_normal((2, 3, 5)) * [[[0.35]], [[1.0]]]
-    arm *= np.array([4.0, 5.0, 1.2])[:, None]
+
+    def series(t: float, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+        return cos @ np.cos(order * t) + sin @ np.sin(order * t)
 
     def wheels(t: float) -> np.ndarray:
-        return wheel @ np.sin(order * t)
+        return series(t, WHEEL_COS, WHEEL_SIN)
 
     def joints(t: float) -> np.ndarray:
-        return arm @ np.cos(order * t)
+        return series(t, JOINT_COS, JOINT_SIN)
 
     drive = Drive(wheel_torque=wheels, joint_torque=joints)
     data = MujocoTwin().simulate(drive, duration, initial=State(q=Q0_ARM.copy()), dt=5e-3)
