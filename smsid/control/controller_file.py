@@ -1,0 +1,89 @@
+"""A designed controller as JSON: gains, weights with their origin, the H-infinity term, what it promises."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import smsid
+from smsid._files import atomic_write
+from smsid.control.gains import Gains
+from smsid.control.robust_term import RobustTerm
+from smsid.control.statespace import StateSpace
+from smsid.errors import ControlError
+
+SCHEMA_VERSION = 1
+
+
+def controller_document(term: RobustTerm, description: str, coordinates: tuple[str, ...]) -> dict[str, Any]:
+    """Return the document of a design; ``coordinates`` (3 + n) name what the gains act on, in order."""
+    w = term.weights
+    return {
+        "schema": SCHEMA_VERSION,
+        "kind": "controller",
+        "smsid": smsid.__version__,
+        "description": description,
+        "law": "Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c)",
+        "coordinates": list(coordinates),
+        "K_P": {"value": term.gains.proportional.tolist(), "unit": "1/s^2"},
+        "K_D": {"value": term.gains.derivative.tolist(), "unit": "1/s"},
+        "weights": {
+            "disturbance": {"value": w.disturbance.tolist(), "unit": "rad/s^2"},
+            "angle_noise": {"value": w.angle_noise.tolist(), "unit": "rad"},
+            "rate_noise": {"value": w.rate_noise.tolist(), "unit": "rad/s"},
+            "uncertainty": {"value": w.uncertainty, "unit": "1"},
+            "crossover": {"value": w.crossover, "unit": "rad/s"},
+            "integral": {"value": w.integral, "unit": "rad/s"},
+            "origin": list(w.origin),
+        },
+        "u_inf": {
+            "input": "e, de [rad, rad/s]",
+            "output": "u_inf [rad/s^2]",
+            **{k: getattr(term.controller, k).tolist() for k in "abcd"},
+        },
+        "gamma": term.gamma,
+        "blocks": [
+            {
+                "coordinates": [coordinates[k] for k in b.coordinates],
+                "gamma": b.synthesis.norm,
+                "error_bound": {"value": b.error.tolist(), "unit": "rad"},
+                "sensitivity_peak": b.sensitivity,
+                "complementary_peak": b.complementary,
+                "gain_margin": [x if math.isfinite(x) else None for x in b.gain_margin],
+                "phase_margin": {"value": b.phase_margin, "unit": "deg"},
+                "poles": {"value": [[p.real, p.imag] for p in b.poles.tolist()], "unit": "rad/s"},
+            }
+            for b in term.blocks
+        ],
+    }
+
+
+def save_controller(
+    term: RobustTerm, path: str | os.PathLike[str], description: str, coordinates: tuple[str, ...]
+) -> None:
+    """Write a design as JSON, whole or not at all."""
+    document = controller_document(term, description, coordinates)
+    atomic_write(Path(path), json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def load_controller(path: str | os.PathLike[str]) -> tuple[Gains, StateSpace]:
+    """Return gains and H-infinity term of a saved design; raises `ControlError` naming what is wrong."""
+    file = Path(path)
+    if not file.is_file():
+        raise ControlError(f"The file '{file}' does not exist.", advice="Run `smsid control` to make it.")
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        if document.get("kind") != "controller" or document.get("schema") != SCHEMA_VERSION:
+            raise ControlError(f"'{file}' is no controller of schema {SCHEMA_VERSION}.")
+        found = Gains(np.array(document["K_P"]["value"]), np.array(document["K_D"]["value"]))
+        a, b, c, d = (np.array(document["u_inf"][k]) for k in "abcd")
+        return found, StateSpace(a, b, c, d)
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ControlError(
+            f"'{file}' cannot be read as a controller: {error}.", advice="Is it cut short?"
+        ) from error

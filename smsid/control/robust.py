@@ -1,0 +1,181 @@
+"""The linear closed loop with slosh and panel inside the plant: poles with the names of what moves in them.
+
+About rest, translation and wheel speeds eliminated by momentum as in `smsid.control.reduced`, but with slosh
+and bending free: M x'' + D x' + K x = [Q_c, 0], x = (attitude, joints, slosh, bending). Q_c is the
+controller's, with its own (wrong) H.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.control.gains import Gains
+from smsid.control.reduced import ReducedDynamics
+from smsid.control.statespace import StateSpace
+from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A closed-loop pole [rad/s]; ``name`` is the coordinate with the largest ``share`` of its kinetic
+    energy.
+
+    Poles of the controller itself are named ``controller``. ``flag`` says what is wrong, or is empty.
+    """
+
+    value: complex
+    name: str
+    share: float
+    flag: str = ""
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio; negative for an unstable pole."""
+        return float(-self.value.real / abs(self.value)) if self.value else 1.0
+
+
+@dataclass(frozen=True)
+class FlexiblePlant:
+    """M x'' + D x' + K x = [Q_c, 0]: ``mass``, ``damping``, ``stiffness`` (m, m), ``names`` (m,).
+
+    The first ``actuated`` coordinates are the attitude and the joints.
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    names: tuple[str, ...]
+    actuated: int
+
+
+def flexible_plant(model: SpacecraftModel, angles: np.ndarray) -> FlexiblePlant:
+    """Return the linear plant about rest with the arm joints at ``angles`` (n,) [rad].
+
+    Raises `ControlError` for a welded base.
+    """
+    if not model.free:
+        raise ControlError("The base is welded to the ground.", advice='Describe it with root = "free".')
+    q = model.set_joint_angles(model.home, angles)
+    upper = pin.crba(model.pin, model.data, q)
+    mass = np.triu(upper) + np.triu(upper, 1).T
+    kept = [3, 4, 5, *model.arm_joints.v.tolist()]
+    names = ["attitude x", "attitude y", "attitude z", *model.arm_joints.names]
+    for joint in model.slosh:
+        kept += range(joint.v.start, joint.v.stop)
+        names += [f"{joint.name} {axis}" for axis in "xyz"]
+    kept += model.modes.v.tolist()
+    names += list(model.modes.names)
+    out = [0, 1, 2, *model.wheels.v.tolist()]
+    coupling = mass[np.ix_(kept, out)]
+    reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
+    stiffness, damping = np.zeros(model.nv), np.zeros(model.nv)
+    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
+    return FlexiblePlant(
+        reduced, np.diag(damping[kept]), np.diag(stiffness[kept]), tuple(names), 3 + len(model.arm_joints)
+    )
+
+
+def closed_loop_matrix(
+    plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
+) -> np.ndarray:
+    """Return A of (x, x', controller) under Q_c = H_hat (K_D de + K_P e - u_inf), ``inertia`` being H_hat."""
+    m, k = len(plant.mass), plant.actuated
+    if inertia.shape != (k, k) or gains.size != k:
+        raise ControlError(
+            f"An inertia of shape {inertia.shape} and gains of {gains.size} coordinates do not fit a "
+            f"plant with {k} actuated ones."
+        )
+    c = controller or StateSpace(
+        np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k))
+    )
+    law = inertia @ (np.hstack([gains.proportional, gains.derivative]) - c.d)
+    force = np.zeros((m, 2 * m + c.order))
+    force[:, :m], force[:, m : 2 * m] = -plant.stiffness, -plant.damping
+    force[:k, :k] -= law[:, :k]
+    force[:k, m : m + k] -= law[:, k:]
+    force[:k, 2 * m :] = -inertia @ c.c
+    seen = np.zeros((c.order, 2 * m + c.order))
+    seen[:, :k], seen[:, m : m + k], seen[:, 2 * m :] = -c.b[:, :k], -c.b[:, k:], c.a
+    top = np.hstack([np.zeros((m, m)), np.eye(m), np.zeros((m, c.order))])
+    return np.vstack([top, np.linalg.solve(plant.mass, force), seen])
+
+
+def named_poles(
+    plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
+) -> tuple[Pole, ...]:
+    """Return the closed-loop poles, upper half plane, slowest first, with what is wrong flagged.
+
+    Flagged: ``unstable``; and ``driven``, a slosh or bending pole with less damping than the least damped
+    pole of the same name without controller. Raises `ControlError` when sizes do not fit.
+    """
+    free = _poles(plant, np.block([[np.zeros_like(plant.mass), np.eye(len(plant.mass))], _free(plant)]))
+    least: dict[str, float] = {}
+    for p in free:
+        if p.value.imag > 0.0:
+            least[p.name] = min(p.damping, least.get(p.name, np.inf))
+    flagged = []
+    for p in _poles(plant, closed_loop_matrix(plant, inertia, gains, controller)):
+        flag = ""
+        if p.value.real >= 0.0:
+            flag = "unstable"
+        elif p.value.imag > 0.0 and p.name in plant.names[plant.actuated :]:
+            flag = "driven" if p.damping < least.get(p.name, 0.0) * (1.0 - 1e-6) else ""
+        if flag:
+            logger.warning("the controller makes %s at %.4g rad/s %s", p.name, abs(p.value), flag)
+        flagged.append(Pole(p.value, p.name, p.share, flag))
+    return tuple(flagged)
+
+
+def check_design(
+    model: SpacecraftModel,
+    dynamics: ReducedDynamics,
+    gains: Gains,
+    controller: StateSpace | None = None,
+    *,
+    angles: np.ndarray | None = None,
+) -> tuple[Pole, ...]:
+    """Return the named poles of a design before it flies; ``angles`` (n,) [rad] default to home.
+
+    Raises `ControlError` naming the mode when the design destabilises the complete spacecraft.
+    """
+    at = model.joint_angles(model.home) if angles is None else angles
+    inertia = dynamics.body_terms(np.zeros(3), at, np.zeros(len(at))).inertia
+    poles = named_poles(flexible_plant(model, at), inertia, gains, controller)
+    bad = [p for p in poles if p.flag == "unstable"]
+    if bad:
+        raise ControlError(
+            f"The design destabilises {bad[0].name}: a pole at {bad[0].value:.4g} rad/s.",
+            advice="Lower the gains or the crossover, or identify the mode better.",
+            poles=poles,
+        )
+    return poles
+
+
+def _free(plant: FlexiblePlant) -> list[np.ndarray]:
+    solved = np.linalg.solve(plant.mass, np.hstack([plant.stiffness, plant.damping]))
+    return list(np.hsplit(-solved, 2))
+
+
+def _poles(plant: FlexiblePlant, a: np.ndarray) -> list[Pole]:
+    """Name every pole by the share of each coordinate in x'^* M x', diagonal terms; M-normalised motion."""
+    m = len(plant.mass)
+    values, vectors = np.linalg.eig(a)
+    found = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value.imag < 0.0:
+            continue
+        shares = np.abs(vector[m : 2 * m]) ** 2 * np.diag(plant.mass)
+        inside = float(np.linalg.norm(vector[2 * m :]))
+        if shares.sum() == 0.0:
+            found.append(Pole(complex(value), "controller" if inside else "rest", 1.0))
+            continue
+        best = int(np.argmax(shares))
+        found.append(Pole(complex(value), plant.names[best], float(shares[best] / shares.sum())))
+    return sorted(found, key=lambda p: abs(p.value))
