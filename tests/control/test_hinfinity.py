@@ -134,3 +134,29 @@ def test_d11_alone_bounds_gamma():
     found = synthesize(Plant(system, 1, 1))
     np.testing.assert_allclose(found.optimum, 3.0, rtol=1e-3)
     assert hinf_norm(found.closed_loop)[0] >= 3.0 - 1e-9
+
+
+def test_why_slicot_s_sb10ad_is_not_used():
+    """On PD's error dynamics ctrlsys 1.1.1 finds nothing below 67.0, where 5 % of it is reached."""
+    kp, kd, noise, uncertainty = 4.0, 4.0, 0.1, 0.2
+    system = StateSpace(
+        np.array([[0.0, 1.0], [-kp, -kd]]),
+        np.array([[0.0, 0.0, 0.0, 0.0], [1.0, -kp * noise, -kd * noise, 1.0]]),
+        np.array([[20.0, 0.0], [uncertainty * kp, uncertainty * kd], [1.0, 0.0], [0.0, 1.0]]),
+        np.array(
+            [
+                [0.0, 0.0, 0.0, 0.0],
+                [0.0, uncertainty * kp * noise, uncertainty * kd * noise, -uncertainty],
+                [0.0, noise, 0.0, 0.0],
+                [0.0, 0.0, noise, 0.0],
+            ]
+        ),
+    )
+    found = synthesize(Plant(system, 1, 2))
+    loop = lower_lft(system, found.controller)
+    np.testing.assert_allclose(found.norm, slicot_norm(loop), rtol=1e-5)
+    assert loop.stable and found.norm < 0.05 * 67.0
+    f = [np.asfortranarray(x) for x in (system.a, system.b, system.c, system.d)]
+    for gamma in (1.05 * found.gamma, 2.0 * found.gamma, 60.0):
+        assert ctrlsys.sb10ad(4, 2, 4, 4, 1, 2, *f, gamma, 0.0, 0.0)[-1] != 0
+    assert ctrlsys.sb10ad(4, 2, 4, 4, 1, 2, *f, 70.0, 0.0, 0.0)[-1] == 0

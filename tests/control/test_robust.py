@@ -13,6 +13,7 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust import check_design, closed_loop_matrix, flexible_plant, named_poles
 from smsid.control.sensed import measured_truth
+from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.control.uncertainty import perturbed
 from smsid.errors import ControlError
@@ -58,7 +59,17 @@ def test_modes_are_named_and_pd_damps_them():
     poles = check_design(paper(), ReducedDynamics(paper()), gains(6, 4.0, 4.0))
     names = {p.name for p in poles}
     assert {"panel.mode1", "panel.mode2", "panel.mode3", "tank x", "tank y", "tank z"} <= names
-    assert all(p.value.real < 0.0 and 0.0 < p.share <= 1.0 for p in poles)
+    assert all(p.value.real < 0.0 and 0.0 < p.share <= 1.0 and not p.flag for p in poles)
+    third = next(p for p in poles if p.name == "panel.mode3")
+    assert third.damping > 0.005 and 5.0 < abs(third.value) < 5.1
+
+
+def test_a_design_that_takes_damping_from_the_panel_is_flagged():
+    """Feedback that lags: u_inf = -K_D de filtered at 0.2 rad/s, as a slow H-infinity term may do."""
+    lag, zero = 0.2 * np.eye(6), np.zeros((6, 6))
+    slow = StateSpace(-lag, np.hstack([np.eye(6), zero]), -0.5 * np.eye(6), np.zeros((6, 12)))
+    poles = check_design(paper(), ReducedDynamics(paper()), gains(6, 4.0, 4.0), slow)
+    assert any(p.flag == "driven" and p.name.startswith("panel") for p in poles)
 
 
 def test_a_design_that_destabilises_the_panel_is_refused_before_it_flies():

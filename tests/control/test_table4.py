@@ -48,6 +48,8 @@ def test_orderings_are_told_with_their_share_and_can_fail():
     assert found["D hinf", "D pd"]["e_base"]["verdict"] == "fails"
     assert found["D hinf", "D pd"]["e_joints"]["verdict"] == "holds"
     assert ("C pd", "B pd") not in found
+    few = [r for r in runs if r.draw < 4]
+    assert orderings(few)[0]["e_base"] == {"share": 1.0, "median_ratio": 0.5, "verdict": "undecided"}
 
 
 def test_improvements_are_those_of_the_medians():
