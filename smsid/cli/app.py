@@ -15,7 +15,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import smsid
 from smsid.campaign.command import campaign_command
+from smsid.control.command import control_command
 from smsid.errors import SmsidError
+from smsid.recording.inspect import inspect_command
 
 app = typer.Typer(
     name="smsid",
@@ -207,7 +209,9 @@ def view(
     console.print(f"wrote {output}")
 
 
+app.command(name="inspect")(inspect_command)
 app.command(name="campaign")(campaign_command)
+app.command(name="control")(control_command)
 
 
 @contextmanager
