@@ -85,6 +85,44 @@ def cessipy_slab(*, download: bool = True) -> Recording:
     )
 
 
+def antisloshing(*, download: bool = True) -> tuple[Description, Recording]:
+    """Return the Comau arm that carries the tank, and its move: force, torque and joint angles at 500 Hz.
+
+    Channels ``hand.force``, ``hand.torque`` (N, 3) [N, N m] in the axes of the sensor, whose clock is that of
+    the bag; ``encoder.joint_position`` (N, 6) with the stamps of its messages.
+
+    Raises:
+        RecordingError: as `fetch`.
+        MissingDependencyError: rosbags is not installed.
+    """
+    found = fetch("antisloshing", download=download)
+    columns = read_columns(found["y_noRot.bag"])
+    wrench, joints = "/atift_sensor/data", "/comau_smart_six/joint_states"
+    clock = columns[f"{wrench}.time"]
+    kept = np.concatenate([[True], np.diff(clock) > 0.0])
+    force, torque = (
+        np.column_stack([columns[f"{wrench}.{part}.{axis}"] for axis in "xyz"])[kept]
+        for part in ("linear", "angular")
+    )
+    recording = Recording.from_arrays(
+        None,
+        {
+            "hand.force": (clock[kept], force),
+            "hand.torque": (clock[kept], torque),
+            "encoder.joint_position": (columns[f"{joints}.stamp"], columns[f"{joints}.position"]),
+        },
+        labels={"joint": tuple(f"q{k}_joint" for k in range(1, 7))},
+        provenance=_provenance("antisloshing"),
+        name="antisloshing",
+    )
+    urdf = found["comau_smartsix5.urdf"]
+    description = Description(
+        name="comau_smartsix5", urdf=urdf.name, root="fixed", gravity=(0.0, 0.0, -9.81), meshes="ignored",
+        inertias="trusted", folder=urdf.parent,
+    )  # fmt: skip
+    return description, recording
+
+
 def _provenance(name: str) -> dict[str, str]:
     chosen = data_set(name)
     return {

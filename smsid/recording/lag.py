@@ -16,7 +16,7 @@ from smsid.recording._resampling import linear
 
 LEAST_CORRELATION = 0.3
 MIN_SAMPLES = 16
-BLOCKS = 8
+BLOCKS = 20
 PEAK_SHARE = 0.8
 LEAST_HALF = 4
 
@@ -92,13 +92,7 @@ def estimate_lag(
             advice="Seek larger lags.",
             lag=value,
         )
-    middle, reach = round(value * common), steps
-    blocks = []
-    for piece in np.array_split(np.arange(times.size), BLOCKS):
-        begin_, last = piece[0] + steps + middle - reach, piece[-1] + steps + middle + reach + 1
-        if begin_ >= 0 and last <= wide.size and np.ptp(reference[piece]) > 0.0:
-            blocks.append(_peak(reference[piece], wide[begin_:last], reach, common)[0])
-    sigma = float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else float("inf")
+    sigma = _jackknife(reference, wide, round(value * common) + steps, steps, common)
     return Lag(value, sigma, correlation, gain)
 
 
@@ -118,23 +112,51 @@ def _peak(reference: np.ndarray, wide: np.ndarray, steps: int, rate: float) -> t
     if not (np.linalg.norm(a) > 0.0 and spread.max() > 1e-12 * n * np.abs(wide).max()):
         raise RecordingError("A signal is constant.", advice="It has no lag: choose one that moves.")
     share = product / np.maximum(spread, 1e-12 * spread.max())
+    at, correlation = _top(share)
+    gain = float(np.interp(at, np.arange(share.size), product)) / float(a @ a)
+    return (at - steps) / rate, correlation, gain
+
+
+def _top(share: np.ndarray) -> tuple[float, float]:
+    """Place of the highest peak of correlations (M,), in samples, and its height."""
     k = int(np.argmax(np.abs(share)))
     low = np.flatnonzero(np.abs(share) < PEAK_SHARE * np.abs(share[k]))
     half = int(np.abs(low - k).min()) if low.size else share.size
     half = min(max(half, LEAST_HALF), k, share.size - 1 - k)
     if half < 3:
-        return (k - steps) / rate, float(share[k]), float(product[k] / (a @ a))
+        return float(k), float(share[k])
     for _ in range(3):
-        x = np.arange(-half, half + 1)
-        curve = Polynomial.fit(x, share[k - half : k + half + 1], 4)
+        curve = Polynomial.fit(np.arange(-half, half + 1), share[k - half : k + half + 1], 4)
         top = minimize_scalar(lambda t: -abs(float(curve(t))), bounds=(-half, half), method="bounded")  # noqa: B023
         moved = min(max(k + round(float(top.x)), half), share.size - 1 - half)
         if moved == k:
             break
         k = moved
-    at = k + float(top.x)
-    gain = float(np.interp(at, np.arange(share.size), product)) / float(a @ a)
-    return (at - steps) / rate, float(curve(float(top.x))), gain
+    return k + float(top.x), float(curve(float(top.x)))
+
+
+def _jackknife(reference: np.ndarray, wide: np.ndarray, middle: int, steps: int, rate: float) -> float:
+    """Standard deviation of the lag [s] from leaving out one after another of blocks of equal energy."""
+    n = reference.size
+    energy = np.cumsum((reference - reference.mean()) ** 2)
+    cuts = np.searchsorted(energy, energy[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    edges = np.unique(np.concatenate([[0], cuts]))
+    reach = min(steps, max(20, round(0.05 * rate)))
+    lags = np.arange(max(middle - reach, 0), min(middle + reach, 2 * steps) + 1)
+    windows = np.lib.stride_tricks.sliding_window_view(wide, n)[lags]
+    parts = [np.add.reduceat(x, edges, axis=1) for x in (windows * reference, windows, windows**2)]
+    a1, a2, counts = (np.add.reduceat(x, edges) for x in (reference, reference**2, np.ones(n)))
+    found = []
+    for k in range(edges.size):
+        ab, b, bb = (p.sum(axis=1) - p[:, k] for p in parts)
+        m = n - counts[k]
+        sa, saa = a1.sum() - a1[k], a2.sum() - a2[k]
+        spread = np.sqrt(np.maximum(bb - b**2 / m, 1e-300) * max(saa - sa**2 / m, 1e-300))
+        found.append(_top((ab - sa * b / m) / spread)[0])
+    blocks = len(found)
+    if blocks < 3:
+        return float("inf")
+    return float(np.sqrt((blocks - 1) / blocks * np.sum((np.array(found) - np.mean(found)) ** 2))) / rate
 
 
 def _checked(signal: tuple[ArrayLike, ArrayLike], name: str) -> tuple[np.ndarray, np.ndarray]:

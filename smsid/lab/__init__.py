@@ -1,0 +1,15 @@
+"""Tests in the laboratory: a tank that is moved, a structure that vibrates, an oscillator that is driven."""
+
+from smsid.lab.oscillator import Oscillator, OscillatorFit, fit_oscillator
+from smsid.lab.tank import TankFit, TankTest, cylinder_slosh, fit_tank, tank_test
+
+__all__ = [
+    "Oscillator",
+    "OscillatorFit",
+    "TankFit",
+    "TankTest",
+    "cylinder_slosh",
+    "fit_oscillator",
+    "fit_tank",
+    "tank_test",
+]

@@ -1,0 +1,225 @@
+"""A driven oscillator with a spring that need not be linear, fitted by its simulation error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import resample_poly
+
+from smsid.arm.regression import correlation_lags
+from smsid.errors import NotIdentifiableError
+from smsid.identify.estimate import Estimate, judged
+from smsid.identify.robust import hac_covariance
+
+SUBSTEPS = 3
+FIELDS = ("frequency", "damping", "gain", "quadratic", "cubic")
+SHARES = {"frequency": 1e-4, "damping": 1e-3, "gain": 1e-4}
+"""Steps of finite differences, relative; those of the springs are relative to the size of the output."""
+
+SETTLED = 1e-6
+ROUGH = 1e-3
+MOST_ROUNDS = 25
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """``x'' + 2 damping w x' + w^2 (x + quadratic x^2 + cubic x^3) = gain w^2 u``, ``y = x + offset``.
+
+    ``frequency`` w / 2 pi [Hz]; ``gain`` [y per u] is the static one; ``quadratic`` [1/y], ``cubic`` [1/y^2];
+    ``offset`` [y]. A positive ``cubic`` is a hardening spring.
+    """
+
+    frequency: float
+    damping: float
+    gain: float
+    quadratic: float = 0.0
+    cubic: float = 0.0
+    offset: float = 0.0
+
+    def simulate(self, drive: np.ndarray, rate: float) -> np.ndarray:
+        """Return the output (N,) for a band-limited drive (N,) at a rate [Hz], from rest. Free-running."""
+        column = np.array([[getattr(self, f)] for f in FIELDS])
+        return _run(column, _refined(drive)[None], rate)[:, 0] + self.offset
+
+
+@dataclass(frozen=True)
+class OscillatorFit:
+    """A fitted oscillator: values with intervals in ``estimate``, ``rmse`` of the simulation error [y]."""
+
+    oscillator: Oscillator
+    estimate: Estimate
+    rmse: float
+
+
+def fit_oscillator(
+    drive: np.ndarray,
+    output: np.ndarray,
+    rate: float,
+    start: Oscillator,
+    *,
+    terms: tuple[str, ...] = (),
+    pieces: int = 10,
+    unit: str = "V",
+    name: str = "oscillator",
+) -> OscillatorFit:
+    """Fit an oscillator to a record by the error of its free-running simulation.
+
+    The record is cut into pieces that are simulated side by side, each with a run-in of its own that does not
+    count. Gauss-Newton with step control; standard deviations allow for errors correlated in time.
+
+    Args:
+        drive: (N,) input, band-limited: between samples it is interpolated as such.
+        output: (N,) [``unit``].
+        rate: [Hz].
+        start: first guess; what is not fitted keeps its value.
+        terms: of the spring beyond the linear one: ``quadratic``, ``cubic``.
+        pieces: number of pieces.
+        unit: of the output, for the names of units.
+        name: of the estimate.
+
+    Raises:
+        NotIdentifiableError: not finite, too short for its pieces, or the fit does not converge.
+    """
+    unknown = set(terms) - {"quadratic", "cubic"}
+    if unknown:
+        raise NotIdentifiableError(
+            f"The spring has no term {sorted(unknown)}.", advice="Use quadratic, cubic."
+        )
+    u, y = np.asarray(drive, dtype=float), np.asarray(output, dtype=float)
+    if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
+        raise NotIdentifiableError(
+            f"Drive {u.shape} and output {y.shape} must be (N,) and finite.", advice="Cut the record at gaps."
+        )
+    run_in = int(np.ceil(8.0 / (2 * np.pi * start.frequency * start.damping) * rate))
+    length = (u.size - run_in) // pieces
+    if length < 4 * run_in:
+        raise NotIdentifiableError(
+            f"{u.size} samples in {pieces} pieces are too short: each needs a run-in of {run_in}.",
+            advice="Use fewer pieces or a longer record.",
+            run_in=run_in,
+        )
+    fine = _refined(u)
+    per = 2 * SUBSTEPS
+    begins = [k * length for k in range(pieces)]
+    drives = np.array([fine[per * b : per * (b + run_in + length)] for b in begins])
+    target = np.array([y[b + run_in : b + run_in + length] for b in begins]).T
+    fields = (*FIELDS[:3], *(t for t in FIELDS[3:] if t in terms))
+    size = float(np.std(y))
+    found = start
+    first = _linearised(found, fields, drives, rate, run_in, target, size)
+    if first is None:
+        raise NotIdentifiableError("The first guess runs away.", advice="Give another.", oscillator=start)
+    residual, columns = first
+    for _ in range(MOST_ROUNDS):
+        scale = np.linalg.norm(columns, axis=0)
+        step = np.linalg.lstsq(columns / scale, residual, rcond=None)[0] / scale
+        before = float(residual @ residual)
+        promised = float(np.sum((columns @ step) ** 2)) / before
+        if promised < SETTLED:
+            break
+        better = None
+        for share in 0.5 ** np.arange(12):
+            moved = _moved(found, fields, share * step)
+            again = _linearised(moved, fields, drives, rate, run_in, target, size) if moved else None
+            if moved and again and float(again[0] @ again[0]) < before:
+                better = moved, again
+                break
+        if better is None:
+            if promised < ROUGH:  # what finite differences leave
+                break
+            raise NotIdentifiableError(
+                "The fit of the oscillator does not go on at an error of "
+                f"{np.sqrt(before / residual.size):.4g}.",
+                advice="Start nearer: the linear fit first, then with the terms of the spring.",
+                oscillator=found,
+            )
+        found, (residual, columns) = better
+    else:
+        raise NotIdentifiableError(
+            f"The fit has not settled after {MOST_ROUNDS} rounds.", advice="Start nearer.", oscillator=found
+        )
+    lags = correlation_lags(residual.reshape(pieces, -1).T)
+    sigma = np.sqrt(np.diag(hac_covariance(columns, residual, residual.size, lags)))
+    units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}", "cubic": f"1/{unit}^2"}
+    parameters = [
+        judged(f"{name}.{f}", getattr(found, f), units.get(f, unit), float(s), name)
+        for f, s in zip((*fields, "offset"), sigma, strict=True)
+    ]
+    estimate = Estimate(
+        name, "simulation error", tuple(parameters), notes=(f"residuals correlated over {lags} samples",)
+    )
+    return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))))
+
+
+def _moved(oscillator: Oscillator, fields: tuple[str, ...], step: np.ndarray) -> Oscillator | None:
+    values = {f: getattr(oscillator, f) + float(s) for f, s in zip((*fields, "offset"), step, strict=True)}
+    return replace(oscillator, **values) if values["frequency"] > 0.0 and values["damping"] > 0.0 else None
+
+
+def _linearised(
+    oscillator: Oscillator,
+    fields: tuple[str, ...],
+    drives: np.ndarray,
+    rate: float,
+    run_in: int,
+    target: np.ndarray,
+    size: float,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Residuals piece by piece (M,) and their columns (M, fields + 1); None when the simulation runs away."""
+    pieces = len(drives)
+    values = np.array([getattr(oscillator, f) for f in FIELDS])
+    sets, steps = [values], []
+    for f in fields:
+        moved = values.copy()
+        relative = SHARES[f] * abs(values[FIELDS.index(f)]) if f in SHARES else 1e-3
+        steps.append(relative if f in SHARES else 1e-3 / size ** (1 if f == "quadratic" else 2))
+        moved[FIELDS.index(f)] += steps[-1]
+        sets.append(moved)
+    with np.errstate(over="ignore", invalid="ignore"):
+        out = _run(np.repeat(np.array(sets).T, pieces, axis=1), drives, rate)[run_in:]
+    if not np.isfinite(out).all():
+        return None
+    out = out.reshape(len(out), len(sets), pieces)
+    columns = [((out[:, k + 1] - out[:, 0]) / s).T.ravel() for k, s in enumerate(steps)]
+    columns.append(np.ones(target.size))
+    return (target - out[:, 0] - oscillator.offset).T.ravel(), np.stack(columns, axis=1)
+
+
+def _refined(drive: np.ndarray) -> np.ndarray:
+    """Band-limited interpolation of a drive (N,) to the points the integrator asks for."""
+    per = 2 * SUBSTEPS
+    padded = np.concatenate([drive, np.full(64, drive[-1])])
+    return resample_poly(padded, per, 1, window=("kaiser", 10.0))[: per * drive.size]
+
+
+def _run(parameters: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
+    """Outputs (n, k) of oscillators ``parameters`` (5, k); ``drives`` (B, n * 2 SUBSTEPS) serve them in turn.
+
+    Classical Runge-Kutta of fourth order, all oscillators at once.
+    """
+    w2 = (2 * np.pi * parameters[0]) ** 2
+    damping, gain, b2, b3 = 2 * parameters[1] * np.sqrt(w2), parameters[2] * w2, *parameters[3:]
+    per, count = 2 * SUBSTEPS, parameters.shape[1]
+    samples = drives.shape[1] // per
+    forces = np.tile(drives.T, (1, count // len(drives)))
+    forces = np.vstack([forces, np.repeat(forces[-1:], 2, axis=0)])
+    h = 1.0 / (rate * SUBSTEPS)
+    x, v = np.zeros(count), np.zeros(count)
+    out = np.empty((samples, count))
+
+    def slope(x: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return gain * u - damping * v - w2 * x * (1.0 + x * (b2 + b3 * x))
+
+    for k in range(samples):
+        out[k] = x
+        for i in range(per * k, per * (k + 1), 2):
+            a1 = slope(x, v, forces[i])
+            v2 = v + 0.5 * h * a1
+            a2 = slope(x + 0.5 * h * v, v2, forces[i + 1])
+            v3 = v + 0.5 * h * a2
+            a3 = slope(x + 0.5 * h * v2, v3, forces[i + 1])
+            v4 = v + h * a3
+            a4 = slope(x + h * v3, v4, forces[i + 2])
+            x, v = x + h * (v + 2 * v2 + 2 * v3 + v4) / 6, v + h * (a1 + 2 * a2 + 2 * a3 + a4) / 6
+    return out
