@@ -170,7 +170,7 @@ def load() -> dict[str, Any]:
 def update(change: Any) -> None:
     """Change the results and write them whole, with summary and environment."""
     RESULTS.mkdir(exist_ok=True)
-    with (RESULTS / f".{NAME}.lock").open("w") as lock:
+    with (Path(tempfile.gettempdir()) / f"smsid-{NAME}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # several processes may fill different cases at a time
         _rewrite(change)
 

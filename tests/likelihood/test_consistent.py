@@ -45,3 +45,17 @@ def test_random_estimates_always_come_out_physical():
         root = rng.standard_normal((described.inertias.size, described.inertias.size))
         covariance = root @ root.T / described.inertias.size + 0.01 * np.eye(described.inertias.size)
         assert all(is_body(theta) for theta in consistent_inertias(off, described, covariance))
+
+
+def test_covariance_that_rounding_has_made_indefinite():
+    """Some combinations known 1e9 times better than others: still bodies, and still the nearest."""
+    described = Parameters.of(twin.model())
+    n = described.inertias.size
+    rng = np.random.default_rng(6)
+    basis = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    covariance = basis @ np.diag(np.logspace(-19, 0, n)) @ basis.T
+    assert np.linalg.eigvalsh(covariance)[0] < 0.0
+    inertias = described.inertias.copy()
+    inertias[3, 4] = -0.5
+    found = consistent_inertias(described.with_inertias(inertias), described, covariance)
+    assert all(is_body(theta) for theta in found)
