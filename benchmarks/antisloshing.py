@@ -77,7 +77,7 @@ def main() -> None:
         "frequency_over_theory": values["frequency"]["value"] / theory[0],
         "mass_over_theory": values["slosh_mass"]["value"] / theory[1],
         "amplitude_dependence_significant": softening["interval_95"][0] > 0.0,
-        "left": "after the move hardly more than before it, where nothing sloshes; during it the arm's vibration",
+        "left": "after the move hardly more than before it (no slosh); during it the arm's vibration",
     }
     print(write_result("antisloshing", result))
     for key in (
