@@ -87,7 +87,7 @@ def of_case(records: Sequence[dict[str, Any]], true: Truths) -> dict[str, Any]:
 
 def centre_error(records: Sequence[dict[str, Any]], true: Truths, step: str) -> dict[str, float] | None:
     """Return |error of r_cm| / |r_cm| [%]: mean over the runs, and that of the mean r_cm."""
-    keys = [f"{step}|system_cm.{axis}" for axis in "xyz"]
+    keys = _centres(step)
     centre = np.array([true[k]["value"] for k in keys])
     found = np.array([[r["values"][k][0] for k in keys] for r in records if keys[0] in r["values"]])
     if not len(found):
@@ -97,6 +97,10 @@ def centre_error(records: Sequence[dict[str, Any]], true: Truths, step: str) -> 
         "mean_error": digits(100 * np.linalg.norm(found - centre, axis=1).mean() / size),
         "error_of_mean": digits(100 * np.linalg.norm(found.mean(axis=0) - centre) / size),
     }
+
+
+def _centres(step: str) -> list[str]:
+    return [f"{step}|system_cm.{axis}" for axis in "xyz"]
 
 
 def extremes(records: Sequence[dict[str, Any]], true: Truths, step: str) -> dict[str, Any] | None:
@@ -226,7 +230,9 @@ def summary(
     runs: Runs, true: Truths, timed: Sequence[dict[str, Any]], load: Sequence[float]
 ) -> dict[str, Any]:
     """Return everything that is reported; ``timed`` are runs one after the other, under ``load``."""
-    cases = {name: of_case(records, true) for name, records in runs.items()}
+    short = {k: one for k, one in true.items() if "printed" not in k or k in _centres("exp2.step_a_printed")}
+    full = ("noise-free", "reference", "reference, Exp. 2 alone")
+    cases = {name: of_case(records, true if name in full else short) for name, records in runs.items()}
     return {
         "errors_in": "% of the parameter; small ones in % of the largest of their kind on the same body",
         "imu_presets": list(IMUS),
@@ -242,7 +248,7 @@ def summary(
 
 def told(note: str) -> str:
     """Return a note without its numbers, so that runs that say the same count together."""
-    note = note.split(". ")[0].split(" comes out as ")
+    note = re.split(r"(?<!Exp)\. ", note)[0].split(" comes out as ")
     return note[0] if len(note) == 1 else f"{note[0]} is not physical"
 
 

@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -89,8 +90,10 @@ def main() -> None:
     data = Data()
     runs, true = collect(data, seeds)
     load, repeats = [os.getloadavg()[0]], 3 if options.quick else 11
+    begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         timed = [run(CASES[0], seed, data, Path(folder))[0] for seed in range(repeats)]
+    processor = (time.process_time() - begin) / repeats
     load.append(os.getloadavg()[0])
     result = {
         "what": "accuracy of smsid's linear (paper's) method on recordings of MuJoCo, noise added per seed",
@@ -101,6 +104,7 @@ def main() -> None:
         "inputs_sha256": data.sums(),
         "code_and_inputs": data.fingerprint(),
         "timed_runs": repeats,
+        "processor_seconds_of_a_run_with_adding_noise": round(processor, 2),
         **summary(runs, true, timed, load),
     }
     text = markdown(result)
