@@ -7,7 +7,7 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from functools import partial
 from typing import Any, Literal
@@ -27,7 +27,7 @@ Backend = Literal["loky", "dask", "serial"]
 Task = Callable[[int], RunRecord]
 
 
-def completed(task: Task, runs: Iterable[int], workers: int, **how: Any) -> Generator[RunRecord]:
+def completed(task: Task, runs: Iterable[int], workers: int, how: Mapping[str, Any]) -> Generator[RunRecord]:
     """Yield the records of the runs as they finish, at most twice ``workers`` being under way.
 
     ``how`` goes to `joblib.parallel_config`.
@@ -61,7 +61,7 @@ def on_processes(task: Task, runs: Iterable[int], workers: int) -> Generator[Run
         started: list[int] = []
         done: set[int] = set()
         try:
-            with closing(completed(task, _noting(left, started), workers, **how)) as results:
+            with closing(completed(task, _noting(left, started), workers, how)) as results:
                 for record in results:
                     done.add(record.run)
                     yield record
@@ -98,9 +98,7 @@ def _noting(runs: Iterable[int], started: list[int]) -> Iterator[int]:
 
 def _alone(task: Task, run: int, how: dict[str, Any]) -> RunRecord:
     try:
-        return next(
-            completed(task, [run], 2, **how)
-        )  # with one worker joblib would compute it in this process
+        return next(completed(task, [run], 2, how))  # with one worker joblib would compute it in this process
     except TerminatedWorkerError:
         message = "The worker process died: a segmentation fault, or out of memory."
         return RunRecord(run=run, status="failed", error=RunError(type="WorkerDied", message=message))

@@ -170,7 +170,7 @@ def test_browser_puts_the_nodes_there(exported, tmp_path):
     options += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path / 'profile'}"]
     options += ["--window-size=320,200", "--virtual-time-budget=1500", "--dump-dom"]
     url = f"{Path(page).as_uri()}#t={played.motion.time[frame]}"
-    done = subprocess.run(["chromium", *options, url], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["chromium", *options, url], capture_output=True, text=True, timeout=240)
     title = re.search(r"<title>(\[\[.*?\]\])</title>", done.stdout)
     assert title is not None, done.stderr[-2000:]
     for path, matrix in zip(paths, json.loads(title.group(1)), strict=True):
