@@ -113,7 +113,7 @@ def on_dask(task: Task, runs: Iterable[int], workers: int, address: str | None) 
     distributed = require("distributed", "campaign")
     with _client(distributed, workers, address) as client:
         try:
-            yield from completed(task, runs, -1, backend="dask", client=client)
+            yield from completed(task, runs, -1, {"backend": "dask", "client": client})
         except (TimeoutError, distributed.KilledWorker) as cause:
             raise SmsidError(
                 f"The dask cluster gave up: {cause}.",

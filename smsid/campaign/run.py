@@ -110,7 +110,7 @@ def _results(
     if backend == "dask":
         return on_dask(task, runs, workers, address)
     if backend == "serial":
-        return completed(task, runs, 1, backend="sequential")
+        return completed(task, runs, 1, {"backend": "sequential"})
     return on_processes(task, runs, workers)
 
 
