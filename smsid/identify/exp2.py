@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.exp2_errors import Steps, slosh_mass, with_carried_errors
+from smsid.identify.exp2_errors import Steps, slosh_mass, widened, with_carried_errors
 from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
 from smsid.identify.hidden_states import Modal, check_on_bus, hidden_states
 from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
@@ -99,7 +99,7 @@ def identify_momentum(
     hidden = timed("slosh and modal states", lambda: hidden_states(model, motion, modal))
     a = timed("Step A", lambda: step_a(model, motion, hidden, mass))
     b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position, prior=prior))
-    without = HiddenStates({}, hidden.modes)
+    without = hidden.without_slosh()
     a_printed = step_a(model, motion, without, mass)
     b_printed = None
     try:
@@ -110,12 +110,23 @@ def identify_momentum(
     except NotIdentifiableError as error:
         notes.append(f"Step B as printed: {error}")
     steps = Steps(a, b, b_printed)
+    place = {"pose_point": motion.pose_point, "imu_point": motion.imu_point}
+
+    def noisier(rng: np.random.Generator) -> Motion:
+        recorded = shaken(recording, model.description.sensor, rng)
+        return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
+
+    if prior is None:  # a prior's weight is set against the errors already
+        steps = timed("noise once more", lambda: widened(steps, model, motion, mass, modal, noisier))
     if perturbed or b_printed is not None:
         steps = timed(
             "errors carried over",
             lambda: with_carried_errors(steps, model, motion, mass, modal, perturbed),
         )
-    parameters = [*of_pose_point(model, recording, refined)] if refined else []
+    parameters: list[ParameterEstimate] = []
+    if refined:
+        refined = replace(refined, sigma=steps.b.sigma[refined.chosen] / mass)
+        parameters += of_pose_point(model, recording, refined)
     parameters += [*of_step_a(steps.a), *of_step_b(described or model, steps.b)]
     conditions = {"Exp. 2, Step A": a.moments.solution.condition, "Exp. 2, Step B": b.solution.condition}
     if steps.printed is not None:

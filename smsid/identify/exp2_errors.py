@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,8 @@ from smsid.identify.motion import Motion
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move
+REPLICATES = 4
+REPLICATES_SEED = 1  # the same data give the same interval
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,48 @@ def slosh_mass(model: SpacecraftModel) -> float:
     return float(sum(model.pin.inertias[j.joint].mass for j in model.slosh))
 
 
+def widened(
+    found: Steps,
+    model: SpacecraftModel,
+    motion: Motion,
+    mass: float,
+    modal: Modal,
+    noisier: Callable[[np.random.Generator], Motion],
+) -> Steps:
+    """Widen the covariances until noise once more moves results by what they say.
+
+    Residuals show errors that come and go within seconds; errors of the slosh state stay for its period and
+    look like motion. ``noisier`` gives the motion with the sensors' own noise added; the mean square move
+    over replicates and results of a step, in sigmas, is the factor on its covariance, never below 1.
+    """
+    coarse = motion.thinned(THINNED)
+    like = hidden_states(model, coarse, modal)
+    basis = _steps(model, coarse, mass, modal, printed=False, like=like)
+    moves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    rng = np.random.default_rng(REPLICATES_SEED)
+    for _ in range(REPLICATES):
+        # weighed by the noise that the motion itself shows, as the results were
+        again = replace(noisier(rng).thinned(THINNED), again=coarse.again)
+        other = _steps(model, again, mass, modal, printed=False, like=like)
+        if other.names[:2] != basis.names[:2]:
+            raise NotIdentifiableError(
+                "The identifiable combinations change with the sensors' noise.",
+                advice="Fly a richer Exp. 2: some combination is excited only marginally.",
+                names=basis.names,
+            )
+        position = (other.a.position - basis.a.position) / found.a.position_sigma
+        moments = (other.a.moments.values - basis.a.moments.values) / found.a.moments.sigma
+        moves[0].append(np.concatenate([position, moments]))
+        moves[1].append((other.b.values - basis.b.values) / found.b.sigma)
+    first, second = (max(1.0, float(np.mean(np.square(m)))) for m in moves)
+    a = replace(
+        found.a,
+        position_sigma=np.sqrt(first) * found.a.position_sigma,
+        moments=_with_covariance(found.a.moments, first * found.a.moments.solution.covariance),
+    )
+    return Steps(a, _with_covariance(found.b, second * found.b.solution.covariance), found.printed)
+
+
 def with_carried_errors(
     found: Steps,
     model: SpacecraftModel,
@@ -52,7 +96,8 @@ def with_carried_errors(
     identifiable combinations change within these errors.
     """
     coarse = motion.thinned(THINNED)
-    basis = _steps(model, coarse, mass, modal, printed=found.printed is not None)
+    like = hidden_states(model, coarse, modal)
+    basis = _steps(model, coarse, mass, modal, printed=found.printed is not None, like=like)
     position = np.diag(found.a.position_sigma**2)
     moments, inertia = found.a.moments.solution.covariance.copy(), found.b.solution.covariance.copy()
     as_printed = found.printed.solution.covariance.copy() if found.printed else np.zeros((0, 0))
@@ -68,14 +113,14 @@ def with_carried_errors(
 
     check(basis)
     for other, total in perturbed:
-        moved = check(_steps(other, coarse, total, modal, printed=found.printed is not None))
+        moved = check(_steps(other, coarse, total, modal, printed=found.printed is not None, like=like))
         position += _square(moved.a.position - basis.a.position)
         moments += _square(moved.a.moments.values - basis.a.moments.values)
         inertia += _square(moved.b.values - basis.b.values)
         if moved.printed and basis.printed:
             as_printed += _square(moved.printed.values - basis.printed.values)
     if found.printed and basis.printed:
-        modes = HiddenStates({}, hidden_states(model, coarse, modal).modes)
+        modes = like.without_slosh()
         for k in range(3):
             centre = basis.a.position + found.a.position_sigma[k] * np.eye(3)[k]
             moved = step_b_printed(model, coarse, modes, mass, slosh_mass(model), centre)
@@ -89,12 +134,25 @@ def with_carried_errors(
     return Steps(a, _with_covariance(found.b, inertia), printed)
 
 
-def _steps(model: SpacecraftModel, motion: Motion, mass: float, modal: Modal, *, printed: bool) -> Steps:
-    hidden = hidden_states(model, motion, modal)
+def _steps(
+    model: SpacecraftModel,
+    motion: Motion,
+    mass: float,
+    modal: Modal,
+    *,
+    printed: bool,
+    like: HiddenStates | None = None,
+) -> Steps:
+    """All steps; ``like`` has the noise of hidden states already, when only the motion or model changes."""
+    hidden = hidden_states(model, motion if like is None else replace(motion, again=None), modal)
+    if like is not None:
+        hidden = replace(hidden, again=like.again)
     a = step_a(model, motion, hidden, mass)
     b = step_b(model, motion, hidden, mass, a.position)
-    without = HiddenStates({}, hidden.modes)
-    third = step_b_printed(model, motion, without, mass, slosh_mass(model), a.position) if printed else None
+    third = None
+    if printed:
+        without = hidden.without_slosh()
+        third = step_b_printed(model, motion, without, mass, slosh_mass(model), a.position)
     return Steps(a, b, third)
 
 

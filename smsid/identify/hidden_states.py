@@ -50,7 +50,8 @@ def hidden_states(model: SpacecraftModel, motion: Motion, modal: Modal = "smooth
         else:
             noise = imu if seen is None else _noise(seen)
             modes[name] = smooth_modes(motion, joints, accelerometer=noise, imu=imu)
-    return HiddenStates(slosh, modes)
+    again = hidden_states(model, motion.again, modal) if motion.again else None
+    return HiddenStates(slosh, modes, again)
 
 
 def check_on_bus(model: SpacecraftModel) -> None:

@@ -25,11 +25,17 @@ from smsid.model.spacecraft import SpacecraftModel
 class HiddenStates:
     """What Exp. 2 does not measure, estimated: slosh by tank, modes by appendage.
 
-    ``slosh`` holds (rho, rho') each (N, 3) bus axes, ``modes`` a `ModalState` each.
+    ``slosh`` holds (rho, rho') each (N, 3) bus axes, ``modes`` a `ModalState` each. ``again``: the same from
+    the motion with as much noise once more, where there is one.
     """
 
     slosh: dict[str, tuple[np.ndarray, np.ndarray]]
     modes: dict[str, ModalState]
+    again: HiddenStates | None = None
+
+    def without_slosh(self) -> HiddenStates:
+        """Return the modes alone: the slosh at rest, as (34) takes it."""
+        return HiddenStates({}, self.modes, self.again.without_slosh() if self.again else None)
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     regressor = Regressor(model)
     parts = Split.of(model, regressor, bus_first=False)
 
-    def rows(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    def rows(motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         """Columns of CM velocity, CM position, and all sought parameters (N, 3, 6 + n); right-hand side."""
         q, v = full_states(model, motion, hidden)
         v[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
@@ -114,7 +120,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
         seen = motion.velocity - np.cross(motion.rate, position)
         return np.concatenate(columns, axis=2), seen + known / mass
 
-    full, rhs = rows(motion)
+    full, rhs = rows(motion, hidden)
     base = NOTHING
     if parts.unknown:
         base = base_parameters(full[:, :, 6:].reshape(-1, len(parts.unknown)), parts.names, parts.units)
@@ -124,7 +130,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     def stacked(full: np.ndarray, rhs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return full[:, :, kept].reshape(-1, len(kept)), rhs.reshape(-1)
 
-    again = stacked(*rows(motion.again)) if motion.again else None
+    again = stacked(*rows(motion.again, hidden.again or hidden)) if motion.again else None
     found = scaled_tls(*stacked(full, rhs), labels, motion, again=again)
     return StepA(
         velocity=found.x[:3],
@@ -148,49 +154,31 @@ def step_b(
     Total mass ``mass`` [kg] from Exp. 1 and the CM ``centre`` (3,) [m, inertial] from Step A. The equations,
     per sample: the angular momentum about the CM is zero, and the CM (6) is where Step A found it (its offset
     is left free). Taken about the CM, errors of the measured velocity cancel. Wheels, slosh and modes are
-    known and go to the right-hand side. ``prior`` (mean (b,), covariance (b, b)) of the base parameters
-    enters through recursive TLS. In the result, and in the prior, "bus" includes its wheels and undeformed
-    appendages (`carried_by_bus`).
+    known and go to the right-hand side. Errors of a row are as large, and go together, as ``motion.again``
+    and ``hidden.again`` show them, if they are there. ``prior`` (mean (b,), covariance (b, b)) of the base
+    parameters enters through recursive TLS. In the result, and in the prior, "bus" includes its wheels and
+    undeformed appendages (`carried_by_bus`).
 
     Raises `NotIdentifiableError` when no known momentum is exchanged, `SmsidError` for a prior that does not
     fit the base parameters of this motion.
     """
     regressor = Regressor(model)
     n = len(motion)
-    q, v = full_states(model, motion, hidden)
-    theta = regressor.parameters
     parts = Split.of(model, regressor, bus_first=True)
-    y = regressor.momentum(q, v)
-    rotated = motion.rotation.transpose(0, 2, 1)
-    cm = np.einsum("nij,nj->ni", rotated, centre - motion.position) + motion.pose_point  # from the bus origin
-    spin = y[:, 3:] - skew(cm) @ y[:, :3]
-    moments = first_moments(model, regressor, q)
-    # the bus' mass is what the others leave of M
-    bus = regressor.names.index(f"{regressor.bodies[0]}.m")
-    rest = mass - theta[[i for i in parts.known if regressor.names[i].endswith(".m")]].sum()
-
-    def split(full: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        free = full[:, :, parts.unknown].copy()
-        for k, i in enumerate(parts.unknown):
-            if regressor.names[i].endswith(".m"):
-                free[:, :, k] -= full[:, :, bus]
-        return free, -(full[:, :, parts.known] @ theta[parts.known]) - full[:, :, bus] * rest
-
-    spin_rows, spin_rhs = split(spin)
-    place_rows, place_rhs = split(moments)
-    place_rhs = place_rhs + mass * cm
-    if np.linalg.norm(y[:, 3:][:, :, parts.known] @ theta[parts.known]) < 1e-9:
-        raise NotIdentifiableError(
-            "No known momentum is exchanged: wheels, slosh and panel stay still, so inertias are known "
-            "only up to a common factor.",
-            advice="Spin a wheel of known inertia during Exp. 2.",
-        )
-    both = np.concatenate([spin_rows.reshape(3 * n, -1), place_rows.reshape(3 * n, -1)])
+    full, rhs = _rows_b(model, regressor, parts, motion, hidden, mass, centre)
+    count = len(parts.names)
+    both = np.concatenate([full[:, :3, :count].reshape(3 * n, -1), full[:, 3:, :count].reshape(3 * n, -1)])
     base = base_parameters(both, parts.names, parts.units)
-    offset = mass * np.concatenate([np.zeros((n, 3, 3)), -rotated], axis=1).reshape(-1, 3)
-    stacked = np.concatenate([spin_rows, place_rows], axis=1)[:, :, base.independent].reshape(6 * n, -1)
-    columns = np.column_stack([stacked, offset])
-    rhs = np.concatenate([spin_rhs, place_rhs], axis=1).reshape(-1)
+    kept = [*base.independent, *range(count, count + 3)]
+
+    def stacked(full: np.ndarray, rhs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return full[:, :, kept].reshape(6 * n, -1), rhs.reshape(-1)
+
+    columns, target = stacked(full, rhs)
+    again = None
+    if motion.again is not None:
+        other = hidden.again or hidden
+        again = stacked(*_rows_b(model, regressor, parts, motion.again, other, mass, centre))
     labels = [*base.names, "r_cm.x", "r_cm.y", "r_cm.z"]
     carried = base.matrix @ carried_by_bus(model, regressor)[parts.unknown]
     if prior is not None:
@@ -198,20 +186,59 @@ def step_b(
     weights = np.ones(6 * n)
     found = None
     for k in range(2):  # weigh the two kinds of equation by what they leave
-        found = scaled_tls(columns, rhs, labels, motion, weights=weights, prior=prior if k else None)
-        left = (rhs - columns @ found.x).reshape(n, 6)
+        found = scaled_tls(
+            columns, target, labels, motion, weights=weights, prior=prior if k else None, again=again
+        )
+        left = (target - columns @ found.x).reshape(n, 6)
         size = np.sqrt(np.mean(left**2, axis=0))
         weights = np.tile(1.0 / np.maximum(size, 1e-9 * size.max()), n)
     assert found is not None
-    measured = np.linalg.norm(spin_rhs)
-    shares = (
-        np.linalg.norm(spin_rows[:, :, base.independent], axis=(0, 1))
-        * np.abs(found.x[: len(base)])
-        / measured
-    )
+    size = np.linalg.norm(full[:, :3, base.independent], axis=(0, 1)) * np.abs(found.x[: len(base)])
+    shares = size / np.linalg.norm(rhs[:, :3])
     solution = part(found, slice(0, len(base)))
     solution = replace(solution, x=solution.x + carried)
     return Regression(base, solution, parts.names, shares)
+
+
+def _rows_b(
+    model: SpacecraftModel,
+    regressor: Regressor,
+    parts: Split,
+    motion: Motion,
+    hidden: HiddenStates,
+    mass: float,
+    centre: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step B's equations: sought parameters and CM offset (N, 6, n + 3), right-hand side (N, 6).
+
+    Three of momentum, three of place.
+
+    Raises `NotIdentifiableError` when no known momentum is exchanged.
+    """
+    n = len(motion)
+    q, v = full_states(model, motion, hidden)
+    theta = regressor.parameters
+    y = regressor.momentum(q, v)
+    if np.linalg.norm(y[:, 3:][:, :, parts.known] @ theta[parts.known]) < 1e-9:
+        raise NotIdentifiableError(
+            "No known momentum is exchanged: wheels, slosh and panel stay still, so inertias are known "
+            "only up to a common factor.",
+            advice="Spin a wheel of known inertia during Exp. 2.",
+        )
+    rotated = motion.rotation.transpose(0, 2, 1)
+    cm = np.einsum("nij,nj->ni", rotated, centre - motion.position) + motion.pose_point  # from the bus origin
+    equations = np.concatenate([y[:, 3:] - skew(cm) @ y[:, :3], first_moments(model, regressor, q)], axis=1)
+    # the bus' mass is what the others leave of M
+    bus = regressor.names.index(f"{regressor.bodies[0]}.m")
+    rest = mass - theta[[i for i in parts.known if regressor.names[i].endswith(".m")]].sum()
+    free = equations[:, :, parts.unknown].copy()
+    for k, i in enumerate(parts.unknown):
+        if regressor.names[i].endswith(".m"):
+            free[:, :, k] -= equations[:, :, bus]
+    rhs = -(equations[:, :, parts.known] @ theta[parts.known]) - equations[:, :, bus] * rest
+    rhs[:, 3:] += mass * cm
+    offset = mass * np.concatenate([np.zeros((n, 3, 3)), -rotated], axis=1)
+    return np.concatenate([free, offset], axis=2), rhs
 
 
 def _with_offset(

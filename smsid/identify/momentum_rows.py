@@ -110,6 +110,7 @@ def scaled_tls(
     """
     if weights is not None:
         rows, rhs = rows * weights[:, None], rhs * weights
+        again = (again[0] * weights[:, None], again[1] * weights) if again else None
     scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
     lags = max(1, round(CORRELATION_TIME / motion.step))
     noise = None if again is None else _row_noise(rows, rhs, *again, scale)

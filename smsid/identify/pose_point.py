@@ -24,9 +24,9 @@ from smsid.model.spacecraft import SpacecraftModel
 class PosePoint:
     """The refined point P.
 
-    ``position`` (3,) in the bus frame [m] and its ``sigma`` (3,), that of Step B's first moments over M;
-    ``motion`` has it; ``a`` and ``b`` are the last round's steps; ``shifts`` (rounds, 3) what each round
-    moved.
+    ``position`` (3,) in the bus frame [m] and its ``sigma`` (3,), that of Step B's first moments over M
+    (``chosen``: where they are in its result); ``motion`` has it; ``a`` and ``b`` are the last round's steps;
+    ``shifts`` (rounds, 3) what each round moved.
     """
 
     position: np.ndarray
@@ -34,6 +34,7 @@ class PosePoint:
     motion: Motion
     a: StepA
     b: Regression
+    chosen: list[int]
     shifts: np.ndarray
 
     @property
@@ -62,8 +63,9 @@ def refine_pose_point(
     Raises `NotIdentifiableError` when the bus's first moments are not identifiable, or it does not converge.
     """
     shifts: list[np.ndarray] = []
+    noise = hidden_states(model, motion, modal).again  # the same in every round
     for _ in range(rounds):
-        hidden = hidden_states(model, motion, modal)
+        hidden = replace(hidden_states(model, replace(motion, again=None), modal), again=noise)
         a = step_a(model, motion, hidden, mass)
         b = step_b(model, motion, hidden, mass, a.position)
         chosen, described = _described_moments(model, b)
@@ -71,7 +73,8 @@ def refine_pose_point(
         shifts.append(shift)
         motion = _moved(motion, shift)
         if np.linalg.norm(shift) < tolerance:
-            return PosePoint(motion.pose_point, b.sigma[chosen] / mass, motion, a, b, np.array(shifts))
+            sigma = b.sigma[chosen] / mass
+            return PosePoint(motion.pose_point, sigma, motion, a, b, chosen, np.array(shifts))
     raise NotIdentifiableError(
         f"The tracked point does not settle: the last of {rounds} rounds moved it by "
         f"{np.linalg.norm(shifts[-1]):.2g} m.",

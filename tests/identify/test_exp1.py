@@ -11,6 +11,7 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.exp1 import excited_axes, identify_translation
 from smsid.model import build_model
 from smsid.recording import Recording
+from smsid.sensing import Sensor
 
 from .support import PARTICIPATION, TANK, TWO_TANKS, M, fly_exp1, noisy, paper
 
@@ -160,6 +161,28 @@ def test_no_tank_at_all():
     found = identify_translation(model, [noisy(recording("xyz", tanks=()), d, 0)])
     assert [p.name for p in found.parameters if p.group == "exp1"] == ["total.mass", "panel.linear_density"]
     assert abs(found.mass - M) < 4 * found.parameters[0].sigma < 2.0
+
+
+def test_a_tactical_imu_cannot_see_the_slosh():
+    """stim300: a turn-on bias of 0.75 mg is four tenths of what 40 N make; no tank is identifiable."""
+    d = paper()
+    imu = Sensor(name="imu", kind="imu", preset="stim300", position=(0.5, 1.5, 0.6))
+    d = d.with_sensors(imu, *(s for s in d.sensor if s.name != "imu"))
+    model, outcomes = build_model(d), set()
+    for seed in range(3):
+        try:
+            found = identify_translation(model, [noisy(recording("z"), d, seed)])
+        except NotIdentifiableError as error:
+            assert "accelerometer's bias" in str(error)
+            outcomes.add("refused")
+            continue
+        outcomes.add("doubted")
+        own = [p for p in found.parameters if p.group == "exp1"]
+        assert all(p.status == "not_identifiable" for p in own if p.name.startswith("tank."))
+        for p in own:
+            if p.status == "identifiable":
+                assert abs(p.value - p.nominal) < 4 * p.sigma
+    assert "doubted" in outcomes
 
 
 def test_excited_axes():

@@ -32,6 +32,17 @@ def test_parameters_within_their_intervals(result):
         assert abs(p.value - p.nominal) < 4 * p.sigma, p
 
 
+def test_intervals_are_honest(model, twin_flight):
+    """Three seeds: errors in predicted sigmas have a root mean square of about one over all of Step B."""
+    z = []
+    for seed in range(1, 4):
+        found = identify_momentum(model, noisy(twin_flight, paper(), seed), M)
+        z += [(p.value - p.nominal) / p.sigma for p in found.parameters if p.group == "exp2.step_b"]
+    assert len(z) == 90
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
+    assert np.abs(z).max() < 5.0
+
+
 def test_as_printed(result):
     """Products of noisy columns bias total least squares: 1 to 20 % on pi_m, said with every parameter."""
     printed = [p for p in result.parameters if p.group == "exp2.step_b_printed"]
