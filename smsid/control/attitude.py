@@ -153,7 +153,8 @@ def _quaternion(
     drag = _turn(omega[0], omega[1], omega[2], 0.0) @ seen
     turn = _turn(x, y, z, w)
     coordinates_rate = turn @ slip
-    inverse = np.linalg.inv(turn)
+    # of w I + [e]x, the quaternion being of unit length
+    inverse = turn.T + np.outer((x, y, z), (x / w, y / w, z / w))
     dx, dy, dz = 0.5 * coordinates_rate
     turn_rate = _turn(dx, dy, dz, -0.5 * (x * slip[0] + y * slip[1] + z * slip[2]))
     bias = relative.T @ acceleration_d - drag - inverse @ (turn_rate @ slip)

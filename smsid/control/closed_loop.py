@@ -136,7 +136,14 @@ def track(
         return actuators(command.torques, v[model.wheels.v])
 
     flown = simulate_closed_loop(
-        model, act, duration, dt=1.0 / rate if dt is None else dt, control_rate=rate, q0=q0, delay=delay
+        model,
+        act,
+        duration,
+        dt=1.0 / rate if dt is None else dt,
+        control_rate=rate,
+        q0=q0,
+        delay=delay,
+        audit=False,
     )
     every = (len(flown.time) - 1) // len(commands)
     return _tracking(

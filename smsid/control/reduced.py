@@ -79,6 +79,7 @@ class ReducedDynamics:
         self._plain = all(self.pin.joints[int(j)].nq == 1 for j in self.arm.joints)
         n = len(self.arm)
         self._left = np.array([*(self.wheels.v - 3), *range(3), *(self.arm.v - 3)])
+        self._left_rows = self._left[:, None]
         self._identity = np.eye(3 + n)
         self._to_wheels = -self.layout.inverse
 
@@ -129,10 +130,9 @@ class ReducedDynamics:
         w = len(self.wheels)
         q, v = self._configuration(angles), self._v
         v[3:6], v[self.arm.v] = omega, rates
-        upper = pin.crba(self.pin, self.data, q)
-        mass = np.triu(upper) + np.triu(upper, 1).T
+        mass = pin.crba(self.pin, self.data, q)
         coupling = mass[:3, 3:]
-        schur = (mass[3:, 3:] - coupling.T @ coupling / self.mass)[np.ix_(self._left, self._left)]
+        schur = (mass[3:, 3:] - coupling.T @ coupling / self.mass)[self._left_rows, self._left]
         if wheel_rates is None:
             spin = -schur[w : w + 3, w:] @ np.concatenate([omega, rates])
             wheel_rates = np.linalg.pinv(schur[w : w + 3, :w]) @ (

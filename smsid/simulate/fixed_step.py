@@ -26,14 +26,14 @@ class ClosedLoop:
     """A motion under feedback at times (N + 1,) [s]: q (N + 1, nq), v (N + 1, nv), tau (N + 1, nv).
 
     ``tau[i]`` acts from ``time[i]`` to ``time[i + 1]``; the last row repeats the one before. ``audit`` tells
-    how well momentum and energy were kept.
+    how well momentum and energy were kept; None when it was not asked for.
     """
 
     time: np.ndarray
     q: np.ndarray
     v: np.ndarray
     tau: np.ndarray
-    audit: Audit
+    audit: Audit | None
 
 
 def simulate_closed_loop(
@@ -46,12 +46,14 @@ def simulate_closed_loop(
     q0: np.ndarray | None = None,
     v0: np.ndarray | None = None,
     delay: int = 0,
+    audit: bool = True,
 ) -> ClosedLoop:
     """Simulate from q0 (nq,), v0 (nv,) (default: home, at rest) with steps of ``dt`` [s] under a controller.
 
     The controller is called at t = k / control_rate; what it returns acts, held, from ``delay`` samples
     later until the next; before the first, nothing acts. The control period and the duration must be whole
-    numbers of steps, since a step across a jump of tau would lose the order of the method.
+    numbers of steps, since a step across a jump of tau would lose the order of the method. ``audit`` costs
+    half of the time.
 
     Raises `ExperimentError` when they are not or the controller returns another shape, `SimulationError`
     when the start is no state of the spacecraft or the state is no longer finite.
@@ -73,7 +75,7 @@ def simulate_closed_loop(
                 tau[i] = pending.pop(0)
             else:
                 tau[i] = tau[i - 1]
-            q[i + 1], v[i + 1], gain = _step(model, time[i], dt, q[i], v[i], tau[i])
+            q[i + 1], v[i + 1], gain = _step(model, time[i], dt, q[i], v[i], tau[i], audit)
             gained[i + 1] = gained[i] + gain
             if not np.isfinite(v[i + 1]).all():
                 raise SimulationError(
@@ -85,18 +87,19 @@ def simulate_closed_loop(
                     tau=tau[i],
                 )
     tau[-1] = tau[-2]
-    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained))
+    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained) if audit else None)
 
 
 def _step(
-    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, audit: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return q, v after a step, and by how much momentum and energy should have changed (7,)."""
+    """Return q, v after a step, and by how much momentum and energy should have changed (7,), or zeros."""
     nv = model.nv
     rates: list[np.ndarray] = []
 
     def acceleration(at: float, x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        rates.append(external_rates(model, at, x, rate, tau))
+        if audit:
+            rates.append(external_rates(model, at, x, rate, tau))
         return model.acceleration(at, x, rate, tau)
 
     derivative = ChartDerivative(model, acceleration, q)
@@ -106,7 +109,7 @@ def _step(
     k3 = derivative(t + h / 2, y + h / 2 * k2, k[2])
     k4 = derivative(t + h, y + h * k3, k[3])
     y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    gain = h / 6 * (rates[0] + 2 * rates[1] + 2 * rates[2] + rates[3])
+    gain = h / 6 * (rates[0] + 2 * rates[1] + 2 * rates[2] + rates[3]) if audit else np.zeros(7)
     return pin.integrate(model.pin, q, y[:nv]), y[nv:], gain
 
 
