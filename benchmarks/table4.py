@@ -1,7 +1,9 @@
-"""Table 4 over draws of uncertainty and noise: ``python benchmarks/table4.py --draws 20 --minutes 30``.
+"""Table 4 over draws of uncertainty and noise: ``python benchmarks/table4.py --draws 100 --minutes 60``.
 
 Resumable: every flight is a line of ``results/table4_runs.jsonl``; what is there is not flown again. Draws go
-round all cases first, so a run cut short still compares like with like.
+round all cases and variants first, so a run cut short still compares like with like. Case D flies with
+models identified from another engine's recordings (``results/table4_identified.jsonl``; to make it again,
+delete it and set SMSID_ORACLE).
 """
 
 from __future__ import annotations
@@ -16,8 +18,11 @@ from functools import cache
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
+import numpy as np  # noqa: E402
+from _common import RESULTS, ROOT, environment, spread, write_result  # noqa: E402
+from _table4_identified import identified, identify_up_to, stored  # noqa: E402
 
+from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.table4 import (  # noqa: E402
     CONTROLLERS,
     Run,
@@ -42,13 +47,16 @@ VARIANTS = {
         Variant("arm stretched", start=(0.0, 0.0, 0.0)),
         Variant("no noise, signs", noise=0.0, draw="signs"),
         Variant("no noise, common factor", noise=0.0, draw="common"),
+        Variant("20 Hz, a call late", rate=20.0, delay=1),
     )
 }
+IDENTIFIED = 100  # models
 
 
 @cache
 def study(variant: str) -> Study:
-    return Study(build_model(load_description(ROOT / "urdf" / "paper_sms.toml")), VARIANTS[variant])
+    model = build_model(load_description(ROOT / "urdf" / "paper_sms.toml"))
+    return Study(model, VARIANTS[variant], identified=identified(ReducedDynamics(model)))
 
 
 def fly(variant: str, case: str, controller: str, draw: int) -> Run:
@@ -64,18 +72,23 @@ def known() -> list[Run]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=20, help="of the main variant")
-    parser.add_argument("--other-draws", type=int, default=5, help="of every other variant")
+    parser.add_argument("--draws", type=int, default=100, help="of the first two variants")
+    parser.add_argument("--other-draws", type=int, default=20, help="of every other variant")
     parser.add_argument("--minutes", type=float, default=30.0, help="stop starting flights after this long")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--summary-only", action="store_true")
     options = parser.parse_args()
     RESULTS.mkdir(exist_ok=True)
+    if not options.summary_only:
+        model = build_model(load_description(ROOT / "urdf" / "paper_sms.toml"))
+        exact = ReducedDynamics(model)
+        identify_up_to(IDENTIFIED, exact, model.joint_angles(model.home), options.minutes)
     done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
-    draws = {v: options.draws if v == MAIN.name else options.other_draws for v in VARIANTS}
     first = ["main", "no noise"]
-    order = [(v, d) for d in range(max(draws.values())) for v in first if d < draws[v]]
-    order += [(v, d) for d in range(options.other_draws) for v in VARIANTS if v not in first]
+    draws = {v: options.draws if v in first else options.other_draws for v in VARIANTS}
+    few = min(options.draws, options.other_draws)
+    order = [(v, d) for d in range(few) for v in VARIANTS]
+    order += [(v, d) for v in VARIANTS for d in range(few, draws[v])]
     wanted = [(v, c.name, k, d) for v, d in order for c in cases() for k in CONTROLLERS]
     left = [w for w in wanted if w not in done] if not options.summary_only else []
     begin = time.monotonic()
@@ -93,6 +106,11 @@ def main() -> None:
     runs = known()
     result = {
         "environment": environment("pin", "numpy", "scipy"),
+        "identified_models": {
+            "count": len(stored()),
+            "error_of_H": spread(np.array([x["error_of_H"] for x in stored()])),
+            "level_from_intervals": spread(np.array([x["level"] for x in stored()])),
+        },
         "settings": {name: vars(v) for name, v in VARIANTS.items()},
         "variants": {
             name: {

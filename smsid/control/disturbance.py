@@ -10,7 +10,7 @@ from smsid.control.closed_loop import Tracking, track
 from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.trajectory import Reference
+from smsid.control.trajectory import Motion
 from smsid.control.weights import in_band
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
@@ -23,9 +23,7 @@ def disturbance(run: Tracking, gains: Gains) -> np.ndarray:
     return second + run.error_rate @ gains.derivative + run.error @ gains.proportional
 
 
-def left_out(
-    model: SpacecraftModel, gains: Gains, reference: Reference, *, rate: float = 100.0
-) -> np.ndarray:
+def left_out(model: SpacecraftModel, gains: Gains, reference: Motion, *, rate: float = 100.0) -> np.ndarray:
     """Return the bound (3 + n,) [rad/s^2] on what slosh and panel do along a reference: the largest |d_d|.
 
     The complete spacecraft flies the reference under PD with its own parameters and exact measurements, so

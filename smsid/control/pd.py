@@ -11,7 +11,7 @@ from smsid.control.gains import Gains
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import RobustTerm
 from smsid.control.statespace import StateSpace
-from smsid.control.trajectory import Reference
+from smsid.control.trajectory import Motion
 from smsid.errors import ControlError
 
 
@@ -55,7 +55,7 @@ class ModelBasedController:
         self,
         dynamics: ReducedDynamics,
         gains: Gains,
-        reference: Reference,
+        reference: Motion,
         *,
         robust: RobustTerm | None = None,
         period: float | None = None,

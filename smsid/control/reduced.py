@@ -80,7 +80,7 @@ class ReducedDynamics:
         n = len(self.arm)
         self._left = np.array([*(self.wheels.v - 3), *range(3), *(self.arm.v - 3)])
         self._left_rows = self._left[:, None]
-        self._identity = np.eye(3 + n)
+        self._input = np.hstack([np.zeros((3 + n, len(self.wheels))), np.eye(3 + n)[:, 3:]])
         self._to_wheels = -self.layout.inverse
 
     @property
@@ -141,13 +141,15 @@ class ReducedDynamics:
         v[self.wheels.v] = wheel_rates
         force = pin.nonLinearEffects(self.pin, self.data, q, v)
         bias = (force[3:] - coupling.T @ force[:3] / self.mass)[self._left]
-        spun = np.linalg.solve(schur[:w, :w], np.column_stack([schur[:w, w:], bias[:w]]))
+        given = np.empty((w, self.size + 1))
+        given[:, :-1], given[:, -1] = schur[:w, w:], bias[:w]
+        _, _, spun, info = lapack.dgesv(schur[:w, :w], given)
+        if info != 0:
+            raise ControlError("The wheels' inertia matrix is singular.", advice="Check their spin inertia.")
         rest = schur[w:, :w]
-        return BodyTerms(
-            schur[w:, w:] - rest @ spun[:, :-1],
-            bias[w:] - rest @ spun[:, -1],
-            np.column_stack([-spun[:, :-1].T, self._identity[:, 3:]]),
-        )
+        enters = self._input.copy()
+        enters[:, :w] = -spun[:, :-1].T
+        return BodyTerms(schur[w:, w:] - rest @ spun[:, :-1], bias[w:] - rest @ spun[:, -1], enters)
 
     def base_input(self, terms: BodyTerms) -> np.ndarray:
         """Return (3 + n, 3 + n): from Q_c (42), wheel torque on the base and joint torques, to body forces.
@@ -155,7 +157,9 @@ class ReducedDynamics:
         The identity for balanced wheels: what motors put on the base is what the layout's axes say.
         """
         w = len(self.wheels)
-        return np.column_stack([terms.input[:, :w] @ self._to_wheels, terms.input[:, w:]])
+        found = np.empty((self.size, self.size))
+        found[:, :3], found[:, 3:] = terms.input[:, :w] @ self._to_wheels, terms.input[:, w:]
+        return found
 
     def torques(self, terms: BodyTerms, acceleration: np.ndarray) -> np.ndarray:
         """Return Q_c (3 + n,) that gives u the derivative ``acceleration`` (3 + n,): J_c^-T (H qdd + c)."""

@@ -15,7 +15,7 @@ every |H^-1 H_hat - I| below |W_T|. The noise in a_fb makes D11 nonzero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,10 +25,16 @@ from smsid.control.statespace import StateSpace, hinf_norm, stack
 from smsid.control.weights import ROLL_OFF, SLOWEST, Weights
 from smsid.errors import ControlError
 
+SLOWER = (0.7, 0.5, 0.35, 0.25, 0.18)
+"""Crossovers tried below the weights', relative to it: less is more where noise outweighs disturbance."""
+WORTH = 0.97
+"""A slower loop is taken when it lowers the bound on e at least to this share."""
+
 
 @dataclass(frozen=True)
 class Block:
-    """The design of one group of ``coordinates``: ``error`` (k,) [rad] is the bound reached for gamma = 1.
+    """The design of one group of ``coordinates``: ``error`` (k,) [rad] is the bound reached for gamma = 1,
+    with the bound on the uncertainty rising to one at ``crossover`` [rad/s].
 
     ``sensitivity`` and ``complementary`` are the peaks of S and T at the plant's input; ``gain_margin``
     (lower, upper) factors and ``phase_margin`` [deg] follow, guaranteed for all channels at once. ``poles``
@@ -38,6 +44,7 @@ class Block:
     coordinates: np.ndarray
     synthesis: Synthesis
     error: np.ndarray
+    crossover: float
     sensitivity: float
     complementary: float
     gain_margin: tuple[float, float]
@@ -66,7 +73,8 @@ def design_robust_term(
     """Return the H-infinity term for gains and weights.
 
     ``error`` (n,) [rad] is the wanted bound on e for disturbance and noise of the weights' size; by default
-    the smallest that keeps gamma at one, group by group.
+    the smallest that keeps gamma at one, group by group, at the weights' crossover or where between it and
+    `SLOWER` of it the bound is smallest.
 
     Raises `ControlError` when sizes do not fit or even no bound on e leaves a robust loop.
     """
@@ -111,7 +119,12 @@ def _design(
     passive = np.linalg.solve(kp, part.disturbance)
     passive = np.maximum(np.abs(passive), 1e-3 * np.abs(passive).max())
     if error is None:
-        bound = passive * _smallest(lambda share: feasible(error_plant(kp, kd, part, share * passive), 1.0))
+        stated, share = part, _smallest(kp, kd, part, passive)
+        for slower in SLOWER:
+            other = _slowed(stated, slower)
+            if other.integral < other.crossover and _reaches(kp, kd, other, WORTH * share * passive):
+                part, share = other, _smallest(kp, kd, other, passive, WORTH * share)
+        bound = share * passive
         found = synthesize(error_plant(kp, kd, part, bound), gamma=1.0)
     else:
         bound = np.broadcast_to(np.asarray(error, dtype=float), gains.size)[index]
@@ -120,23 +133,49 @@ def _design(
         found = synthesize(error_plant(kp, kd, part, bound))
     noise = np.concatenate([1.0 / part.angle_noise, 1.0 / part.rate_noise])
     controller = found.controller.scaled(np.diag(effective_disturbance(kp, kd, part)), np.diag(noise))
-    return _judged(kp, kd, controller, index, found, bound), controller
+    return _judged(kp, kd, controller, index, found, bound, part.crossover), controller
 
 
-def _smallest(works) -> float:  # type: ignore[no-untyped-def]
-    """Return the smallest share of the passive error that is feasible, to 2 %."""
-    low, high = 1e-6, 10.0
-    while not works(high):
-        high *= 10.0
-        if high > 1e7:
-            raise ControlError(
-                "No H-infinity term keeps the loop robust, whatever error is allowed.",
-                advice="Too much uncertainty for these gains and this crossover: lower the gains, raise "
-                "the crossover (a faster controller, less delay), or identify first.",
-            )
+def _slowed(weights: Weights, factor: float) -> Weights:
+    """Return the weights at a lower crossover, with the noise that is left in the narrower band."""
+    root = float(np.sqrt(factor))
+    return replace(
+        weights,
+        crossover=factor * weights.crossover,
+        angle_noise=root * weights.angle_noise,
+        rate_noise=root * weights.rate_noise,
+    )
+
+
+def _reaches(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> bool:
+    return feasible(error_plant(kp, kd, weights, error), 1.0)
+
+
+def _smallest(
+    kp: np.ndarray, kd: np.ndarray, weights: Weights, passive: np.ndarray, high: float | None = None
+) -> float:
+    """Return the smallest share of the passive error that is feasible, to 2 %; ``high`` is known to be."""
+    low = 1e-6
+    if high is None:
+        high = 10.0
+        while not _reaches(kp, kd, weights, high * passive):
+            high *= 10.0
+            if high > 1e7:
+                raise ControlError(
+                    "No H-infinity term keeps the loop robust, whatever error is allowed.",
+                    advice="Too much uncertainty for these gains and this crossover: lower the gains, raise "
+                    "the crossover (a faster controller, less delay), or identify first.",
+                )
+    else:
+        low = 0.3 * high
+        while _reaches(kp, kd, weights, low * passive):
+            low, high = 0.3 * low, low
     while high > 1.02 * low:
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if works(middle) else (middle, high)
+        if _reaches(kp, kd, weights, middle * passive):
+            high = middle
+        else:
+            low = middle
     return high * 1.02
 
 
@@ -224,6 +263,7 @@ def _judged(
     index: np.ndarray,
     found: Synthesis,
     error: np.ndarray,
+    crossover: float,
 ) -> Block:
     loop = rigid_loop(kp, kd, controller)
     k = len(index)
@@ -234,4 +274,4 @@ def _judged(
     lower = min(peak_s / (peak_s + 1.0), 1.0 - 1.0 / peak_t if peak_t > 1.0 else 0.0)
     upper = max(peak_s / (peak_s - 1.0) if peak_s > 1.0 else np.inf, 1.0 + 1.0 / peak_t)
     phase = np.degrees(2.0 * np.arcsin(min(1.0, 0.5 / min(peak_s, peak_t))))
-    return Block(index, found, error, peak_s, peak_t, (lower, upper), float(phase), loop.poles)
+    return Block(index, found, error, crossover, peak_s, peak_t, (lower, upper), float(phase), loop.poles)

@@ -200,6 +200,23 @@ class Reference:
         return np.concatenate([base[0], x]), np.concatenate([base[1], v]), np.concatenate([base[2], a])
 
 
+class Remembered:
+    """A reference that remembers what it was asked: many flights ask for the same times."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference, self.size, self.duration = reference, reference.size, reference.duration
+        self._known: dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, rate and acceleration (3 + n,) at t [s]; not to be written into."""
+        found = self._known.get(t)
+        if found is None:
+            found = self._known[t] = self.reference.at(t)
+            for x in found:
+                x.flags.writeable = False
+        return found
+
+
 def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000) -> None:
     """Raise `ControlError` when a motion of the arm joints leaves their limits in angle or rate.
 
