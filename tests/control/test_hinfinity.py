@@ -89,12 +89,19 @@ def test_a_known_optimum():
 @pytest.mark.skipif(not with_slycot, reason="slycot (GPL) is not installed; it is an optional oracle only")
 @pytest.mark.parametrize("seed", range(4))
 def test_agreement_with_slycot(seed):
+    """Where slycot's own controller misses the gamma it names (seed 0: 2.78, the norm is 5.55), ours does
+    better; an LMI agrees with ours there (benchmarks/hinf_optimum.py)."""
     plant = general_plant(seed)
     s = plant.system
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        _, _, gamma, _ = control.hinfsyn(control.ss(s.a, s.b, s.c, s.d), 2, 1)
-    np.testing.assert_allclose(synthesize(plant).optimum, gamma, rtol=1e-2)
+        k, _, gamma, _ = control.hinfsyn(control.ss(s.a, s.b, s.c, s.d), 2, 1)
+    found = synthesize(plant, tolerance=1e-5)
+    loop = lower_lft(s, StateSpace(*(np.atleast_2d(x) for x in (k.A, k.B, k.C, k.D))))
+    if loop.stable and hinf_norm(loop)[0] > 1.01 * gamma:
+        assert found.norm < hinf_norm(loop)[0]
+    else:
+        np.testing.assert_allclose(found.optimum, gamma, rtol=1e-4)
 
 
 def test_failures_end_fast_and_say_why():
