@@ -25,6 +25,7 @@ from smsid.control.hinfinity import Plant, synthesize  # noqa: E402
 from smsid.control.robust_term import design_robust_term, error_plant  # noqa: E402
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft  # noqa: E402
 from smsid.control.table4 import Study, Variant, cases  # noqa: E402
+from smsid.control.weights import Weights  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
@@ -50,13 +51,17 @@ def plants() -> dict[str, Plant]:
         k = gains(6, case.proportional, case.derivative)
         term = design_robust_term(k, w)
         for block, what in ((term.blocks[0], "roll"), (term.blocks[3], "joint1")):
-            one = block.coordinates
-            part = type(w)(
-                w.disturbance[one], w.angle_noise[one], w.rate_noise[one], w.uncertainty, w.crossover
+            one, slower = block.coordinates, block.crossover / w.crossover
+            part = Weights(
+                w.disturbance[one],
+                np.sqrt(slower) * w.angle_noise[one],
+                np.sqrt(slower) * w.rate_noise[one],
+                w.uncertainty,
+                block.crossover,
+                w.integral,
             )
-            plant = error_plant(
-                k.proportional[np.ix_(one, one)], k.derivative[np.ix_(one, one)], part, block.error
-            )
+            square = np.ix_(one, one)
+            plant = error_plant(k.proportional[square], k.derivative[square], part, block.error)
             found[f"design {case.name}, {what}"] = plant
     return found
 
