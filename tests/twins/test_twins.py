@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -162,18 +161,14 @@ def _nudged(value: object) -> object:
     return replace(value, damping_ratio=0.02, thickness=0.003, length=5.0)  # type: ignore[type-var]
 
 
-ORACLE = os.environ.get("SMSID_ORACLE")
-
-
-@pytest.mark.skipif(ORACLE is None, reason="SMSID_ORACLE does not name the folder of reference recordings")
 @pytest.mark.parametrize("name", ["exp1_z_modal3", "exp2_modal3"])
-def test_mujoco_against_recording(name: str):
+def test_mujoco_against_recording(name: str, oracle: Path):
     """The recordings' panel is 24 strips with modes above the third held at 40 Hz: agreement of 1e-3 to 2e-3.
 
     Left out: 50 ms after a step of an input (0, 20, 40 s; Exp. 2's torques start with a step), where those
     extra modes ring.
     """
-    with np.load(Path(str(ORACLE)) / f"{name}.npz") as archive:
+    with np.load(oracle / f"{name}.npz") as archive:
         recording = {key: archive[key].astype(float) for key in archive.files}
     twin, t = MujocoTwin(), recording["t"]
     if name.startswith("exp1"):
