@@ -1,0 +1,345 @@
+"""A structure under ambient vibration: modes without a hand-picked order, with intervals; harmonics
+flagged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.signal import butter, sosfiltfilt
+from scipy.stats import kurtosis
+
+from smsid.errors import NotIdentifiableError
+from smsid.identify.modes import Mode, Poles, mac
+from smsid.identify.ssi_decimate import decimate
+from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles, signal_matrix
+from smsid.identify.stabilisation import Stability, stable_modes
+
+ORDERS = tuple(range(4, 42, 2))
+WINDOWS = tuple(float(w) for w in np.geomspace(0.15, 3.0, 12))
+"""Past and future tried, in multiples of the time over which correlations stand out of their own scatter."""
+
+AGREEING = 3
+"""Number of windows that must find the same modes."""
+
+STABILITY = Stability(
+    frequency=0.01, damping=0.2, shape=0.01, largest_damping=0.1, share_of_orders=0.4, contribution=0.1
+)
+MOST_ROWS = 200
+
+LINE = 40.0
+"""Height of a line over its neighbourhood; the largest of fifty bins of noise reaches about eight."""
+
+LINE_KURTOSIS = 2.25
+"""Half way between a sine's 1.5 and a Gaussian's 3."""
+
+IMPULSIVE_KURTOSIS = 6.0
+"""Twice a Gaussian's: a few impacts carry the record, not a lasting excitation."""
+
+RESAMPLED_ORDERS = 5
+SAME_POLE = 0.05
+"""A pole of a resampled record further from a mode than this share of its frequency is another one."""
+
+
+@dataclass(frozen=True)
+class AmbientMode:
+    """A mode and what is uncertain about it.
+
+    ``frequency`` [Hz] and ``damping`` with standard deviations from resampling blocks of the record;
+    ``windows`` the share of correlation windows it was found with; ``kurtosis`` of its narrow band: 3 for
+    a mode that lasting noise excites, 1.5 for a harmonic of a machine, much more where a few impacts do.
+    """
+
+    frequency: float
+    frequency_sigma: float
+    damping: float
+    damping_sigma: float
+    shape: np.ndarray
+    contribution: float
+    windows: float
+    kurtosis: float
+
+    @property
+    def impulsive(self) -> bool:
+        """Whether a few impacts carry what the record says about the mode, whose interval is then wide."""
+        return self.kurtosis > IMPULSIVE_KURTOSIS
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the frequency, Gaussian [Hz]."""
+        return (
+            self.frequency - 1.959964 * self.frequency_sigma,
+            self.frequency + 1.959964 * self.frequency_sigma,
+        )
+
+
+@dataclass(frozen=True)
+class AmbientModes:
+    """Modes of a structure, ascending.
+
+    ``separations`` [Hz] are the distances of neighbouring modes with standard deviations, found on the same
+    resampled records: close modes move together. ``harmonics`` [Hz] are sines of the excitation, which are
+    no modes; ``rate`` [Hz] after decimation, ``window`` [s] over which correlations stand out.
+    """
+
+    modes: tuple[AmbientMode, ...]
+    separations: tuple[tuple[float, float], ...]
+    harmonics: tuple[float, ...]
+    rate: float
+    window: float
+
+
+def ambient_modes(
+    y: np.ndarray,
+    rate: float,
+    *,
+    highest_frequency: float,
+    orders: Sequence[int] = ORDERS,
+    stability: Stability = STABILITY,
+    replicates: int = 40,
+    rng: np.random.Generator | None = None,
+) -> AmbientModes:
+    """Identify modes from the outputs alone, by SSI-COV over many orders and correlation windows.
+
+    Twelve lengths of past and future are tried, from a seventh to three times the time over which
+    correlations stand out of their scatter (Bartlett's formula). A mode must be stable over orders; of the
+    windows, those are used that resolve most modes while three at least agree on them. Values are medians
+    over windows. Intervals come from
+    identifying again with blocks of the record drawn at random.
+
+    Args:
+        y: (N,) or (N, l) outputs [any unit].
+        rate: [Hz].
+        highest_frequency: modes above are not sought [Hz]; the record is decimated accordingly.
+        orders: model orders; none is picked.
+        stability: tolerances of the stabilisation diagram.
+        replicates: number of resamplings.
+        rng: for them; default a generator of fixed seed.
+
+    Raises:
+        NotIdentifiableError: not finite, too short, or no correlation stands out.
+
+    Source: Peeters and De Roeck (1999) for SSI-COV; Jacobsen, Andersen and Brincker (2007) for harmonics by
+    kurtosis.
+    """
+    x = signal_matrix(y, "y")
+    x = x - x.mean(axis=0)
+    factor = max(1, int(rate / (4.0 * highest_frequency)))
+    slow, slow_rate = decimate(x, rate, factor)
+    # correlations of a machine's harmonic never die away
+    window = min(correlation_window(slow, slow_rate), MOST_ROWS / slow_rate)
+    least = max(orders) // slow.shape[1] + 2
+    rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
+    blocks = min(max(10, int(len(slow) / (8 * max(rows)))), 30)
+    generator = rng or np.random.default_rng(0)
+    draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
+    found: list[list[Mode]] = []
+    again: list[list[tuple[Poles, ...]]] = []
+    for count in rows:
+        covariances = _block_covariances(slow, count, blocks)
+        chosen = checked_orders(orders, count, slow.shape[1], count * slow.shape[1])
+        left, singular, right = np.linalg.svd(covariances.mean(axis=0), full_matrices=False)
+        poles = observability_poles(left, singular, right, slow.shape[1], slow_rate, chosen)
+        found.append(
+            [m for m in stable_modes(poles, slow_rate, stability) if m.frequency <= highest_frequency]
+        )
+        # What a resampled covariance changes lies in the leading subspaces; there it is small to decompose.
+        kept = min(2 * max(chosen), singular.size)
+        left, right = left[:, :kept], right[:kept]
+        small = np.einsum("ai,kab,jb->kij", left, covariances, right, optimize=True)
+        few = chosen[:: -(-len(chosen) // RESAMPLED_ORDERS)]
+        again.append([_resampled(small, w, left, right, slow.shape[1], slow_rate, few) for w in draws])
+    used = _finest(found, stability.frequency)
+    groups = [
+        g for g in _grouped([found[k] for k in used], stability.frequency) if len(g) >= _enough(len(used))
+    ]
+    lines = spectral_lines(x, rate, highest_frequency)
+    groups = [g for g in groups if not any(_is_line(g, line) for line in lines)]
+    groups = sorted(groups, key=lambda g: np.median([m.frequency for m in g]))
+    scatter = _scatter(groups, [again[k] for k in used]) if groups else np.zeros((0, 0, 0, 2))
+    modes = tuple(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate) for k, g in enumerate(groups))
+    gaps = tuple(
+        (high.frequency - low.frequency, float(_sigma(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]))
+        for k, (low, high) in enumerate(pairwise(modes))
+    )
+    return AmbientModes(modes, gaps, lines, slow_rate, window)
+
+
+def spectral_lines(y: np.ndarray, rate: float, highest: float) -> tuple[float, ...]:
+    """Return the sines in y (N, l) up to ``highest`` [Hz]: lines that stand out of the spectrum about them.
+
+    A line holds `LINE` times the median of its neighbourhood in one bin of the whole record's periodogram,
+    which the scatter of noise does not do, and its band has the kurtosis of a sine.
+    """
+    power = np.sum(np.abs(np.fft.rfft(y * np.hanning(len(y))[:, None], axis=0)) ** 2, axis=1)
+    frequency = np.fft.rfftfreq(len(y), 1.0 / rate)
+    reach = 25
+    found: list[float] = []
+    for k in np.flatnonzero(power[reach:-reach] > LINE * np.median(power)) + reach:
+        around = power[k - reach : k + reach + 1]
+        sine = power[k] == around.max() and power[k] > LINE * np.median(around)
+        width = 2.0 * reach * rate / len(y)
+        if sine and frequency[k] <= highest and band_kurtosis(y, rate, frequency[k], width) < LINE_KURTOSIS:
+            found.append(float(frequency[k]))
+    return tuple(found)
+
+
+def _is_line(group: list[Mode], line: float) -> bool:
+    frequency = float(np.median([m.frequency for m in group]))
+    return abs(frequency - line) < 0.005 * line and float(np.median([m.damping for m in group])) < 0.005
+
+
+def correlation_window(y: np.ndarray, rate: float) -> float:
+    """Return how long autocorrelations of y (N, l) stand out of their scatter [s]; the strongest output
+    counts.
+
+    Raises:
+        NotIdentifiableError: none does beyond a few samples.
+    """
+    strongest = y[:, int(np.argmax(np.var(y, axis=0)))]
+    size = 2 ** int(np.ceil(np.log2(2 * strongest.size)))
+    power = np.abs(np.fft.rfft(strongest - strongest.mean(), size)) ** 2
+    correlation = np.fft.irfft(power)[: strongest.size // 4]
+    correlation = correlation / correlation[0]
+    scatter = np.sqrt((1.0 + 2.0 * np.cumsum(correlation**2)) / strongest.size)
+    step = max(int(0.1 * rate), 4)
+    envelope = np.array([np.abs(correlation[k : k + step]).max() for k in range(correlation.size - step)])
+    loud = envelope >= 2.0 * scatter[: envelope.size]
+    # Close modes beat: quiet is what stays quiet for as long again.
+    quiet = (k for k in range(1, loud.size) if not loud[k] and not loud[k : 2 * k].any())
+    last = next(quiet, loud.size - 1)
+    if last < 4:
+        raise NotIdentifiableError(
+            "No correlation of the outputs stands out: they look white.",
+            advice="Is the structure excited, and the sensor sensitive enough?",
+        )
+    return last / rate
+
+
+def band_kurtosis(y: np.ndarray, rate: float, frequency: float, width: float) -> float:
+    """Return the kurtosis of y (N, l) in a band [Hz] about a frequency, of the output strongest there.
+
+    Three for a mode that noise excites, 1.5 for a sine.
+    """
+    low, high = max(frequency - width / 2, 1e-3 * rate), min(frequency + width / 2, 0.499 * rate)
+    band = sosfiltfilt(butter(2, (low, high), "bandpass", fs=rate, output="sos"), y, axis=0)
+    strongest = band[:, int(np.argmax(np.var(band, axis=0)))]
+    return float(kurtosis(strongest, fisher=False))
+
+
+def _block_covariances(y: np.ndarray, rows: int, blocks: int) -> np.ndarray:
+    """Covariances (blocks, rows l, rows l) between future and past, of as many blocks of the record."""
+    columns = len(y) - 2 * rows + 1
+    if columns < 2 * blocks:
+        raise NotIdentifiableError(
+            f"{len(y)} samples are too few for {rows} block rows.", advice="Record longer.", samples=len(y)
+        )
+    edges = np.linspace(0, columns, blocks + 1).astype(int)
+    return np.array(
+        [
+            block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / (b - a)
+            for a, b in pairwise(edges.tolist())
+        ]
+    )
+
+
+def _resampled(
+    small: np.ndarray,
+    weights: np.ndarray,
+    left: np.ndarray,
+    right: np.ndarray,
+    outputs: int,
+    rate: float,
+    orders: Sequence[int],
+) -> tuple[Poles, ...]:
+    inner, singular, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
+    return observability_poles(left @ inner, singular, outer @ right, outputs, rate, orders)
+
+
+def _grouped(found: list[list[Mode]], tolerance: float) -> list[list[Mode]]:
+    """Put the modes of different windows that are one and the same together; at most one of each window."""
+    every = sorted((m for modes in found for m in modes), key=lambda m: m.frequency)
+    groups: list[list[Mode]] = []
+    for mode in every:
+        near = groups[-1] if groups else []
+        centre = np.median([m.frequency for m in near]) if near else 0.0
+        if (
+            near
+            and mode.frequency - centre <= 1.5 * tolerance * centre
+            and mac(near[0].shape, mode.shape)[0, 0] > 0.9
+        ):
+            near.append(mode)
+        else:
+            groups.append([mode])
+    return groups
+
+
+def _enough(windows: int) -> float:
+    return max(AGREEING, 0.7 * windows)
+
+
+def _finest(found: list[list[Mode]], tolerance: float) -> list[int]:
+    """Windows that resolve most: with the largest number of modes on which three or more windows agree.
+
+    Too short a window merges close modes, too long a one splits them by noise, each time elsewhere.
+    """
+    for count in sorted({len(modes) for modes in found}, reverse=True):
+        used = [k for k, modes in enumerate(found) if len(modes) == count]
+        groups = _grouped([found[k] for k in used], tolerance)
+        if sum(len(g) >= _enough(len(used)) for g in groups) == count:
+            return used
+    return []
+
+
+def _scatter(groups: list[list[Mode]], again: list[list[tuple[Poles, ...]]]) -> np.ndarray:
+    """Deviations (replicates, windows, modes, 2) of frequency and damping; NaN where a mode got lost.
+
+    In each resampled record, for each window and order, every mode is given a pole of its own, so that close
+    modes do not share one. The deviation is the median over orders, as the estimate is.
+    """
+    frequency = np.array([np.median([m.frequency for m in g]) for g in groups])
+    damping = np.array([np.median([m.damping for m in g]) for g in groups])
+    moved = np.full((len(again[0]), len(again), RESAMPLED_ORDERS, len(groups), 2), np.nan)
+    for window, replicas in enumerate(again):
+        for r, by_order in enumerate(replicas):
+            for o, poles in enumerate(by_order):
+                good = (poles.damping > 0.0) & (poles.damping < 0.2) & (poles.contributions > 0.05)
+                if not good.any():
+                    continue
+                f, z = poles.frequency[good], poles.damping[good]
+                # close modes differ in damping more than in frequency
+                away = np.abs(np.log(f / frequency[:, None]))
+                cost = away + 0.01 * np.abs(np.log(z / damping[:, None]))
+                for k, j in zip(*linear_sum_assignment(np.minimum(cost, SAME_POLE)), strict=True):
+                    if away[k, j] < SAME_POLE:
+                        moved[r, window, o, k] = f[j] - frequency[k], z[j] - damping[k]
+    found = np.mean(np.isfinite(moved[..., 0]), axis=2) > 0.25  # no median of nothing
+    middle = np.nanmedian(np.where(found[:, :, None, :, None], moved, 0.0), axis=2)
+    return np.where(found[..., None], middle, np.nan)
+
+
+def _sigma(scatter: np.ndarray) -> np.ndarray:
+    """Standard deviations (k,) of scatter (replicates, windows, k): the median over windows.
+
+    The estimate is a median over windows, which scatters a little less. Infinite where most of the windows
+    lose the mode in half of the resampled records.
+    """
+    kept = np.isfinite(scatter).all(axis=2)
+    lost = np.asarray(2 * kept.sum(axis=0) < len(scatter))
+    square = np.where(kept[..., None], scatter, 0.0) ** 2
+    sigma = np.sqrt(square.sum(axis=0) / np.maximum(kept.sum(axis=0), 1)[:, None])
+    return np.median(np.where(lost[:, None], np.inf, sigma), axis=0)
+
+
+def _mode(group: list[Mode], windows: int, sigma: np.ndarray, y: np.ndarray, rate: float) -> AmbientMode:
+    frequency = float(np.median([m.frequency for m in group]))
+    damping = float(np.median([m.damping for m in group]))
+    peaked = band_kurtosis(y, rate, frequency, max(4.0 * damping, 0.01) * frequency)
+    return AmbientMode(
+        frequency, float(sigma[0]), damping, float(sigma[1]), group[len(group) // 2].shape,
+        float(np.median([m.contribution for m in group])), len(group) / windows, peaked,
+    )  # fmt: skip
