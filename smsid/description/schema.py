@@ -189,6 +189,17 @@ class Description(Table):
             )
         return found[name]
 
+    def effective_sensors(self) -> tuple[Sensor, ...]:
+        """Return the sensors after every effect's `adjust`, in order: what records, as far as is known.
+
+        Raises `DescriptionError` for an effect that does not fit the sensor it names.
+        """
+        sensors = self.sensor
+        for effect in self.effect:
+            resolved = effect.resolved(self)
+            sensors = tuple(resolved.adjust(sensor) for sensor in sensors)
+        return sensors
+
     def with_effects(self, *effects: Effect) -> Description:
         """Return a copy in which each effect replaces the one of its name, or is added."""
         known = {e.name: e for e in self.effect}

@@ -16,14 +16,26 @@ from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
 if TYPE_CHECKING:
+    from smsid.description.schema import Description
     from smsid.model.assembly import Assembly
+    from smsid.model.spacecraft import SpacecraftModel
+    from smsid.sensing.sensor import Sensor
+    from smsid.simulate.inputs import Inputs
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+
+AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "yy", "xz", "yz", "zz")}
+"""Names of the elements of a parameter, by how many it has."""
 
 
 def physical(unit: str, *, lower: float = -math.inf, upper: float = math.inf, **kwargs: Any) -> Any:
-    """Declare a field of an `Effect` as a physical parameter (scalar or 3-vector) with unit and bounds."""
+    """Declare a field of an `Effect` as a physical parameter with unit and bounds.
+
+    It is a scalar, a 3-vector, or the 6 elements of a symmetric matrix (xx, xy, yy, xz, yz, zz); ``None`` as
+    value takes it out of the parameters.
+    """
     return Field(json_schema_extra={"unit": unit, "lower": lower, "upper": upper}, **kwargs)
 
 
@@ -33,12 +45,20 @@ class Effect(Table):
     Subclasses declare their parameters as fields made with `physical`, and override what they do:
 
     - `attach` adds joints, inertia, springs or nonlinear forces to the model (see `Assembly`),
-    - ``command`` and ``measure`` hooks are added by the families that act on inputs and sensors.
+    - `drive` changes what the plant gets of what is commanded,
+    - `adjust` changes a sensor: where it sits, and its errors.
+
+    ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
+    this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
+    changes nothing at all.
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name).
     """
 
     summary: ClassVar[str] = ""
+    family: ClassVar[str] = "other"
+    aliases: ClassVar[tuple[str, ...]] = ()
+    strength: ClassVar[tuple[str, ...]] = ()
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -94,7 +114,7 @@ class Effect(Table):
             field, _, axis = name.removeprefix(f"{self.name}.").partition(".")
             if axis:
                 vector = list(update.get(field, getattr(self, field)))
-                vector["xyz".index(axis)] = float(value)
+                vector[AXES[len(vector)].index(axis)] = float(value)
                 update[field] = tuple(vector)
             else:
                 update[field] = float(value)
@@ -122,8 +142,50 @@ class Effect(Table):
                 advice="Keep them within bounds.",
             ) from cause
 
+    def without_strength(self) -> Effect:
+        """Return the effect with its ``strength`` parameters at zero, where it changes nothing.
+
+        Raises `DescriptionError` for an effect that names none.
+        """
+        if not self.strength:
+            raise DescriptionError(f"An effect of kind '{self.kind}' names no strength.", kind=self.kind)
+        update: dict[str, Any] = {}
+        for field in self.strength:
+            value = getattr(self, field)
+            update[field] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
+        return self._replaced(update)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the effect to the model being assembled."""
+
+    def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
+        """Return what the plant gets when ``inputs`` are commanded; recordings keep the commands."""
+        return inputs
+
+    def adjust(self, sensor: Sensor) -> Sensor:
+        """Return what the effect makes of a sensor."""
+        return sensor
+
+    def resolved(self, description: Description) -> Effect:
+        """Return the effect with names that only the whole description explains put as numbers."""
+        return self
+
+
+class Starting(Effect):
+    """An effect that may begin midway: nothing of it acts before ``start``."""
+
+    start: float | None = Field(
+        default=None, description="time from which it acts [s]; always when not given"
+    )
+
+    def active(self, t: float) -> bool:
+        """Whether it acts at t [s]."""
+        return self.start is None or t >= self.start
+
+    @property
+    def onset(self) -> tuple[float, ...]:
+        """The time at which it begins, if it does."""
+        return () if self.start is None else (self.start,)
 
 
 E = TypeVar("E", bound=type[Effect])
@@ -203,9 +265,15 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
 
 def _flatten(value: Any) -> list[tuple[str, float]]:
     if isinstance(value, tuple):
-        return [(f".{axis}", float(x)) for axis, x in zip("xyz", value, strict=True)]
+        return [(f".{axis}", float(x)) for axis, x in zip(AXES[len(value)], value, strict=True)]
     return [("", float(np.float64(value)))]
 
 
 ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
-"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place."""
+"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
+
+tau holds the applied forces and what terms before it added."""
+
+InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Inertia that no body of the model has: called with (t, q, v), returns what it adds to the mass matrix
+(nv, nv) and to the nonlinear effects (nv,) (Coriolis, centrifugal, weight)."""

@@ -67,7 +67,7 @@ def fly(
     ``rate`` [Hz] is that of the shared clock (default: the fastest sensor). Raises `ExperimentError` when the
     experiment does not fit the spacecraft or the description has no sensors.
     """
-    sensors = model.description.sensor
+    sensors = model.description.effective_sensors()
     if not sensors:
         raise ExperimentError(
             f"'{model.description.name}' has no sensors, so nothing would be recorded.",
@@ -75,8 +75,15 @@ def fly(
         )
     _check_sensors(model)
     inputs = experiment.inputs()
+    # a clock that is ahead reports what happens after the end
+    lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
     trajectory = simulate(
-        model, inputs, experiment.duration, q0=experiment.start(model), tolerance=tolerance, progress=progress
+        model,
+        inputs,
+        experiment.duration + lead,
+        q0=experiment.start(model),
+        tolerance=tolerance,
+        progress=progress,
     )
     truth = truth_of(trajectory, sensors)
     available = truth(np.array([trajectory.start]))
@@ -86,7 +93,8 @@ def fly(
         truth,
         sensors,
         start=trajectory.start,
-        stop=trajectory.stop,
+        stop=trajectory.start + experiment.duration,
+        known_until=trajectory.stop,
         rng=rng,
         exact=exact,
         rate=rate,
@@ -101,7 +109,9 @@ def fly(
             "experiment": experiment.model_dump(mode="json", by_alias=True, exclude_none=True),
         },
     )
-    times = np.linspace(trajectory.start, trajectory.stop, max(200, int(20 * experiment.duration)) + 1)
+    times = np.linspace(
+        trajectory.start, trajectory.start + experiment.duration, max(200, int(20 * experiment.duration)) + 1
+    )
     return Flight(trajectory, recording, limit_use(model, trajectory.states(times), inputs.hold_attitude))
 
 

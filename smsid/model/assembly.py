@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import ForceTerm
+from smsid.effects.base import ForceTerm, InertiaTerm
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -37,6 +37,10 @@ class Assembly:
     trusted: frozenset[str] = frozenset()  # joints whose bodies' inertia is taken as it is
     springs: list[tuple[int, int, float, float]] = field(default_factory=list)  # joint, axis, k, d
     forces: list[ForceTerm] = field(default_factory=list)
+    loads: list[ForceTerm] = field(default_factory=list)  # called first: tau is the applied force alone
+    inertias: list[InertiaTerm] = field(default_factory=list)
+    breakpoints: list[float] = field(default_factory=list)  # times at which a force jumps [s]
+    motors: dict[int, int] = field(default_factory=dict)  # joint: joint whose angle the encoder adds
     slosh: dict[str, int] = field(default_factory=dict)
     appendages: list[AppendageJoints] = field(default_factory=list)
 
@@ -85,7 +89,7 @@ class Assembly:
         bus they move nothing and are left out. Raises `DescriptionError` when the sum is not physical.
         """
         joint, offset = self.frame(frame)
-        if joint == 0:
+        if joint == 0 or not theta.any():
             return
         total = self.model.inertias[joint].toDynamicParameters() + move_parameters(offset * placement, theta)
         name = self.model.names[joint]
@@ -110,9 +114,19 @@ class Assembly:
         for axis, (k, d) in enumerate(zip(stiffness, damping, strict=True)):
             self.springs.append((joint, axis, float(k), float(d)))
 
-    def add_force(self, term: ForceTerm) -> None:
-        """Add a nonlinear generalised force."""
+    def add_force(self, term: ForceTerm, breakpoints: Sequence[float] = ()) -> None:
+        """Add a nonlinear generalised force, with the times at which it jumps [s]."""
         self.forces.append(term)
+        self.breakpoints += breakpoints
+
+    def add_load_force(self, term: ForceTerm) -> None:
+        """Add a generalised force that depends on the applied ones: it finds these in tau."""
+        self.loads.append(term)
+
+    def add_inertia_term(self, term: InertiaTerm, breakpoints: Sequence[float] = ()) -> None:
+        """Add inertia that no body of the model can have: varying in time, or not of a rigid body."""
+        self.inertias.append(term)
+        self.breakpoints += breakpoints
 
     def note_slosh(self, name: str, joint: int) -> None:
         """Remember which joint is a slosh mass."""

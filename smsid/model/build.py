@@ -11,8 +11,9 @@ import pinocchio as pin
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.errors import DescriptionError
 from smsid.model.assembly import Assembly
+from smsid.model.inertial_forces import InertialForces
 from smsid.model.load import load_bus, mount_arm
-from smsid.model.spacecraft import JointGroup, SloshJoint, SpacecraftModel, set_group_angles
+from smsid.model.spacecraft import JointGroup, SloshJoint, Source, SpacecraftModel, set_group_angles
 
 
 def build_model(description: Description, *, visuals: bool = False) -> SpacecraftModel:
@@ -23,17 +24,41 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
     missing file, mesh, frame or joint, and `MissingDependencyError` for a robot without example-robot-data.
     """
     d = description
-    free = d.root == "free"
     loaded = load_bus(d, visuals)
-    own_joints = list(loaded.model.names)[2 if free else 1 :]
-    trusted = {*own_joints, "root_joint"} if d.inertias == "trusted" else set()
-    mounted: dict[str, list[str]] = {}
+    own_joints = tuple(loaded.model.names)[2 if d.root == "free" else 1 :]
+    mounted: dict[str, tuple[str, ...]] = {}
     for arm in d.arm:
         if arm.mounted:
             with _placed("arm", arm.name):
-                loaded, mounted[arm.name] = mount_arm(loaded, arm, d)
-            trusted |= set(mounted[arm.name]) if arm.inertias == "trusted" else set()
-    model = loaded.model
+                loaded, names = mount_arm(loaded, arm, d)
+            mounted[arm.name] = tuple(names)
+    return _assembled(d, Source(loaded.model, own_joints, mounted), loaded.visual)
+
+
+def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel:
+    """Return the model of a description like that of ``model``, without reading the URDFs again.
+
+    Description and model share URDF, root, arms and everything else that is loaded; effects, wheels, sensors,
+    gravity and thrust may differ, and the result is that of `build_model` without visuals. Where they do not
+    share it, it is built from the files. Raises what `build_model` raises.
+    """
+    if model.source is None or any(
+        getattr(description, key) != getattr(model.description, key) for key in _LOADED
+    ):
+        return build_model(description)
+    return _assembled(description, model.source, None)
+
+
+_LOADED = ("urdf", "folder", "root", "meshes", "inertias", "package_dirs", "arm")
+
+
+def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None) -> SpacecraftModel:
+    free = d.root == "free"
+    trusted = {*source.own_joints, "root_joint"} if d.inertias == "trusted" else set()
+    for arm in d.arm:
+        if arm.mounted and arm.inertias == "trusted":
+            trusted |= set(source.mounted[arm.name])
+    model = source.pin.copy()
     model.gravity.linear = np.asarray(d.gravity)
 
     assembly = Assembly(model, base=1 if free else 0, trusted=frozenset(trusted))
@@ -45,15 +70,16 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
         with _placed("effect", effect.name):
             effect.attach(assembly)
 
-    arms = _arms(assembly, d, own_joints, mounted)
+    arms = _arms(assembly, d, source)
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])
     _check_roles(model, all_joints, wheels)
     home = _home(model, d, arms)
     _check_masses(model, free, home)
+    inertial = InertialForces(model, assembly.inertias) if assembly.inertias else None
     return SpacecraftModel(
         description=d,
         pin=model,
-        visual=loaded.visual,
+        visual=visual,
         data=model.createData(),
         free=free,
         arms=arms,
@@ -64,9 +90,14 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
         modes=JointGroup.of(model, [j for a in assembly.appendages for j in a.joints]),
         mode_scale=np.concatenate([a.scale for a in assembly.appendages] or [np.zeros(0)]),
         **_springs(assembly),
-        forces=tuple(assembly.forces),
+        forces=(*assembly.forces, *((inertial,) if inertial else ())),
         home=home,
         thrust_point=np.asarray(d.thrust.point, dtype=float),
+        loads=tuple(assembly.loads),
+        inertial=inertial,
+        breakpoints=tuple(sorted(set(assembly.breakpoints))),
+        motors=_motors(model, all_joints, assembly.motors),
+        source=source,
     )
 
 
@@ -94,15 +125,26 @@ def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     return joint
 
 
-def _arms(
-    assembly: Assembly, d: Description, own_joints: list[str], mounted: dict[str, list[str]]
-) -> dict[str, JointGroup]:
+def _motors(
+    model: pin.Model, arm_joints: JointGroup, motors: dict[int, int]
+) -> tuple[tuple[int, int, int], ...]:
+    place = {int(j): i for i, j in enumerate(arm_joints.joints)}
+    return tuple(
+        (place[joint], model.joints[extra].idx_q, model.joints[extra].idx_v)
+        for joint, extra in motors.items()
+        if joint in place
+    )
+
+
+def _arms(assembly: Assembly, d: Description, source: Source) -> dict[str, JointGroup]:
     wheels = {w.joint for w in d.wheel if w.joint}
     arms = {}
     for arm in d.arm or (Arm(name="arm"),):
-        names = mounted.get(arm.name)
+        names = source.mounted.get(arm.name)
         if names is None:
-            names = arm.joints if arm.joints is not None else [n for n in own_joints if n not in wheels]
+            names = (
+                arm.joints if arm.joints is not None else [n for n in source.own_joints if n not in wheels]
+            )
         with _placed("arm", arm.name):
             group = JointGroup.of(assembly.model, [assembly.joint_id(n) for n in names])
         if len(group):

@@ -11,6 +11,7 @@ import pinocchio as pin
 from smsid.description.schema import Description
 from smsid.effects.base import ForceTerm
 from smsid.model.assembly import AppendageJoints
+from smsid.model.inertial_forces import InertialForces
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,23 @@ class SloshJoint:
 
 
 @dataclass(frozen=True)
+class Source:
+    """What was loaded for a model, before wheels and effects: for `smsid.model.rebuild`."""
+
+    pin: pin.Model
+    own_joints: tuple[str, ...]
+    mounted: dict[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
 class SpacecraftModel:
     """A spacecraft ready to compute with.
 
     ``pin`` is the Pinocchio model; q = (p, quaternion xyzw, joints), v = (v_body, omega_body, joint rates) of
     the bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and
-    ``damping``. Not safe to share between threads: ``data`` is scratch space.
+    ``damping``; ``loads`` are forces that depend on the applied ones and come first, ``forces`` all other
+    nonlinear ones, the last of them ``inertial`` if there is any; at ``breakpoints`` [s] a force jumps.
+    What an encoder reads is `encoder_angles`. Not safe to share between threads: ``data`` is scratch space.
     """
 
     description: Description
@@ -78,6 +90,11 @@ class SpacecraftModel:
     forces: tuple[ForceTerm, ...]
     home: np.ndarray
     thrust_point: np.ndarray
+    loads: tuple[ForceTerm, ...] = ()
+    inertial: InertialForces | None = None
+    breakpoints: tuple[float, ...] = ()
+    motors: tuple[tuple[int, int, int], ...] = ()  # index of the arm joint, q and v of what its encoder adds
+    source: Source | None = None
 
     @property
     def nq(self) -> int:
@@ -100,11 +117,19 @@ class SpacecraftModel:
         self.add_passive_forces(t, q, v, tau)
         return tau
 
-    def add_passive_forces(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-        """Add the forces of springs, dampers and nonlinear effects to tau (nv,), in place."""
+    def add_passive_forces(
+        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, *, inertial: bool = True
+    ) -> None:
+        """Add the forces of springs, dampers and nonlinear effects to tau (nv,), the applied forces.
+
+        ``inertial=False`` leaves out `InertialForces`, which hold where no motion is prescribed.
+        """
+        for term in self.loads:
+            term(t, q, v, tau)
         tau[self.spring_v] -= self.stiffness * q[self.spring_q] + self.damping * v[self.spring_v]
         for term in self.forces:
-            term(t, q, v, tau)
+            if inertial or term is not self.inertial:
+                term(t, q, v, tau)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,), equations (10)-(15)."""
@@ -139,6 +164,20 @@ class SpacecraftModel:
     def joint_angles(self, q: np.ndarray) -> np.ndarray:
         """Return the angles of the arm joints from q (..., nq): (..., joints) [rad]."""
         return group_angles(self.pin, self.arm_joints, q)
+
+    def encoder_angles(self, q: np.ndarray) -> np.ndarray:
+        """Return what encoders of the arm joints see of q (..., nq): (..., joints) [rad], motors' angles."""
+        angles = self.joint_angles(q)
+        for i, k, _ in self.motors:
+            angles[..., i] += q[..., k]
+        return angles
+
+    def encoder_rates(self, v: np.ndarray) -> np.ndarray:
+        """Return what encoders of the arm joints see of v (..., nv): (..., joints) [rad/s]."""
+        rates = np.array(v[..., self.arm_joints.v])
+        for i, _, k in self.motors:
+            rates[..., i] += v[..., k]
+        return rates
 
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return a copy of q (nq,) with the arm joints at these angles."""

@@ -1,4 +1,4 @@
-"""The error of one measured quantity: delay, misalignment, scale, bias, noise, saturation, quantisation."""
+"""The error of one measured quantity: delay, misalignment, scale, bias, noise, outliers, a stuck channel."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._noise import FloatArray, gauss_markov, random_walk, sampling_rate
 from smsid.sensing._resample import resample
+from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Magnitude = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]
 
@@ -32,8 +31,8 @@ class ErrorModel(BaseModel):
     What is not given is zero: ``ErrorModel()`` is a perfect sensor. A value is a scalar or one value per axis
     (last dimension of the data). The errors are applied in this order::
 
-        delay -> misalignment -> scale -> bias (constant + instability + random walk) -> white noise
-              -> saturation -> quantisation
+        delay, time offset -> misalignment -> scale -> bias (constant + instability + random walk)
+              -> white noise -> outliers -> saturation -> quantisation -> stuck
 
     An attitude is a quaternion; its bias, noise, instability and random walk are rotation vectors [rad] in
     the sensor's frame, ``q_measured = q * exp(misalignment) * exp(bias + noise)``. Scale, saturation and
@@ -60,6 +59,13 @@ class ErrorModel(BaseModel):
         quantisation: step of the output, rounded to nearest [unit].
         saturation: the output is clipped to ``+-saturation`` [unit] (before rounding to a step).
         delay: age of what is reported [s]: the sample at ``t`` is the truth at ``t - delay``.
+        time_offset: error of the sensor's clock [s], either sign, on top of ``delay``: the sample at ``t`` is
+            the truth at ``t - delay - time_offset``.
+        bias_from: time from which ``bias`` is there [s]; always when not given.
+        outlier_rate: share of samples that are outliers [1], drawn for each component.
+        outlier_size: standard deviation of what an outlier adds [unit].
+        stuck_from: time from which the channel repeats its last value [s]; never when not given.
+        components: errors of single components on top, by index (see `smsid.sensing.component`).
 
     Bias instability. The in-run bias is a stationary first-order Gauss-Markov process of standard deviation
     ``s`` and correlation time ``T``. Its Allan variance is (IEEE Std 952, exponentially correlated noise,
@@ -94,6 +100,12 @@ class ErrorModel(BaseModel):
     quantisation: Magnitude = 0.0
     saturation: Positive | None = None
     delay: Magnitude = 0.0
+    time_offset: Finite = 0.0
+    bias_from: Finite | None = None
+    outlier_rate: Share = 0.0
+    outlier_size: Magnitude = 0.0
+    stuck_from: Finite | None = None
+    components: dict[str, ComponentError] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _consistent(self) -> ErrorModel:
@@ -111,9 +123,15 @@ class ErrorModel(BaseModel):
         return np.asarray(self.bias_instability, dtype=float) / GAUSS_MARKOV_ALLAN_PEAK
 
     @property
+    def lag(self) -> float:
+        """Age of what a sample reports, by its own stamp [s]: delay plus time offset."""
+        return self.delay + self.time_offset
+
+    @property
     def not_of_attitude(self) -> tuple[str, ...]:
         """The terms given that have no meaning for an attitude."""
-        return tuple(name for name in _NOT_OF_ATTITUDE if _any(getattr(self, name)))
+        components = ("components",) if self.components else ()
+        return (*(name for name in _NOT_OF_ATTITUDE if _any(getattr(self, name))), *components)
 
     @property
     def misaligned(self) -> bool:
@@ -159,8 +177,8 @@ class ErrorModel(BaseModel):
             rng: source of every draw; it needs a seed sequence (`numpy.random.default_rng` has one).
             attitude: the values are quaternions.
             rate: sampling rate [Hz] of ``noise_density``; by default from the median step of ``times``.
-            delayed: ``ideal`` is already the truth at ``t - delay``; otherwise it is interpolated (see
-                `resample`), holding the first value before the start.
+            delayed: ``ideal`` is already the truth at ``t - lag``; otherwise it is interpolated (see
+                `resample`), holding the first value before the start and the last after the end.
 
         Raises:
             RecordingError: shapes do not fit, a value is not finite, times do not increase, or the rate is
@@ -169,16 +187,14 @@ class ErrorModel(BaseModel):
         """
         t, x = _checked(times, ideal, attitude)
         draw = dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
-        if self.delay > 0.0 and not delayed:
-            x = resample(t, x, np.maximum(t - self.delay, t[0]), attitude=attitude)
+        if not delayed:
+            x = self._late(t, x, attitude)
         shape = (*x.shape[:-1], 3) if attitude else x.shape
         self._check_axes(shape, attitude)
 
         x = self._misalign(x, draw["misalignment"], attitude)
-        if self.scaled:
-            scale = _fixed(self.scale_error, self.scale_sigma, shape, draw["scale"])
-            x = x * (1.0 + scale)
-        error = np.zeros(shape) + _fixed(self.bias, self.bias_sigma, shape, draw["bias"])
+        x = self._scale(x, draw["scale"])
+        error = self._biases(t, shape, draw["bias"])
         if _any(self.bias_instability) and self.bias_correlation_time is not None:
             unit = gauss_markov(t, self.bias_correlation_time, shape, draw["markov"])
             error += self.gauss_markov_sigma * unit
@@ -188,13 +204,94 @@ class ErrorModel(BaseModel):
             if rate is None and self.noise_density is not None:
                 rate = sampling_rate(t)
             error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)
+        self._add_outliers(error, draw["outlier"], draw["outlier size"])
         if attitude:
-            return _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
-        y = x + error
-        if self.saturation is not None:
-            y = np.clip(y, -self.saturation, self.saturation)
+            y = _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
+        else:
+            y = x + error
+            if self.saturation is not None:
+                y = np.clip(y, -self.saturation, self.saturation)
+            y = self._quantise(y)
+        return self._stick(t, y)
+
+    def systematic(
+        self, times: ArrayLike, ideal: ArrayLike, attitude: bool = False, *, delayed: bool = False
+    ) -> FloatArray:
+        """Return the part of what the sensor reports that is the same every time, without limits and steps.
+
+        Delay and time offset (as in `apply`, arguments too), misalignment, scale, bias and a stuck channel;
+        nothing is drawn, saturated or rounded.
+
+        Raises what `apply` raises.
+        """
+        t, x = _checked(times, ideal, attitude)
+        if not delayed:
+            x = self._late(t, x, attitude)
+        shape = (*x.shape[:-1], 3) if attitude else x.shape
+        self._check_axes(shape, attitude)
+        fixed = self.model_copy(update={"bias_sigma": 0.0, "scale_sigma": 0.0, "misalignment_sigma": 0.0})
+        unused = np.random.default_rng(0)
+        x = fixed._scale(fixed._misalign(x, unused, attitude), unused)
+        error = fixed._biases(t, shape, unused)
+        if attitude:
+            return self._stick(t, _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
+        return self._stick(t, x + error)
+
+    def _late(self, t: FloatArray, x: FloatArray, attitude: bool) -> FloatArray:
+        if self.lag == 0.0:
+            return x
+        return resample(t, x, np.clip(t - self.lag, t[0], t[-1]), attitude=attitude)
+
+    def _scale(self, x: FloatArray, rng: np.random.Generator) -> FloatArray:
+        parts = {key: part.scale_error for key, part in self.components.items() if part.scale_error}
+        if not (self.scaled or parts):
+            return x
+        factor = np.zeros(x.shape) + (1.0 + _fixed(self.scale_error, self.scale_sigma, x.shape, rng))
+        for key, error in parts.items():
+            factor[place_of(key, x.shape)] += error
+        return x * factor
+
+    def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+        drawn = _fixed(0.0, self.bias_sigma, shape, rng)
+        error = np.zeros(shape) + drawn
+        late = slice(None) if self.bias_from is None else t >= self.bias_from
+        error[late] += _fixed(self.bias, 0.0, shape, rng)
+        for key, part in self.components.items():
+            if part.bias:
+                on = np.zeros(shape)
+                on[place_of(key, shape)] = part.bias
+                error += on if part.bias_from is None else _column(t >= part.bias_from, shape) * on
+        return error
+
+    def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
+        parts = {k: p for k, p in self.components.items() if p.outlier_rate > 0.0}
+        if not (self.outlier_rate > 0.0 or parts):
+            return
+        chance, draw = which.random(error.shape), size.standard_normal(error.shape)
+        error += np.where(chance < self.outlier_rate, self.outlier_size * draw, 0.0)
+        for key, part in parts.items():
+            place = place_of(key, error.shape)
+            again = which.random(error[place].shape) < part.outlier_rate
+            error[place] += np.where(again, part.outlier_size * size.standard_normal(again.shape), 0.0)
+
+    def _quantise(self, y: FloatArray) -> FloatArray:
         if self.quantisation > 0.0:
             y = np.round(y / self.quantisation) * self.quantisation
+        for key, part in self.components.items():
+            if part.quantisation > self.quantisation:
+                place = place_of(key, y.shape)
+                y = y.copy()
+                y[place] = np.round(y[place] / part.quantisation) * part.quantisation
+        return y
+
+    def _stick(self, t: FloatArray, y: FloatArray) -> FloatArray:
+        if self.stuck_from is not None:
+            y = held(t, y, self.stuck_from)
+        for key, part in self.components.items():
+            if part.stuck_from is not None:
+                place = place_of(key, y.shape)
+                y = y.copy()
+                y[place] = held(t, y[place], part.stuck_from)
         return y
 
     def _misalign(self, x: FloatArray, rng: np.random.Generator, attitude: bool) -> FloatArray:
@@ -232,7 +329,7 @@ class ErrorModel(BaseModel):
             )
 
 
-_TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white")
+_TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white", "outlier", "outlier size")
 _NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation", "quantisation")
 _PER_AXIS = (
     "noise_density",
@@ -256,6 +353,10 @@ def _fixed(value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Genera
     if not _any(sigma):
         return fixed
     return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
+
+
+def _column(values: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    return values.reshape(-1, *(1,) * (len(shape) - 1))
 
 
 def _compose(quaternions: FloatArray, turn: Rotation) -> FloatArray:

@@ -34,13 +34,15 @@ def observe(
     role: str = "estimation",
     name: str = "",
     provenance: Mapping[str, Any] | None = None,
+    known_until: float | None = None,
 ) -> Recording:
     """Return what the sensors record between ``start`` and ``stop``.
 
-    Each sensor is sampled at its own rate, and its delay is exact: the truth is asked at ``t - delay`` (at
-    ``start`` before that). Sensors at ``rate`` share the recording's ``time``; any other has its own clock.
-    The noise of a channel depends on ``rng`` and the channel's name alone, so adding, dropping or reordering
-    sensors does not change that of the others; calling again with the same generator gives fresh noise.
+    Each sensor is sampled at its own rate, and its delay and time offset are exact: the truth is asked at
+    ``t - delay - time_offset`` (at ``start`` before that, at ``known_until`` after that). Sensors at
+    ``rate`` share the recording's ``time``; any other has its own clock. The noise of a channel depends
+    on ``rng`` and the channel's name alone, so adding, dropping or reordering sensors does not change
+    that of the others; calling again with the same generator gives fresh noise.
 
     Args:
         truth: takes (N,) times [s], not decreasing and perhaps repeated, and returns exact values by channel
@@ -56,6 +58,8 @@ def observe(
         role: ``estimation`` or ``validation``, handed to the recording.
         name: of the recording.
         provenance: more to remember; sensors and seed are always noted.
+        known_until: last time the truth can be asked for [s]; ``stop`` when not given. A clock that is ahead
+            reports what happens after ``stop``.
 
     Raises:
         RecordingError: a channel that the truth does not give, two sensors of one name, no samples between
@@ -70,19 +74,20 @@ def observe(
             )
         rate = max(s.rate for s in sensors)
     shared = sample_times(start, stop, rate)
+    last = stop if known_until is None else known_until
     streams = _Streams(rng)
     evaluated: dict[tuple[float, float], Mapping[str, FloatArray]] = {}
 
     def true_values(channel: str, sampling: float, times: FloatArray, delay: float) -> FloatArray:
         if (sampling, delay) not in evaluated:
-            evaluated[sampling, delay] = truth(np.maximum(times - delay, start))
+            evaluated[sampling, delay] = truth(np.clip(times - delay, start, last))
         return _lookup(evaluated[sampling, delay], channel)
 
     channels: dict[str, Any] = {}
     for sensor in sensors:
         times = shared if sensor.rate == rate else sample_times(start, stop, sensor.rate)
         for quantity, channel in zip(sensor.quantities, sensor.channels, strict=True):
-            ideal = true_values(channel, sensor.rate, times, sensor.error(quantity).delay)
+            ideal = true_values(channel, sensor.rate, times, sensor.error(quantity).lag)
             measured = sensor.measure(quantity, times, ideal, streams[channel], delayed=True)
             channels[channel] = measured if times is shared else (times, measured)
     for channel in exact:
@@ -129,12 +134,12 @@ def add_noise(recording: Recording, sensors: Sequence[Sensor], rng: np.random.Ge
             times = source
             if sensor.rate < uniform_rate(source, channel) * (1.0 - 1e-6):
                 times = sample_times(float(source[0]), float(source[-1]), sensor.rate)
-            delay = sensor.error(quantity).delay
-            if delay > 0.0 or times is not source:
+            delay = sensor.error(quantity).lag
+            if delay != 0.0 or times is not source:
                 values = resample(
                     source,
                     values,
-                    np.maximum(times - delay, source[0]),
+                    np.clip(times - delay, source[0], source[-1]),
                     attitude=quantity == "attitude",
                 )
             values = sensor.measure(quantity, times, values, streams[channel], delayed=True)

@@ -163,7 +163,7 @@ class Sensor(BaseModel):
             ideal: (N, ...) true values, shape, frame and unit of the quantity; body vectors are in the bus
                 frame, at the sensor's position.
             rng: source of every draw.
-            delayed: ``ideal`` is already the truth at ``t - delay``.
+            delayed: ``ideal`` is already the truth at ``t`` less delay and time offset.
 
         Raises:
             DescriptionError: the sensor does not measure it, or an error term does not fit its shape.
@@ -188,6 +188,27 @@ class Sensor(BaseModel):
             return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
         to_bus = self.rotation
         return model.apply(t, x @ to_bus, rng, rate=rate, delayed=delayed) @ to_bus.T
+
+    def systematic(
+        self, quantity: str, times: ArrayLike, ideal: ArrayLike, *, delayed: bool = False
+    ) -> FloatArray:
+        """Return what the sensor reports of one quantity but for what is drawn, saturated or rounded.
+
+        Arguments, axes and errors as in `measure`; see `ErrorModel.systematic`.
+        """
+        model = self.error(quantity)
+        attitude = quantity == "attitude"
+        x = np.asarray(ideal, dtype=float)
+        self._check_shape(quantity, x.shape)
+        if not any(self.orientation) or not (attitude or quantity in _BODY):
+            return model.systematic(times, x, attitude, delayed=delayed)
+        if attitude:
+            mount = Rotation.from_euler("xyz", self.orientation)
+            sensed = model.systematic(times, (Rotation.from_quat(x) * mount).as_quat(), True, delayed=delayed)
+            measured = (Rotation.from_quat(sensed) * mount.inv()).as_quat()
+            return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
+        to_bus = self.rotation
+        return model.systematic(times, x @ to_bus, delayed=delayed) @ to_bus.T
 
     def _check_shape(self, quantity: str, shape: tuple[int, ...]) -> None:
         if self.kind == "accelerometers":

@@ -1,5 +1,6 @@
 """Simulation: adaptive with dense output, and fixed-step for closed loops."""
 
+from smsid.simulate.changed import Delayed, Switched
 from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
 from smsid.simulate.inputs import Inputs, JointMotion
 from smsid.simulate.integrate import Tolerance, simulate
@@ -12,6 +13,7 @@ __all__ = [
     "ClosedLoop",
     "Constant",
     "Controller",
+    "Delayed",
     "Fourier",
     "Inputs",
     "JointMotion",
@@ -21,6 +23,7 @@ __all__ = [
     "States",
     "Steps",
     "Sum",
+    "Switched",
     "Tolerance",
     "Trajectory",
     "simulate",

@@ -11,13 +11,18 @@ from smsid.simulate.inputs import Inputs, Prescribed
 
 
 class Dynamics:
-    """Right-hand side of (10)-(15) under given inputs."""
+    """Right-hand side of (10)-(15) under given inputs.
+
+    ``inputs`` are commands; ``applied`` is what the plant gets of them as a generalised force (nv,).
+    """
 
     def __init__(self, model: SpacecraftModel, inputs: Inputs) -> None:
         inputs.check(model)
         self.model = model
         self.inputs = inputs
-        self.applied = inputs.applied(model)
+        driven = inputs.driven(model)
+        self.applied = driven.applied(model)
+        self.breakpoints = tuple(sorted({*driven.breakpoints, *model.breakpoints}))
         self.prescribed = Prescribed.of(model, inputs)
         self._hybrid_needed = bool(self.prescribed)
 
@@ -25,9 +30,10 @@ class Dynamics:
         """Return vdot (nv,). q and v must already satisfy what is prescribed."""
         m = self.model
         tau = np.array(self.applied(t))
-        m.add_passive_forces(t, q, v, tau)
         if not self._hybrid_needed:
+            m.add_passive_forces(t, q, v, tau)
             return pin.aba(m.pin, m.data, q, v, tau)
+        m.add_passive_forces(t, q, v, tau, inertial=False)
         return self._hybrid(t, q, v, tau)[0]
 
     def accelerations(
@@ -39,8 +45,13 @@ class Dynamics:
         """
         m = self.model
         tau = np.array(applied, dtype=float)
+        for term in m.loads:
+            for i in range(len(times)):
+                term(float(times[i]), q[i], v[i], tau[i])
         tau[:, m.spring_v] -= m.stiffness * q[:, m.spring_q] + m.damping * v[:, m.spring_v]
         for term in m.forces:
+            if term is m.inertial and self._hybrid_needed:
+                continue
             for i in range(len(times)):
                 term(float(times[i]), q[i], v[i], tau[i])
         a, reaction = np.empty_like(tau), np.zeros_like(tau)
@@ -60,6 +71,9 @@ class Dynamics:
         mass = pin.crba(m.pin, m.data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         bias = pin.nonLinearEffects(m.pin, m.data, q, v)
+        if m.inertial is not None:
+            more, extra = m.inertial.mass_and_bias(t, q, v)
+            mass, bias = mass + more, bias + extra
         a = self.prescribed.acceleration(t, m.nv)
         rhs = tau - bias - mass[:, given] @ a[given]
         _, x, info = lapack.dposv(mass[np.ix_(free, free)], rhs[free])

@@ -81,6 +81,13 @@ class Inputs:
                 advice="Leave out `force`, `torque`, `hold_attitude`.",
             )
 
+    def driven(self, model: SpacecraftModel) -> Inputs:
+        """Return what the plant gets when this is commanded: after every effect's `drive`."""
+        driven = self
+        for effect in model.description.effect:
+            driven = effect.drive(driven, model)
+        return driven
+
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which an input jumps [s]."""

@@ -66,7 +66,7 @@ def simulate(
         raise SimulationError(f"Cannot simulate for {duration} s.", advice="Give a positive duration.")
     q, v = dynamics.enforce(start, q, v)
     stop = start + duration
-    edges = [start, *(b for b in inputs.breakpoints if start < b < stop), stop]
+    edges = [start, *(b for b in dynamics.breakpoints if start < b < stop), stop]
     charts: list[Chart] = []
     step: float | None = None
     for t0, t1 in itertools.pairwise(edges):

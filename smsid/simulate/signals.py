@@ -265,8 +265,9 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
     """Return the signal at times (N,): (N, size)."""
     if isinstance(signal, Sampled):
         return np.asarray(signal.spline(times))
-    if isinstance(signal, Fourier):
-        return signal.sampled(np.asarray(times, dtype=float))
+    sampled = getattr(signal, "sampled", None)
+    if sampled is not None:
+        return sampled(np.asarray(times, dtype=float))
     return np.array([signal(float(t)) for t in times]).reshape(len(times), signal.size)
 
 

@@ -51,7 +51,8 @@ class Chart:
 class States:
     """States at sample times: q (N, nq), v (N, nv), a = vdot (N, nv), applied tau and reaction (N, nv).
 
-    ``tau`` are commanded inputs as generalised forces, ``reaction`` what enforces prescribed motion.
+    ``tau`` is what the plant gets of the commands, as generalised forces; ``reaction`` what enforces
+    prescribed motion.
     """
 
     time: np.ndarray
@@ -138,8 +139,10 @@ class Trajectory:
         mid = self.states(inner.ravel())
         rates = np.array(
             [
-                external_rates(model, float(t), q, v, tau)
-                for t, q, v, tau in zip(mid.time, mid.q, mid.v, mid.tau + mid.reaction, strict=True)
+                external_rates(model, float(t), q, v, tau, reaction, a)
+                for t, q, v, tau, reaction, a in zip(
+                    mid.time, mid.q, mid.v, mid.tau, mid.reaction, mid.a, strict=True
+                )
             ]
         )
         gained = np.einsum("snk,n,s->sk", rates.reshape(len(half), len(nodes), 7), weights, half)
@@ -165,15 +168,26 @@ def closing_audit(model: SpacecraftModel, q: np.ndarray, v: np.ndarray, gained: 
 
 
 def external_rates(
-    model: SpacecraftModel, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    model: SpacecraftModel,
+    t: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    tau: np.ndarray,
+    reaction: np.ndarray | None = None,
+    a: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the rates of (p, h) about the inertial origin and of the energy (7,) [N, N m, W].
 
-    ``tau`` (nv,) are the applied generalised forces with those that enforce prescribed motion; springs count
-    as stored energy, dampers and nonlinear effects as power.
+    ``tau`` (nv,) are the applied generalised forces, ``reaction`` those that enforce prescribed motion (then
+    accelerations ``a`` are needed); springs count as stored energy, dampers and nonlinear effects as power.
     """
-    passive = np.zeros(model.nv)
-    model.add_passive_forces(t, q, v, passive)
+    passive = tau.copy()
+    model.add_passive_forces(t, q, v, passive, inertial=a is None)
+    passive -= tau
+    if model.inertial is not None and a is not None:
+        passive += model.inertial.force(t, q, v, a)
+    if reaction is not None:
+        tau = tau + reaction
     passive[model.spring_v] += model.stiffness * q[model.spring_q]
     power = v @ (tau + passive)
     wrench = np.zeros(6)

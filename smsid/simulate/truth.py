@@ -8,9 +8,9 @@ import numpy as np
 
 from smsid.errors import DescriptionError
 from smsid.model.assembly import AppendageJoints
-from smsid.model.spacecraft import SpacecraftModel, group_angles
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor
-from smsid.simulate.signals import sample
+from smsid.simulate.signals import Signal, sample
 from smsid.simulate.trajectory import States, Trajectory
 
 
@@ -71,8 +71,8 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
             }
         case "encoder":
             found = {
-                "joint_position": _unwrapped(group_angles(model.pin, model.arm_joints, s.q)),
-                "joint_velocity": s.v[:, model.arm_joints.v],
+                "joint_position": _unwrapped(model.encoder_angles(s.q)),
+                "joint_velocity": model.encoder_rates(s.v),
             }
         case "tachometer":
             found = {"wheel_rate": s.v[:, model.wheels.v]}
@@ -83,8 +83,11 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
 
 
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
-    """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint
-    torques."""
+    """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint torques.
+
+    Effects on the actuators are between these and what the plant gets. Torques that enforce prescribed motion
+    count as commanded as they act.
+    """
     model, inputs = trajectory.model, trajectory.inputs
     found: dict[str, np.ndarray] = {}
     n = len(s.time)
@@ -95,10 +98,15 @@ def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
             torque = torque + s.reaction[:, 3:6]
         found["command.torque"] = torque
     if len(model.wheels):
-        found["command.wheel_torque"] = s.tau[:, model.wheels.v] + s.reaction[:, model.wheels.v]
+        found["command.wheel_torque"] = _asked(inputs.wheel_torque, s, model.wheels.v)
     if len(model.arm_joints):
-        found["command.joint_torque"] = s.tau[:, model.arm_joints.v] + s.reaction[:, model.arm_joints.v]
+        found["command.joint_torque"] = _asked(inputs.joint_torque, s, model.arm_joints.v)
     return found
+
+
+def _asked(signal: Signal | None, s: States, index: np.ndarray) -> np.ndarray:
+    reaction = s.reaction[:, index]
+    return reaction if signal is None else sample(signal, s.time) + reaction
 
 
 def hidden_states(model: SpacecraftModel, s: States) -> dict[str, np.ndarray]:
