@@ -1,0 +1,214 @@
+"""A candidate: one effect at one place with the parameters it frees, and how it scores on what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.diagnose.columns import Change, Changes, propagate
+from smsid.diagnose.fit import Fit, columns_of
+from smsid.diagnose.point import Point, Unknown
+from smsid.effects.base import Effect
+from smsid.errors import SmsidError
+
+EXCITED = 1e-4  # share of a column's information that must be left beside the nominal parameters
+UNSEEN = 0.02  # share of what is known of a nominal parameter that must come from the recording
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One explanation to be tried.
+
+    ``effect`` does nothing as it stands; ``free`` names the parameters that are fitted, ``steps`` typical
+    sizes of them. With ``effect`` ``None`` the candidate is that nominal parameters (``free``) are wrong by
+    more than their prior allows. ``also`` are parameters freed once the effect is there (a payload's centre
+    of mass has no meaning without its mass). ``grid`` counts the variants searched, for the correction.
+    """
+
+    kind: str
+    location: str
+    family: str
+    shape: str
+    effect: Effect | None
+    free: tuple[str, ...]
+    steps: tuple[float, ...]
+    also: tuple[str, ...] = ()
+    grid: int = 1
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What makes it itself: kind, location, shape."""
+        return self.kind, self.location, self.shape
+
+    def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
+        """Return the parameters it frees as unknowns without prior."""
+        if self.effect is None:
+            by_name = {u.name: u for u in nominal}
+            return tuple(by_name[name].unbound() for name in self.free)
+        by_name_ = {p.name: p for p in self.effect.parameters()}
+        found = []
+        for name, step in zip(self.free, self.steps, strict=True):
+            p = by_name_[name]
+            found.append(Unknown(name, "effect", p.unit, p.value, np.inf, step, lower=p.lower, upper=p.upper))
+        return tuple(found)
+
+    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+        """Return the derivatives by its parameters, per unit of ``steps``, where it does nothing."""
+        if self.effect is None:
+            unknowns = self.unknowns(nominal)
+            scaled = columns_of(changes, unknowns)
+            return [_times(c, u.scale) for c, u in zip(scaled, unknowns, strict=True)]
+        found = []
+        plain = self.instance(changes.point)
+        for name, step in zip(self.free, self.steps, strict=True):
+            p = next(p for p in plain.parameters() if p.name == name)
+            sign = 1.0 if p.value + step <= p.upper else -1.0
+            changed = plain.with_values({name: p.value + sign * step})
+            found.append(_times(changes.effect(plain, changed, sign * step), step))
+        return found
+
+    def instance(self, point: Point) -> Effect:
+        """Return its effect as the point has it, perhaps with other parameters freed already."""
+        assert self.effect is not None
+        mine = [e for e in point.description.effect if e.name == self.effect.name]
+        return mine[0] if mine else self.effect
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a candidate does on a fit: likelihood ratio on ``freedom`` degrees, and its linear estimate.
+
+    ``estimate`` and ``covariance`` are in units of the candidate's steps. ``excited`` is the smallest share
+    of a column's information left beside the nominal parameters; ``columns`` (N rows, freedom) are whitened.
+    """
+
+    candidate: Candidate
+    ratio: float
+    freedom: int
+    estimate: np.ndarray
+    covariance: np.ndarray
+    excited: float
+    columns: np.ndarray
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a ratio as large when the candidate is not there, before correction."""
+        return float(chi2.sf(self.ratio, self.freedom)) if self.freedom else 1.0
+
+    def information_gain(self, samples: int) -> float:
+        """Return the gain in Bayes's information criterion, searched variants paid for."""
+        return self.ratio - self.freedom * float(np.log(samples)) - 2.0 * float(np.log(self.candidate.grid))
+
+
+def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
+    """Return the whitened columns (N rows, d) of every candidate that has any, by its place in the list."""
+    changes: list[Change] = []
+    where: list[tuple[int, int]] = []
+    for i, candidate in enumerate(candidates):
+        try:
+            own = candidate.columns(found.changes, found.unknowns)
+        except SmsidError:
+            continue
+        where += [(i, len(changes) + j) for j in range(len(own))]
+        changes += own
+    whitened = propagate(found.run, changes)
+    flat = whitened.reshape(-1, len(changes))
+    out: dict[int, list[np.ndarray]] = {}
+    for i, column in where:
+        out.setdefault(i, []).append(flat[:, column])
+    return {i: np.column_stack(c) for i, c in out.items()}
+
+
+def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
+    """Return the score of a candidate, the fitted parameters free to move within their priors."""
+    if candidate.effect is None:
+        return _score_shift(found, candidate, columns)
+    own = found.whitened.reshape(-1, len(found.unknowns))
+    residual = found.run.innovations.ravel()
+    mixed = own.T @ columns
+    inner = columns.T @ columns
+    solved = np.linalg.solve(found.gram + 1e-12 * np.diag(np.diag(found.gram)), mixed)
+    left = inner - mixed.T @ solved
+    slope = columns.T @ residual - solved.T @ found.slope
+    raw = np.diag(inner)
+    size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
+    values, vectors = np.linalg.eigh(left / np.outer(size, size))
+    keep = values > EXCITED
+    excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
+    directions = vectors[:, keep] / np.sqrt(values[keep])
+    scaled = directions.T @ (slope / size)
+    estimate = (directions @ scaled) / size
+    covariance = (directions @ directions.T) / np.outer(size, size)
+    ratio = float(scaled @ scaled)
+    if len(estimate) == 1 and not _allowed(candidate, estimate):
+        ratio = 0.0
+    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, columns)
+
+
+def _score_shift(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
+    """Score nominal parameters that may be wrong by more than their priors: what the data alone say of them
+    against the prior, both with their covariance.
+    """
+    names = [u.name for u in found.unknowns]
+    index = np.array([names.index(n) for n in candidate.free])
+    steps = np.array(candidate.steps)
+    scale, sigma = found.scales[index] / steps, np.array([found.unknowns[i].sigma for i in index]) / steps
+    nothing = np.zeros((len(index), len(index)))
+    if not np.isfinite(sigma).all():  # freed already
+        return Score(candidate, 0.0, 0, np.zeros(len(index)), nothing, 0.0, columns)
+    gram = found.gram.copy()
+    gram[index, index] -= (scale / sigma) ** 2
+    size = np.sqrt(np.diag(found.gram))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(size, size)
+    shift = (
+        np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index]) / steps
+    )
+    pull = np.zeros(len(names))
+    pull[index] = scale / sigma * (shift / sigma)
+    free = inverse[np.ix_(index, index)] * np.outer(scale, scale)
+    away = shift + (inverse @ (found.slope + pull))[index] * scale
+    seen = float(np.min(sigma**2 / (sigma**2 + np.diag(free))))
+    if seen < UNSEEN:
+        return Score(candidate, 0.0, 0, away, free, seen, columns)
+    ratio = float(away @ np.linalg.solve(np.diag(sigma**2) + free, away))
+    return Score(candidate, ratio, len(index), away - shift, free, seen, columns)
+
+
+def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:
+    if candidate.effect is None:
+        return True
+    p = next(p for p in candidate.effect.parameters() if p.name == candidate.free[0])
+    return p.lower <= p.value + candidate.steps[0] * float(estimate[0])
+
+
+def correlation(found: Fit, first: Score, second: Score) -> float:
+    """Return the largest canonical correlation of two candidates, nominal parameters projected out."""
+    own = found.whitened.reshape(-1, len(found.unknowns))
+    gram = found.gram + 1e-12 * np.diag(np.diag(found.gram))
+
+    def left(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return a.T @ b - (own.T @ a).T @ np.linalg.solve(gram, own.T @ b)
+
+    aa, bb, ab = (
+        left(x, y)
+        for x, y in (
+            (first.columns, first.columns),
+            (second.columns, second.columns),
+            (first.columns, second.columns),
+        )
+    )
+    whiten = [np.linalg.pinv(_root(m)) for m in (aa, bb)]
+    return float(np.linalg.svd(whiten[0] @ ab @ whiten[1].T, compute_uv=False).max(initial=0.0))
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(matrix)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+def _times(change: Change, factor: float) -> Change:
+    return Change(*(None if x is None else factor * x for x in (change.middle, change.at, change.reading)))

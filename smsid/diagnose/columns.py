@@ -1,0 +1,202 @@
+"""How accelerations and readings change with a parameter, along the states a filter found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.diagnose.channels import Outputs
+from smsid.diagnose.filter import Applied, Problem, Run, applied
+from smsid.diagnose.plant import Plant
+from smsid.diagnose.point import Point, Unknown
+from smsid.effects.base import Effect
+from smsid.errors import NotIdentifiableError
+from smsid.model.regressor import dynamic_parameters
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.trajectory import States
+
+DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
+
+
+@dataclass(frozen=True)
+class Change:
+    """Derivatives by one parameter: of the acceleration between samples (N - 1, nv) and at them (N, nv), and
+    of the readings at fixed motion (N, rows); ``None`` where there is none.
+    """
+
+    middle: np.ndarray | None = None
+    at: np.ndarray | None = None
+    reading: np.ndarray | None = None
+
+
+class Changes:
+    """Changes by any parameter at a point, along a run of the filter there."""
+
+    def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: Run) -> None:
+        self.point, self.model, self.problem, self.run = point, model, problem, run
+        self.outputs = Outputs(model, problem.data)
+        self.sensors = point.sensors()
+        self.inputs = problem.inputs(model)
+        self.applied = self._applied(model)
+        self._rates: np.ndarray | None = None
+
+    def inertial(self, columns: Sequence[int]) -> list[Change]:
+        """Return the changes by inertial parameters, ten per body: -M^-1 Y."""
+        out = []
+        for states, inverse in (
+            (self.run.middle, self.run.middle_inverse),
+            (self.run.states, self.run.inverse),
+        ):
+            data = self.model.pin.createData()
+            by = np.empty((len(states.time), len(columns), self.model.nv))
+            index = np.asarray(columns)
+            for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
+                y = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a)
+                by[k] = -(inverse[k] @ y[:, index]).T
+            out.append(by)
+        return [Change(out[0][:, i], out[1][:, i]) for i in range(len(columns))]
+
+    def effect(self, plain: Effect, changed: Effect, step: float) -> Change:
+        """Return the change from one instance of an effect to another, per unit of the step.
+
+        An effect that the point does not have is taken to do nothing in its ``plain`` instance. Raises
+        `DescriptionError` for an instance the spacecraft cannot have, `NotIdentifiableError` for one that
+        adds joints, which has no derivative at zero.
+        """
+        known = changed.name in {e.name for e in self.point.description.effect}
+        base = self.point.with_effect(plain) if known else self.point
+        other = self.point.with_effect(changed)
+        origin, model = base.model() if known else self.model, other.model()
+        if model.nv != origin.nv:
+            raise NotIdentifiableError(
+                f"'{changed.name}' adds joints.", advice="Fit it through simulation.", effect=changed.name
+            )
+        forces = [self._force(where, origin, model) for where in ("middle", "at")]
+        if type(changed).drive is not Effect.drive:
+            new, old = self._applied(model), self._applied(origin) if known else self.applied
+            forces[0] += new.middle - old.middle
+            forces[1] += new.at - old.at
+        middle = np.einsum("nij,nj->ni", self.run.middle_inverse, forces[0]) / step
+        at = np.einsum("nij,nj->ni", self.run.inverse, forces[1]) / step
+        reading = self._reading(base, other, origin, model)
+        moves = bool(np.any(middle)) or bool(np.any(at))
+        return Change(
+            middle if moves else None, at if moves else None, None if reading is None else reading / step
+        )
+
+    def _applied(self, model: SpacecraftModel) -> Applied:
+        return applied(Plant(model, self.problem.locked), self.problem, self.inputs)
+
+    def bias(self, unknown: Unknown) -> Change:
+        """Return the change by the bias of one axis of a channel."""
+        channel = ".".join(unknown.name.split(".")[:2])
+        reading = np.zeros((len(self.run.states.time), self.problem.data.rows))
+        for block in self.problem.data.blocks:
+            if block.channel == channel:
+                reading[:, block.rows.start + unknown.column] = 1.0
+        return Change(reading=reading)
+
+    def unknown(self, unknown: Unknown) -> Change:
+        """Return the change by a parameter of an effect the point has, by a central difference."""
+        effect = self.point.description.get_effect(unknown.name.partition(".")[0])
+        value = self.point.value(unknown)
+        step = DIFFERENCE * unknown.scale
+        low = max(value - step, unknown.lower)
+        high = min(value + step, unknown.upper)
+        less = effect.with_values({unknown.name: low})
+        more = effect.with_values({unknown.name: high})
+        return self.effect(less, more, high - low)
+
+    def force(self, middle: np.ndarray, at: np.ndarray) -> Change:
+        """Return the change by a generalised force given along the run, (N - 1, nv) and (N, nv)."""
+        return Change(
+            np.einsum("nij,nj->ni", self.run.middle_inverse, middle),
+            np.einsum("nij,nj->ni", self.run.inverse, at),
+        )
+
+    def rates(self) -> np.ndarray:
+        """Return time derivatives of the readings (N, rows), for delays."""
+        if self._rates is None:
+            times = self.run.states.time
+            rates = np.gradient(self.outputs.all(self.run.states), times, axis=0)
+            for block in self.problem.data.blocks:
+                if block.quantity == "attitude":
+                    rates[:, block.rows] = self.run.states.v[:, 3:6]
+            self._rates = rates
+        return self._rates
+
+    def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
+        states = self.run.middle if where == "middle" else self.run.states
+        out = self._passive(model, states) - self._passive(origin, states)
+        theta = _inertial(model) - _inertial(origin)
+        changed = np.flatnonzero(theta)
+        if len(changed):
+            data = origin.pin.createData()
+            for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
+                y = pin.computeJointTorqueRegressor(origin.pin, data, q, v, a)
+                out[k] -= y[:, changed] @ theta[changed]
+        armature = np.asarray(model.pin.armature) - np.asarray(origin.pin.armature)
+        if armature.any():
+            out -= armature * states.a
+        return out
+
+    def _passive(self, model: SpacecraftModel, states: States) -> np.ndarray:
+        out = states.tau.copy()
+        if model.forces or model.loads:
+            for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
+                model.add_passive_forces(float(t), q, v, tau)
+            return out - states.tau
+        out[:, model.spring_v] -= (
+            model.stiffness * states.q[:, model.spring_q] + model.damping * states.v[:, model.spring_v]
+        )
+        return out - states.tau
+
+    def _reading(
+        self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
+    ) -> np.ndarray | None:
+        before, after = base.sensors(), other.sensors()
+        scaled = any(
+            not np.array_equal(a.scale, b.scale) or a.appendage != b.appendage
+            for a, b in zip(origin.appendages, model.appendages, strict=True)
+        )
+        if before == after and not scaled:
+            return None
+        old, new = (self.problem.data.with_blocks(s) for s in (before, after))
+        out = Outputs(model, new).all(self.run.states) - Outputs(origin, old).all(self.run.states)
+        for a, b in zip(old.blocks, new.blocks, strict=True):
+            if a.delay != b.delay:
+                out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
+        return out
+
+
+def _inertial(model: SpacecraftModel) -> np.ndarray:
+    return np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
+
+
+def propagate(run: Run, changes: Sequence[Change]) -> np.ndarray:
+    """Return how the whitened predictions change by each parameter: (N, rows, columns).
+
+    The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.
+    The innovations change by the negative.
+    """
+    n, rows, nv = run.by_a.shape
+    m = len(changes)
+    middle, direct = np.zeros((n - 1, nv, m)), np.zeros((n, rows, m))
+    for i, change in enumerate(changes):
+        if change.middle is not None:
+            middle[:, :, i] = change.middle
+        if change.at is not None:
+            direct[:, :, i] += np.einsum("krn,kn->kr", run.by_a, change.at)
+        if change.reading is not None:
+            direct[:, :, i] += change.reading
+    out = np.empty((n, rows, m))
+    delta = np.zeros((2 * nv, m))
+    for k in range(n):
+        predicted = run.sensitivity[k] @ delta + direct[k]
+        out[k] = run.whitening[k] @ predicted
+        if k < n - 1:
+            delta = run.transition[k] @ (delta - run.gain[k] @ predicted) + run.forcing[k] @ middle[k]
+    return out

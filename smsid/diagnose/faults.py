@@ -1,0 +1,109 @@
+"""Faults of single samples, found before any model is asked: stuck channels, outliers, coarse steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.diagnose.channels import Measured
+from smsid.diagnose.filter import Run
+
+STUCK_RUN = 12  # identical samples in a row that noise does not give
+OUTLIER = 6.0  # standard deviations of the prediction error
+CALM = 3.0  # what the neighbours of an outlier stay below
+SURPLUS = 1e-5  # chance of as many outliers from Gaussian noise below which they are a fault
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one channel: ``kind`` is stuck, outliers or quantisation.
+
+    ``component`` is the row's name; ``value`` is the time it stuck [s], the share of outliers, or the step
+    [unit of the channel], ``sigma`` its standard deviation; ``samples`` (N, rows) marks what to leave out.
+    """
+
+    kind: str
+    channel: str
+    component: str
+    value: float
+    sigma: float
+    samples: np.ndarray
+
+
+def stuck_channels(data: Measured) -> list[Fault]:
+    """Return the channels that repeat one value to the end of the recording, or for long within it.
+
+    A noisy channel does not repeat itself; one whose noise is below its rounding step may, and is then only
+    called stuck when the repeats go far beyond what they are elsewhere.
+    """
+    found = []
+    for row, name in enumerate(data.names):
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        x = data.attitude[block.channel][:, 0] if block.quantity == "attitude" else data.values[:, row]
+        there = np.flatnonzero(np.isfinite(x))
+        if len(there) < 2 * STUCK_RUN:
+            continue
+        same = np.append(np.diff(x[there]) == 0.0, False)
+        runs = _runs(same)
+        if not runs:
+            continue
+        start, length = max(runs, key=lambda r: r[1])
+        others = max((n for s, n in runs if s != start), default=0)
+        if length < STUCK_RUN or length < 4 * others:
+            continue
+        marked = np.zeros(data.values.shape, dtype=bool)
+        marked[there[start + 1 : start + length + 1], row] = True
+        step = float(np.median(np.diff(data.times)))
+        found.append(Fault("stuck", block.channel, name, float(data.times[there[start]]), step, marked))
+    return found
+
+
+def quantised_channels(data: Measured) -> list[Fault]:
+    """Return the channels whose values lie on a grid coarser than their stated noise, beyond what is stated."""
+    found = []
+    for row, name in enumerate(data.names):
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        if block.quantity == "attitude":
+            continue
+        x = data.values[np.isfinite(data.values[:, row]), row]
+        gaps = np.diff(np.unique(x))
+        if len(gaps) < 3:
+            continue
+        step = float(np.min(gaps[gaps > 1e-9 * np.ptp(x)], initial=np.inf))
+        if not np.isfinite(step) or step < 0.3 * data.sigma[row]:
+            continue
+        off = np.abs(gaps / step - np.round(gaps / step))
+        stated = block.sensor.error(block.quantity).quantisation
+        if off.max() < 1e-3 and step > 1.01 * stated:
+            none = np.zeros(data.values.shape, dtype=bool)
+            found.append(Fault("quantisation", block.channel, name, step, 1e-3 * step, none))
+    return found
+
+
+def outliers(data: Measured, run: Run) -> list[Fault]:
+    """Return the channels with more single samples far off than Gaussian noise has, and which they are."""
+    found = []
+    size = np.abs(run.normalised)
+    before = np.vstack([np.zeros((1, size.shape[1])), size[:-1]])
+    after = np.vstack([size[1:], np.zeros((1, size.shape[1]))])
+    single = (size > OUTLIER) & ((before < CALM) | (after < CALM))
+    for row, name in enumerate(data.names):
+        n = int(run.used[:, row].sum())
+        hits = int(single[:, row].sum())
+        typical = float(np.median(size[run.used[:, row], row])) if n else 0.0
+        if hits < 3 or typical > 1.2:  # a channel that is off throughout has no outliers
+            continue
+        marked = np.zeros(size.shape, dtype=bool)
+        marked[:, row] = single[:, row]
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        share = hits / n
+        found.append(
+            Fault("outliers", block.channel, name, share, float(np.sqrt(share * (1 - share) / n)), marked)
+        )
+    return found
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

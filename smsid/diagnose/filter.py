@@ -1,0 +1,282 @@
+"""Extended Kalman filter on the model: whitened innovations, and all that is needed to differentiate them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from smsid.diagnose.channels import Measured, Outputs
+from smsid.diagnose.inputs import Hold, commanded, limits, means
+from smsid.diagnose.plant import Plant
+from smsid.errors import SimulationError
+from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.recording import Recording
+from smsid.simulate import Inputs
+from smsid.simulate.trajectory import States
+
+SUBSTEP = 0.025  # [s] longest step of the integration between samples
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How commands act between samples, and on which side of a jump accelerations are sampled."""
+
+    hold: Hold = "held"
+    side: Literal["left", "right"] = "right"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Process noise: standard deviations of the inputs' errors, held over a sample, and of the start.
+
+    ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
+    ``hidden`` are those of slosh and modal coordinates at the start [m, m/s].
+    """
+
+    force: float = 1e-6
+    torque: float = 1e-6
+    joint: float = 1e-6
+    wheel: float = 1e-7
+    hidden: tuple[float, float] = (1e-2, 1e-2)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a filter made of a recording. First index: sample k = 0 .. N - 1.
+
+    ``innovations`` (N, rows) whitened, zero where nothing was measured; ``whitening`` (N, rows, rows) takes
+    errors of the prediction to them; ``gain`` (N, 2 nv, rows), ``sensitivity`` H (N, rows, 2 nv) and
+    ``transition`` F (N - 1, 2 nv, 2 nv), ``forcing`` Psi[:, nv:] (N - 1, 2 nv, nv) propagate a small change.
+    ``by_a`` (N, rows, nv): measurement by acceleration. ``states`` are the predictions at the samples,
+    ``normalised`` (N, rows) are errors of the
+    prediction in their own standard deviations, not decorrelated; ``middle`` the states between samples; ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass matrices.
+    """
+
+    innovations: np.ndarray
+    log_likelihood: float
+    whitening: np.ndarray
+    gain: np.ndarray
+    sensitivity: np.ndarray
+    by_a: np.ndarray
+    transition: np.ndarray
+    forcing: np.ndarray
+    states: States
+    middle: States
+    inverse: np.ndarray
+    middle_inverse: np.ndarray
+    predicted: np.ndarray
+    normalised: np.ndarray
+    used: np.ndarray
+
+    @property
+    def samples(self) -> int:
+        """Number of innovations that count."""
+        return int(self.used.sum())
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A recording to be explained: samples, commands, and how they are taken."""
+
+    recording: Recording
+    data: Measured
+    locked: np.ndarray
+    timing: Timing
+    noise: Noise
+
+    def inputs(self, model: SpacecraftModel) -> Inputs:
+        """Return what was commanded."""
+        return commanded(model, self.recording, self.timing.hold)
+
+
+@dataclass(frozen=True)
+class Applied:
+    """Applied generalised forces: means over the substeps (N - 1, substeps, nv) and over the intervals between
+    samples (N - 1, nv), and values at the samples (N, nv).
+    """
+
+    means: np.ndarray
+    middle: np.ndarray
+    at: np.ndarray
+
+
+def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
+    """Return the applied generalised forces on the clock of the samples."""
+    times = problem.data.times
+    signal = inputs.driven(plant.model).applied(plant.model)
+    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / SUBSTEP - 1e-9)))
+    n += n % 2  # the middle of a sample interval is an end of a step
+    parts = np.linspace(0.0, 1.0, n + 1)[:-1]
+    edges = np.append((times[:-1, None] + np.diff(times)[:, None] * parts).ravel(), times[-1])
+    mean = means(signal, edges).reshape(len(times) - 1, n, plant.nv)
+    return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side))
+
+
+def run_filter(model: SpacecraftModel, problem: Problem) -> Run:
+    """Run the filter over a recording.
+
+    Raises `SimulationError` when the state or its covariance is no longer finite.
+    """
+    plant = Plant(model, problem.locked)
+    data = problem.data
+    outputs = Outputs(model, data)
+    drive = applied(plant, problem, problem.inputs(model))
+    times, n, nv, rows = data.times, len(data.times), model.nv, data.rows
+    present = np.isfinite(data.values)
+    q, v = first_state(model, problem)
+    p = _first_covariance(model, problem)
+    input_noise = _input_covariance(model, problem)
+    late = np.array([b.delay for b in data.blocks])
+
+    e, used = np.zeros((n, rows)), present.copy()
+    whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, 2 * nv, rows))
+    sensitivity, by_a = np.zeros((n, rows, 2 * nv)), np.zeros((n, rows, nv))
+    transition, forcing = np.zeros((n - 1, 2 * nv, 2 * nv)), np.zeros((n - 1, 2 * nv, nv))
+    at, mid = _Store(n, model), _Store(n - 1, model)
+    predicted, normalised = np.zeros((2, n, rows))
+    variance = data.sigma**2
+    log_likelihood = 0.0
+    for k in range(n):
+        lin = plant.linear(times[k], q, v, drive.at[k])
+        at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
+        if late.any():
+            h, cq, cv, ca = _delayed(outputs, late, q, v, lin.a, plant)
+        else:
+            h, cq, cv, ca = outputs.predict(q, v, lin.a)
+        big_h = np.hstack([cq + ca @ lin.by_q, cv + ca @ lin.by_v])
+        predicted[k] = h
+        residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
+        sensitivity[k], by_a[k] = big_h, ca
+        there = np.flatnonzero(present[k])
+        if len(there):
+            hk = big_h[there]
+            ph = p @ hk.T
+            s = hk @ ph
+            s[np.diag_indices(len(there))] += variance[there]
+            normalised[k, there] = residual[there] / np.sqrt(np.diag(s))
+            low, info = lapack.dpotrf(s, lower=1, clean=1)
+            if info != 0 or not np.isfinite(residual[there]).all():
+                raise _lost(times[k])
+            inverse, _ = lapack.dtrtri(low, lower=1)
+            kk = ph @ inverse.T @ inverse
+            white = inverse @ residual[there]
+            e[k, there] = white
+            log_likelihood -= 0.5 * float(white @ white) + float(np.log(np.diag(low)).sum())
+            whitening[k][np.ix_(there, there)] = inverse
+            gain[k][:, there] = kk
+            p = p - kk @ ph.T
+            p = 0.5 * (p + p.T)
+            dx = kk @ residual[there]
+            q, v = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv:]
+        if k == n - 1:
+            break
+        h_k = float(times[k + 1] - times[k])
+        substeps = drive.means.shape[1]
+        for s_ in range(substeps):
+            if s_ == substeps // 2:
+                tau = drive.middle[k]
+                mid_lin = plant.linear(times[k] + 0.5 * h_k, q, v, tau)
+                mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
+                f, psi = plant.transition(h_k, v, mid_lin)
+                transition[k], forcing[k] = f, psi[:, nv:]
+            tau = drive.means[k, s_]
+            q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau)
+        if not np.isfinite(v).all():
+            raise _lost(times[k])
+        b = forcing[k] @ mid_lin.by_tau
+        p = f @ p @ f.T + (b * input_noise) @ b.T
+    middle_times = 0.5 * (times[1:] + times[:-1])
+    return Run(
+        e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
+        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, normalised, used,
+    )  # fmt: skip
+
+
+class _Store:
+    def __init__(self, n: int, model: SpacecraftModel) -> None:
+        self.q, self.v, self.a, self.tau = (np.zeros((n, w)) for w in (model.nq, *(3 * [model.nv])))
+        self.inverse = np.zeros((n, model.nv, model.nv))
+
+    def put(
+        self, k: int, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, inv: np.ndarray
+    ) -> None:
+        self.q[k], self.v[k], self.a[k], self.tau[k], self.inverse[k] = q, v, a, tau, inv
+
+    def states(self, times: np.ndarray) -> States:
+        return States(times, self.q, self.v, self.a, self.tau, np.zeros_like(self.tau))
+
+
+def _delayed(
+    outputs: Outputs, late: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, plant: Plant
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Predict what late sensors read: the state carried back by each delay, acceleration held."""
+    full = outputs.predict(q, v, a)
+    for delay in np.unique(late[late != 0.0]):
+        back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * a)
+        then = outputs.predict(back, v - delay * a, a)
+        for block, own in zip(outputs.data.blocks, late, strict=True):
+            if own == delay:
+                for now, old in zip(full, then, strict=True):
+                    now[block.rows] = old[block.rows]
+    return full
+
+
+def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Return a first q and v from the first samples: pose, joints, wheels as measured, the rest at rest."""
+    q, v = model.home.copy(), np.zeros(model.nv)
+    data, pose = problem.data, None
+    for block in data.blocks:
+        first = data.values[0, block.rows]
+        if not np.isfinite(first).all():
+            continue
+        if block.quantity == "joint_position":
+            q = set_group_angles(model.pin, model.arm_joints, q, first)
+        elif block.quantity == "joint_velocity":
+            v[model.arm_joints.v] = first
+        elif block.quantity == "wheel_rate":
+            v[model.wheels.v] = first
+        elif block.quantity == "angular_rate" and model.free:
+            v[3:6] = first
+        elif block.quantity == "attitude" and model.free:
+            q[3:7] = data.attitude[block.channel][0]
+        elif block.quantity == "position" and model.free:
+            pose = (first, np.asarray(block.sensor.position))
+    if pose is not None:
+        q[:3] = pose[0] - pin.Quaternion(q[3:7]).matrix() @ pose[1]
+    v[problem.locked] = 0.0
+    return pin.normalize(model.pin, q), v
+
+
+def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
+    nv = model.nv
+    sigma = np.ones(2 * nv)
+    if model.free:
+        sigma[0:3], sigma[3:6], sigma[nv : nv + 3], sigma[nv + 3 : nv + 6] = 0.1, 0.01, 0.05, 0.005
+    sigma[model.arm_joints.v], sigma[nv + model.arm_joints.v] = 0.01, 0.01
+    sigma[model.wheels.v], sigma[nv + model.wheels.v] = 1e-3, 1.0
+    hidden = [np.arange(s.v.start, s.v.stop) for s in model.slosh] + [model.modes.v]
+    index = np.concatenate(hidden).astype(int)
+    sigma[index], sigma[nv + index] = problem.noise.hidden
+    sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9
+    return np.diag(sigma**2)
+
+
+def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
+    noise, out = problem.noise, np.zeros(model.nv)
+    if model.free:
+        out[0:3], out[3:6] = noise.force, noise.torque
+    out[model.arm_joints.v], out[model.wheels.v] = noise.joint, noise.wheel
+    out[problem.locked] = 0.0
+    return out**2
+
+
+def _lost(time: float) -> SimulationError:
+    return SimulationError(
+        f"The filter lost the recording at t = {time:.6g} s: the prediction is no longer finite.",
+        advice="Does the description belong to this recording? Check units and the sign of the commands.",
+        time=time,
+    )

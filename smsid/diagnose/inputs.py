@@ -1,0 +1,95 @@
+"""What a recording says was commanded, as means over the steps of an integration."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from smsid.errors import RecordingError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.simulate import Inputs
+from smsid.simulate.changed import Delayed, Switched
+from smsid.simulate.signals import Constant, Sampled, Signal, Sum, sample
+
+Hold = Literal["held", "linear"]
+
+COMMANDS = {
+    "force": "command.force",
+    "torque": "command.torque",
+    "wheel_torque": "command.wheel_torque",
+    "joint_torque": "command.joint_torque",
+}
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Inputs:
+    """Return the commanded inputs of a recording; between samples they are held or vary linearly.
+
+    Raises `RecordingError` when nothing is commanded at all: a diagnosis needs to know what drove the motion.
+    """
+    wanted = {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
+    wanted |= {"force": 3, "torque": 3} if model.free else {}
+    signals: dict[str, Signal | None] = dict.fromkeys(COMMANDS)
+    for field, size in wanted.items():
+        channel = COMMANDS[field]
+        if size and channel in recording:
+            values = np.asarray(recording[channel])
+            signals[field] = Sampled.from_samples(recording.time(channel), values, 0 if hold == "held" else 1)
+    if all(s is None for s in signals.values()):
+        raise RecordingError(
+            f"The recording '{recording.name}' has no command.* channel.",
+            advice="Record what was commanded: " + ", ".join(COMMANDS.values()) + ".",
+            channels=recording.channels,
+        )
+    return Inputs(**signals)  # type: ignore[arg-type]
+
+
+def locked(model: SpacecraftModel, recording: Recording) -> np.ndarray:
+    """Return the degrees of freedom held still: arms and wheels without a commanded torque."""
+    found: list[int] = []
+    if COMMANDS["joint_torque"] not in recording:
+        found += [int(i) for i in model.arm_joints.v]
+    if COMMANDS["wheel_torque"] not in recording:
+        found += [int(i) for i in model.wheels.v]
+    return np.array(found, dtype=int)
+
+
+def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
+    """Return the means of a signal between consecutive edges (N + 1,): (N, size).
+
+    Held and linear signals exactly, so that a command that jumps, or comes late, gives the right impulse;
+    others by Gauss's rule of four points.
+    """
+    if isinstance(signal, Constant):
+        return np.tile(signal.value, (len(edges) - 1, 1))
+    if isinstance(signal, Sum):
+        return np.sum([means(part, edges) for part in signal.parts], axis=0)
+    width = np.diff(edges)
+    if isinstance(signal, Sampled):
+        knots = signal.spline.t
+        inside = np.clip(edges, knots[signal.degree], knots[-1 - signal.degree])
+        whole = np.asarray(signal.spline.antiderivative()(inside))
+        out = np.diff(whole, axis=0)
+        # before the first sample and beyond the last, the nearest one
+        for side in (edges < inside, edges > inside):
+            if side.any():
+                lost = np.abs(np.diff(np.where(side, edges - inside, 0.0)))
+                nearest = signal.spline(inside[np.argmax(side)])
+                out += lost[:, None] * np.asarray(nearest)
+        return out / width[:, None]
+    if isinstance(signal, Delayed):
+        return means(signal.signal, edges - signal.delay)
+    if isinstance(signal, Switched):
+        late = (edges[:-1] >= signal.at)[:, None]
+        return np.where(late, means(signal.after, edges), means(signal.before, edges))
+    points = edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)
+    values = sample(signal, points.ravel()).reshape(*points.shape, -1)
+    return 0.5 * np.einsum("npk,p->nk", values, _WEIGHTS)
+
+
+def limits(signal: Signal, times: np.ndarray, side: Literal["left", "right"]) -> np.ndarray:
+    """Return the signal just before or just after the times (N,): (N, size)."""
+    step = np.diff(times).min(initial=1.0) * 1e-6
+    return sample(signal, times + (step if side == "right" else -step))

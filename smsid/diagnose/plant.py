@@ -1,0 +1,125 @@
+"""The model as a filter needs it: accelerations under mean inputs, one step ahead, and linearised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.model.spacecraft import SpacecraftModel
+
+LOCK = 1e9  # [kg m^2] rotor inertia of a joint that is held still
+PROBE = 1e-6  # step of the differences of nonlinear forces
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Accelerations a (nv,) and their derivatives by q (tangent), v and generalised force (nv, nv)."""
+
+    a: np.ndarray
+    by_q: np.ndarray
+    by_v: np.ndarray
+    by_tau: np.ndarray
+
+
+class Plant:
+    """Forward dynamics of a spacecraft, some joints perhaps locked. Not to be shared between threads."""
+
+    def __init__(self, model: SpacecraftModel, locked: np.ndarray) -> None:
+        self.model = model
+        self.pin = model.pin.copy()
+        self.pin.armature[locked] += LOCK
+        self.data = self.pin.createData()
+        self.locked = locked
+        self.nv, self.free = model.nv, model.free
+        self._one = np.eye(2 * model.nv)
+        self._upper = np.triu_indices(model.nv, 1)
+
+    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return vdot (nv,) under applied generalised forces tau (nv,)."""
+        total = tau.copy()
+        self.model.add_passive_forces(t, q, v, total)
+        return pin.aba(self.pin, self.data, q, v, total)
+
+    def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
+        """Return accelerations with their derivatives."""
+        m = self.model
+        total = tau.copy()
+        m.add_passive_forces(t, q, v, total)
+        pin.computeABADerivatives(self.pin, self.data, q, v, total)
+        inverse = np.array(self.data.Minv)
+        rows, columns = self._upper
+        inverse[columns, rows] = inverse[rows, columns]
+        by_q, by_v = self.data.ddq_dq.copy(), self.data.ddq_dv.copy()
+        by_q[:, m.spring_v] -= inverse[:, m.spring_v] * m.stiffness
+        by_v[:, m.spring_v] -= inverse[:, m.spring_v] * m.damping
+        if m.forces or m.loads:
+            dq, dv = self._force_derivatives(t, q, v, tau)
+            by_q += inverse @ dq
+            by_v += inverse @ dv
+        return Linear(np.array(self.data.ddq), by_q, by_v, inverse)
+
+    def _force_derivatives(
+        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        terms, nv = (*self.model.loads, *self.model.forces), self.nv
+
+        def forces(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            out = tau.copy()
+            for term in terms:
+                term(t, q, v, out)
+            return out
+
+        rest = forces(q, v)
+        dq, dv = np.zeros((2, nv, nv))
+        for j in range(nv):
+            step = np.zeros(nv)
+            step[j] = PROBE
+            dv[:, j] = forces(q, v + step) - rest
+            dq[:, j] = forces(pin.integrate(self.pin, q, step), v) - rest
+        return dq / PROBE, dv / PROBE
+
+    def step(
+        self, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return q and v a step h [s] later under constant applied forces: Runge and Kutta, in a chart."""
+        half = 0.5 * h
+        x1, a1 = self._rate(np.zeros(self.nv), v), self.acceleration(t, q, v, tau)
+        v2 = v + half * a1
+        xi = half * x1
+        x2, a2 = self._rate(xi, v2), self.acceleration(t + half, self._at(q, xi), v2, tau)
+        v3 = v + half * a2
+        xi = half * x2
+        x3, a3 = self._rate(xi, v3), self.acceleration(t + half, self._at(q, xi), v3, tau)
+        v4 = v + h * a3
+        xi = h * x3
+        x4, a4 = self._rate(xi, v4), self.acceleration(t + h, self._at(q, xi), v4, tau)
+        return self._at(q, h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4)), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+    def _at(self, q: np.ndarray, xi: np.ndarray) -> np.ndarray:
+        return pin.integrate(self.pin, q, xi)
+
+    def _rate(self, xi: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if not self.free or not xi.any():
+            return v
+        out = v.copy()
+        out[:6] = pin.Jlog6(pin.exp6(xi[:6])) @ v[:6]
+        return out
+
+    def transition(self, h: float, v: np.ndarray, linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+        """Return F (2 nv, 2 nv) and Psi with delta(t + h) = F delta(t) + Psi forcing, forcing held.
+
+        delta = (tangent of q, v); F = exp(A h) and Psi = int_0^h exp(A s) ds to fourth order.
+        """
+        n = self.nv
+        one = self._one
+        a = np.zeros((2 * n, 2 * n))
+        a[:n, n:] = one[:n, :n]
+        if self.free:
+            a[:6, :6] = -pin.Motion(v[:6]).action
+        a[n:, :n], a[n:, n:] = linear.by_q, linear.by_v
+        psi = one + (h / 4.0) * a
+        psi = one + (h / 3.0) * (a @ psi)
+        psi = h * (one + (h / 2.0) * (a @ psi))
+        return one + a @ psi, psi

@@ -1,0 +1,126 @@
+"""Where a search stands: a description, shifts of bodies' inertial parameters, and biases of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.description.schema import Description
+from smsid.effects.base import Effect
+from smsid.model import build_model, rebuild
+from smsid.model.assembly import pseudo_inertia
+from smsid.model.regressor import dynamic_parameters
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing import Sensor
+
+Kind = Literal["inertial", "effect", "bias"]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A parameter of the search.
+
+    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>`` or ``<channel>.bias.<axis>``; ``column`` is
+    where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
+    standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    nominal: float
+    sigma: float
+    scale: float
+    column: int = -1
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def unbound(self) -> Unknown:
+        """Return the parameter without its prior."""
+        return replace(self, sigma=np.inf)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
+
+    ``biases`` by unknown's name: channel, axis and value are read from the name.
+    """
+
+    base: SpacecraftModel
+    description: Description
+    inertial: Mapping[int, float] = field(default_factory=dict)
+    biases: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, description: Description) -> Point:
+        """Return the description as it is."""
+        return cls(build_model(description), description)
+
+    def value(self, unknown: Unknown) -> float:
+        """Return the value of a parameter here."""
+        if unknown.kind == "inertial":
+            return unknown.nominal + self.inertial.get(unknown.column, 0.0)
+        if unknown.kind == "bias":
+            return self.biases.get(unknown.name, 0.0)
+        effect = self.description.get_effect(unknown.name.partition(".")[0])
+        return next(p.value for p in effect.parameters() if p.name == unknown.name)
+
+    def moved(self, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
+        """Return the point a step (unknowns,) away, each value kept within its bounds."""
+        inertial, biases = dict(self.inertial), dict(self.biases)
+        values: dict[str, dict[str, float]] = {}
+        for unknown, d in zip(unknowns, step, strict=True):
+            new = float(np.clip(self.value(unknown) + d, unknown.lower, unknown.upper))
+            if unknown.kind == "inertial":
+                inertial[unknown.column] = new - unknown.nominal
+            elif unknown.kind == "bias":
+                biases[unknown.name] = new
+            else:
+                values.setdefault(unknown.name.partition(".")[0], {})[unknown.name] = new
+        description = self.description
+        if values:
+            changed = [description.get_effect(name).with_values(v) for name, v in values.items()]
+            description = description.with_effects(*changed)
+        return replace(self, description=description, inertial=inertial, biases=biases)
+
+    def with_effect(self, effect: Effect) -> Point:
+        """Return the point with an effect more, or another instance of one it has."""
+        return replace(self, description=self.description.with_effects(effect))
+
+    def model(self) -> SpacecraftModel:
+        """Return the model here. Raises `DescriptionError` where no such spacecraft can be."""
+        model = rebuild(self.base, self.description)
+        for j in sorted({c // 10 + 1 for c in self.inertial}):
+            theta = dynamic_parameters(model.pin.inertias[j]).copy()
+            for c, shift in self.inertial.items():
+                if c // 10 + 1 == j:
+                    theta[c % 10] += shift
+            model.pin.inertias[j] = pin.Inertia.FromDynamicParameters(theta)
+        return model
+
+    def physical(self) -> bool:
+        """Whether every body whose inertial parameters were shifted can exist."""
+        model = self.model()
+        for j in {c // 10 + 1 for c in self.inertial}:
+            theta = dynamic_parameters(model.pin.inertias[j])
+            if theta[0] <= 0.0 or np.linalg.eigvalsh(pseudo_inertia(theta))[0] < -1e-9 * np.abs(theta).max():
+                return False
+        return True
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Return the sensors as effects and biases leave them."""
+        sensors = {s.name: s for s in self.description.effective_sensors()}
+        for name, value in self.biases.items():
+            source, quantity, _, axis = name.split(".")
+            sensor = sensors[source]
+            errors = sensor.error(quantity)
+            bias = np.broadcast_to(np.asarray(errors.bias, dtype=float), (3,)).copy()
+            bias["xyz".index(axis)] += value
+            updated = errors.model_copy(update={"bias": tuple(float(b) for b in bias)})
+            sensors[source] = sensor.model_copy(update={"errors": {**sensor.errors, quantity: updated}})
+        return tuple(sensors.values())

@@ -1,0 +1,269 @@
+"""Which effects could be where: the catalogue laid over a spacecraft and the channels of a recording."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from smsid.diagnose.candidates import Candidate
+from smsid.diagnose.filter import Problem
+from smsid.diagnose.point import Point, Unknown
+from smsid.effects.base import Effect, catalogue, known_effect
+from smsid.effects.slosh import Slosh
+from smsid.errors import SmsidError
+from smsid.model.regressor import INERTIAL_NAMES
+
+LOGGER = logging.getLogger(__name__)
+AXES = ("x", "y", "z")
+
+
+def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[Candidate]:
+    """Return every candidate for a spacecraft: the catalogue's, those of user effects, and shifts of nominal
+    parameters beyond their priors.
+
+    An effect class of the user takes part by a class method ``candidates(model)`` that yields candidates.
+    """
+    found: list[Candidate] = []
+    for candidate in (
+        *_joints(point, problem),
+        *_bodies(point, nominal),
+        *_fuel(point, nominal),
+        *_panels(point, nominal),
+        *_outside(point, problem),
+        *_sensors(point, problem),
+        *_users(point),
+    ):
+        if candidate.key not in {c.key for c in found}:
+            found.append(candidate)
+    return found
+
+
+def _instance(kind: str, name: str, **fields: Any) -> Effect | None:
+    cls = known_effect(kind)
+    if cls is None:
+        return None
+    try:
+        return cls.model_validate({"kind": kind, "name": name, **fields})
+    except (ValidationError, SmsidError) as error:
+        LOGGER.info("no candidate %s: %s", name, error)
+        return None
+
+
+def _one(
+    kind: str,
+    location: str,
+    family: str,
+    shape: str,
+    fields: dict[str, Any],
+    free: dict[str, float],
+    also: Sequence[str] = (),
+) -> Iterator[Candidate]:
+    """Yield a candidate; ``free`` gives the step of each parameter, vectors as ``key.x``."""
+    name = f"{kind}_{location}".replace("/", "_").replace(".", "_")
+    effect = _instance(kind, name, **fields)
+    if effect is None:
+        return
+    known = {p.name for p in effect.parameters()}
+    names = tuple(f"{name}.{key}" for key in free)
+    if not set(names) <= known:
+        LOGGER.info("no candidate %s: it has %s", name, sorted(known))
+        return
+    more = tuple(f"{name}.{key}" for key in also if f"{name}.{key}" in known)
+    yield Candidate(kind, location, family, shape, effect, names, tuple(free.values()), more)
+
+
+def _vector(key: str, step: float) -> dict[str, float]:
+    return {f"{key}.{axis}": step for axis in AXES}
+
+
+def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
+    model = point.base
+    held = set(problem.locked.tolist())
+    for group, wheel in ((model.arm_joints, False), (model.wheels, True)):
+        for name, v in zip(group.names, group.v, strict=True):
+            if int(v) in held:
+                continue
+            at = {"joint": name}
+            yield from _one("joint_friction", name, "friction", "viscous", at, {"viscous": 1e-3})
+            yield from _one("joint_friction", name, "friction", "coulomb", at, {"coulomb": 1e-3})
+            yield from _one("torque_gain", name, "actuator", "torque constant", at, {"error": 1e-3})
+            late = {"actuator": name}
+            yield from _one("actuator_delay", name, "actuator", "delay", late, {"delay": 1e-3})
+            if wheel:
+                on = {"wheel": name}
+                imbalance = {"static": 1e-4}
+                yield from _one("wheel_imbalance", name, "actuator", "imbalance", on, imbalance)
+                continue
+            yield from _one("joint_friction", name, "friction", "load-dependent", at, {"load": 1e-3})
+            varying = {"position_cos": 1e-3, "position_sin": 1e-3}
+            yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
+            with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
+            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck)
+            none = at | {"inertia": 0.0}
+            yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
+
+
+def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
+    model = point.base
+    by_body: dict[str, list[Unknown]] = {}
+    for u in nominal:
+        if u.kind == "inertial":
+            by_body.setdefault(u.name.rpartition(".")[0], []).append(u)
+    groups = (
+        ("mass", INERTIAL_NAMES[:1]),
+        ("centre of mass", INERTIAL_NAMES[1:4]),
+        ("inertia", INERTIAL_NAMES[4:]),
+    )
+    for body, unknowns in by_body.items():
+        for shape, labels in groups:
+            free = tuple(u.name for u in unknowns if u.name.rpartition(".")[2] in labels)
+            steps = tuple(u.scale for u in unknowns if u.name in free)
+            yield Candidate("body_error", body, "inertia", shape, None, free, steps)
+    for arm in model.arms.values():
+        last = model.pin.names[int(arm.joints[-1])]
+        frames = [f.name for f in model.pin.frames if f.parentJoint == int(arm.joints[-1])]
+        for frame in (*[n for n in frames if "tool" in n or "ee" in n or "tip" in n][:1], last):
+            payload = {"frame": frame, "mass": 0.0}
+            yield from _one(
+                "payload", frame, "inertia", "payload", payload, {"mass": 1e-2}, ("com.x", "com.y", "com.z")
+            )
+            break
+    if model.free:
+        bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
+        where = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
+        yield from _one("mass_loss", where["frame"], "inertia", "mass loss", where, {"rate": 1e-3})
+
+
+def _shift(
+    kind: str, location: str, family: str, shape: str, names: Sequence[str], nominal: Sequence[Unknown]
+) -> Iterator[Candidate]:
+    by_name = {u.name: u for u in nominal}
+    free = tuple(n for n in names if n in by_name)
+    if free:
+        yield Candidate(kind, location, family, shape, None, free, tuple(by_name[n].scale for n in free))
+
+
+def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
+    for effect in point.description.effect:
+        if not isinstance(effect, Slosh):
+            continue
+        n = effect.name
+        springs = [f"{n}.stiffness.{a}" for a in AXES]
+        dampers = [f"{n}.damping.{a}" for a in AXES]
+        yield from _shift("slosh", n, "slosh", "frequency", springs, nominal)
+        yield from _shift("slosh", n, "slosh", "damping", dampers, nominal)
+        yield from _shift("slosh", n, "slosh", "mass", [f"{n}.mass"], nominal)
+        at = {"tank": n}
+        hard = {"cubic": max(effect.stiffness)}
+        yield from _one("slosh_nonlinearity", n, "slosh", "cubic spring", at, hard)
+        drag = {"quadratic_damping": max(max(effect.damping), 1e-3)}
+        yield from _one("slosh_nonlinearity", n, "slosh", "quadratic damping", at, drag)
+
+
+def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
+    for joints in point.base.appendages:
+        part = joints.appendage
+        modes = range(1, len(joints.joints) + 1)
+        for k in modes:
+            own = [f"{part.name}.mode{k}.frequency"]
+            yield from _shift(part.kind, part.name, "appendage", f"frequency of mode {k}", own, nominal)
+            yield from _shift(
+                part.kind,
+                part.name,
+                "appendage",
+                f"damping of mode {k}",
+                [f"{part.name}.mode{k}.damping"],
+                nominal,
+            )
+            at = {"appendage": part.name, "mode": k, "rate": 0.0}
+            yield from _one(
+                "frequency_drift", part.name, "appendage", f"drift of mode {k}", at, {"rate": 1e-4}
+            )
+        stiff = [f"{part.name}.youngs_modulus"]
+        yield from _shift(part.kind, part.name, "appendage", "stiffness", stiff, nominal)
+        yield from _shift(part.kind, part.name, "appendage", "damping", [f"{part.name}.damping"], nominal)
+        at = {"appendage": part.name, "factor": 0.0}
+        yield from _one(
+            "geometric_stiffness", part.name, "appendage", "axial softening", at, {"factor": 1e-2}
+        )
+
+
+def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
+    model = point.base
+    if not model.free:
+        return
+    force = (
+        np.asarray(problem.recording["command.force"])
+        if "command.force" in problem.recording
+        else np.zeros(1)
+    )
+    if force.any():
+        yield from _one("thruster_gain", "thruster", "actuator", "gain", {}, _vector("gain", 1e-3))
+        yield from _one(
+            "thruster_misalignment", "thruster", "actuator", "misalignment", {}, _vector("angles", 1e-3)
+        )
+        late = {"actuator": "thruster"}
+        yield from _one("actuator_delay", "thruster", "actuator", "delay", late, {"delay": 1e-3})
+    for frame in ("body", "inertial"):
+        at = {"frame": frame}
+        yield from _one(
+            "external_wrench", f"bus_{frame}", "external", f"force, {frame}", at, _vector("force", 1e-4)
+        )
+        yield from _one(
+            "external_wrench", f"bus_{frame}", "external", f"torque, {frame}", at, _vector("torque", 1e-4)
+        )
+    yield from _one("gravity_gradient", "bus", "external", "gravity gradient", {"rate": 0.0}, {"rate": 1e-4})
+
+
+def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
+    names = {b.channel: b for b in problem.data.blocks}
+    for sensor in point.description.sensor:
+        here = [q for q in sensor.quantities if f"{sensor.name}.{q}" in names]
+        if not here:
+            continue
+        for q in here:
+            at = {"sensor": sensor.name, "quantity": q}
+            where = f"{sensor.name}.{q}"
+            sigma = float(np.max(problem.data.sigma[names[where].rows]))
+            vector = q in ("position", "velocity", "acceleration", "angular_rate")
+            if vector:
+                yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
+                yield from _one("sensor_scale", where, "sensor", "scale", at, _vector("scale", 1e-3))
+                yield from _one(
+                    "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
+                )
+            elif q == "attitude":
+                yield from _one(
+                    "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
+                )
+            else:
+                group = point.base.wheels if q == "wheel_rate" else point.base.arm_joints
+                for label in group.names:
+                    own, place = at | {"component": label}, f"{where}[{label}]"
+                    yield from _one("sensor_bias", place, "sensor", "bias", own, {"bias": sigma})
+                    yield from _one("sensor_scale", place, "sensor", "scale", own, {"scale": 1e-4})
+            yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
+        if len(here) > 1:
+            yield from _one(
+                "time_offset", sensor.name, "sensor", "time offset", {"sensor": sensor.name}, {"offset": 1e-3}
+            )
+        if sensor.kind in ("pose", "imu") and point.base.free:
+            yield from _one(
+                "lever_arm",
+                sensor.name,
+                "sensor",
+                "lever arm",
+                {"sensor": sensor.name},
+                _vector("offset", 1e-3),
+            )
+
+
+def _users(point: Point) -> Iterator[Candidate]:
+    for cls in catalogue().values():
+        own = getattr(cls, "candidates", None)
+        if own is not None:
+            yield from own(point.base)

@@ -1,0 +1,253 @@
+"""The search for causes: fit what is uncertain, score every candidate, fit the best, again, and prune."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.diagnose.blocks import Block, adequacy
+from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
+from smsid.diagnose.channels import Measured
+from smsid.diagnose.filter import Problem, Run
+from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.point import Point, Unknown
+from smsid.errors import SmsidError
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
+
+    ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (9.2: one
+    is a hundred times as likely); ``linear`` the likelihood ratio up to which the linear score is believed
+    without a refit of the contenders.
+    """
+
+    candidate: float = 0.003
+    block: float = 0.001
+    alias: float = 9.2
+    linear: float = 400.0
+    causes: int = 3
+    contenders: int = 3
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An accepted candidate with its score, and those this experiment does not tell from it.
+
+    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit.
+    """
+
+    score: Score
+    aliases: tuple[tuple[Score, float], ...]
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a search ended: the fit of the nominal parameters alone, the last fit, causes and tests.
+
+    ``scores`` are those of the last round, the best first; ``blocks`` the generic tests after it.
+    ``before`` are those of the nominal fit.
+    """
+
+    nominal: Fit
+    last: Fit
+    causes: tuple[Cause, ...]
+    scores: tuple[Score, ...]
+    blocks: tuple[Block, ...]
+    candidates: int
+    samples: int
+    noise: dict[str, float]
+    seconds: dict[str, float] = field(default_factory=dict)
+    levels: Levels = Levels()
+
+    @property
+    def left(self) -> tuple[Block, ...]:
+        """The generic tests that are still significant."""
+        n = len(self.blocks)
+        return tuple(b for b in self.blocks if b.p_value * n < self.levels.block)
+
+
+def search(
+    point: Point,
+    problem: Problem,
+    unknowns: Sequence[Unknown],
+    candidates: Sequence[Candidate],
+    levels: Levels | None = None,
+) -> Search:
+    """Return the causes that explain a recording, found one after the other.
+
+    Raises `SimulationError` when the nominal model cannot be filtered at all.
+    """
+    levels = levels or Levels()
+    clock = {"nominal": time.process_time()}
+    nominal, problem, noise = _fit_noise(point, problem, tuple(unknowns))
+    current, causes, taken = nominal, [], []
+    clock["search"] = time.process_time()
+    rest = list(candidates)
+    while True:
+        scores = _scores(current, rest)
+        best = _best(scores, len(candidates), current.run.samples, levels)
+        if best is None or len(causes) == levels.causes:
+            break
+        accepted = _accept(current, best, scores, levels)
+        if accepted is None:
+            rest = [c for c in rest if c.key != best.candidate.key]
+            continue
+        cause, current = accepted
+        causes.append(cause)
+        taken.append(best.candidate)
+        rest = [c for c in rest if c.key != best.candidate.key]
+    causes, current = _pruned(causes, current, nominal, levels, len(candidates))
+    clock["tests"] = time.process_time()
+    blocks = adequacy(current)
+    end = time.process_time()
+    seconds = {
+        "nominal": clock["search"] - clock["nominal"],
+        "search": clock["tests"] - clock["search"],
+        "tests": end - clock["tests"],
+    }
+    return Search(
+        nominal, current, tuple(causes), tuple(scores), tuple(blocks), len(candidates),
+        current.run.samples, noise, seconds, levels,
+    )  # fmt: skip
+
+
+def _fit_noise(
+    point: Point, problem: Problem, unknowns: tuple[Unknown, ...]
+) -> tuple[Fit, Problem, dict[str, float]]:
+    """Fit the nominal parameters and the noise level of every channel, in turn."""
+    found = fit(point, unknowns, problem)
+    total = np.ones(problem.data.rows)
+    for _ in range(2):
+        factor = noise_factors(problem.data, found.run)
+        if np.abs(factor - 1.0).max() < 0.03:
+            break
+        total *= factor
+        problem = replace(problem, data=problem.data.scaled(factor))
+        found = fit(found.point, unknowns, problem, iterations=3)
+    noise = {b.channel: float(total[b.rows.start]) for b in problem.data.blocks}
+    return found, problem, noise
+
+
+def noise_factors(data: Measured, run: Run) -> np.ndarray:
+    """Return what every channel's stated noise is off by (rows,), from its prediction errors.
+
+    The smaller of their variance and that of their differences: what varies slowly is no noise. One factor a
+    channel.
+    """
+    out = np.ones(data.rows)
+    for block in data.blocks:
+        shares = []
+        for row in range(block.rows.start, block.rows.stop):
+            x = run.normalised[run.used[:, row], row]
+            if len(x) < 50:
+                continue
+            x = x[len(x) // 50 :]
+            middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
+            rough = np.diff(x)
+            calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
+            shares.append(min(float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))))
+        if shares:
+            out[block.rows] = np.sqrt(np.mean(shares))
+    return out
+
+
+def _scores(found: Fit, candidates: Sequence[Candidate]) -> list[Score]:
+    columns = signatures(found, candidates)
+    scores = [score(found, candidates[i], c) for i, c in columns.items()]
+    return sorted(scores, key=lambda s: -s.information_gain(found.run.samples))
+
+
+def _best(scores: Sequence[Score], tried: int, samples: int, levels: Levels) -> Score | None:
+    for s in scores:
+        if s.freedom and s.p_value * tried < levels.candidate and s.information_gain(samples) > 0.0:
+            return s
+    return None
+
+
+def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -> tuple[Cause, Fit] | None:
+    """Refit the best candidate, and its contenders where the linear score may be off; return the winner."""
+    samples = current.run.samples
+    gain = best.information_gain(samples)
+    near = [s for s in scores if gain - s.information_gain(samples) < levels.alias]
+    contenders = [best]
+    if best.ratio > levels.linear:
+        others = [s for s in scores if s is not best and s.ratio > 0.5 * best.ratio]
+        contenders += others[: levels.contenders - 1]
+    fitted: list[tuple[float, Score, Fit]] = []
+    for s in contenders:
+        found = _refit(current, s)
+        if found is None:
+            continue
+        ratio = 2.0 * (current.objective - found.objective)
+        LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
+        fitted.append((ratio - (s.ratio - s.information_gain(samples)), s, found))
+    if not fitted:
+        return None
+    value, winner, found = max(fitted, key=lambda x: x[0])
+    ratio = 2.0 * (current.objective - found.objective)
+    if value <= 0.0 or chi2.sf(ratio, max(winner.freedom, 1)) * len(scores) > levels.candidate:
+        return None
+    if best.ratio > levels.linear:
+        refitted = {id(s): v for v, s, _ in fitted}
+        near = [s for s in contenders if value - refitted.get(id(s), -np.inf) < levels.alias]
+        near += [
+            s for s in scores if s not in contenders and gain - s.information_gain(samples) < levels.alias
+        ]
+    aliases = tuple((s, correlation(current, winner, s)) for s in near if s is not winner)
+    return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio), found
+
+
+def _refit(current: Fit, s: Score) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate."""
+    candidate = s.candidate
+    own = candidate.unknowns(current.unknowns)
+    kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
+    point = current.point
+    if candidate.effect is not None:
+        point = point.with_effect(candidate.instance(point))
+    unknowns = (*kept, *own)
+    start = point.moved(own, s.estimate * np.array(candidate.steps))
+    for at in (start, point):
+        try:
+            if not at.physical():
+                continue
+            return fit(at, unknowns, current.problem, iterations=4)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
+    return None
+
+
+def _pruned(
+    causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int
+) -> tuple[list[Cause], Fit]:
+    """Leave out causes that the others made unnecessary, by Wald's statistic."""
+    while len(causes) > 1:
+        covariance = last.covariance()
+        names = [u.name for u in last.unknowns]
+        worst, least = None, np.inf
+        for cause in causes:
+            index = [names.index(n) for n in cause.score.candidate.free]
+            shift = np.array([last.point.value(last.unknowns[i]) - last.unknowns[i].nominal for i in index])
+            wald = float(shift @ np.linalg.pinv(covariance[np.ix_(index, index)]) @ shift)
+            p = chi2.sf(wald, len(index)) * tried
+            if p > levels.candidate and wald < least:
+                worst, least = cause, wald
+        if worst is None:
+            break
+        causes = [c for c in causes if c is not worst]
+        current = nominal
+        for cause in causes:
+            refitted = _refit(current, cause.score)
+            current = refitted if refitted is not None else current
+        last = current
+    return causes, last
