@@ -17,6 +17,7 @@ import smsid
 from smsid.campaign.command import campaign_command
 from smsid.control.command import control_command
 from smsid.errors import SmsidError
+from smsid.export.command import export_command
 from smsid.recording.inspect import inspect_command
 
 app = typer.Typer(
@@ -212,6 +213,7 @@ def view(
 app.command(name="inspect")(inspect_command)
 app.command(name="campaign")(campaign_command)
 app.command(name="control")(control_command)
+app.command(name="export")(export_command)
 
 
 @contextmanager

@@ -328,8 +328,8 @@ def _sigma(scatter: np.ndarray) -> np.ndarray:
     The estimate is a median over windows, which scatters a little less. Infinite where most of the windows
     lose the mode in half of the resampled records.
     """
-    kept = np.isfinite(scatter).all(axis=2)
-    lost = np.asarray(2 * kept.sum(axis=0) < len(scatter))
+    kept: np.ndarray = np.all(np.isfinite(scatter), axis=2)
+    lost = np.mean(kept, axis=0) < 0.5
     square = np.where(kept[..., None], scatter, 0.0) ** 2
     sigma = np.sqrt(square.sum(axis=0) / np.maximum(kept.sum(axis=0), 1)[:, None])
     return np.median(np.where(lost[:, None], np.inf, sigma), axis=0)

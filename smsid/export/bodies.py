@@ -1,0 +1,204 @@
+"""Rigid bodies that agree with an estimate of combinations, and can exist.
+
+An estimate knows combinations such as ``link2.mx + 2 link3.m`` with standard deviations; a URDF wants ten
+numbers a body. Those handed out minimise the combinations' errors in units of their standard deviations plus
+a weak pull towards the described bodies, over log-Cholesky coordinates: what the data say is met, what they
+leave open stays as described, and every body is physical. How the mass of a combination is shared out among
+its bodies is therefore the description's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from smsid.description import Description
+from smsid.errors import DescriptionError
+from smsid.identify.estimate import Estimate
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of
+from smsid.model import SpacecraftModel
+from smsid.model.assembly import pseudo_inertia
+from smsid.model.load import load_bus, mount_arm
+from smsid.model.regressor import INERTIAL_NAMES, Regressor
+
+GROUPS = ("maximum_likelihood", "exp2.step_b", "arm")
+"""Groups of an estimate that hold inertial combinations linear in ordinary parameters."""
+
+PULL = 1.0
+"""Standard deviation of the pull towards the described body: a factor of e in size."""
+
+ROUNDED = 5e-5
+"""Combinations are named with factors of four digits."""
+
+THINNEST = 1e-3
+"""Smallest second moment a start may have, relative to the largest."""
+
+_TERM = re.compile(r"^(?:(?P<factor>[\d.]+(?:e[+-]?\d+)?) )?(?P<name>\S+)$")
+
+
+@dataclass(frozen=True)
+class IdentifiedBodies:
+    """Inertial parameters (10,) by joint, in the joint's frame, of what the URDFs hold.
+
+    ``misfit`` is the root mean square error of the combinations in standard deviations, ``combinations`` how
+    many there were, ``notes`` what was left as it was.
+    """
+
+    parameters: dict[str, np.ndarray]
+    misfit: float
+    combinations: int
+    notes: tuple[str, ...]
+
+
+def parse_combination(text: str) -> dict[str, float] | None:
+    """Return factors by parameter of a combination such as ``bus.mx - 2 link1.m``; None if it is none."""
+    out: dict[str, float] = {}
+    parts = re.split(r" ([+-]) ", text)
+    for sign, term in zip(["+", *parts[1::2]], parts[::2], strict=True):
+        found = _TERM.match(term)
+        if found is None:
+            return None
+        size = float(found["factor"] or 1.0)
+        out[found["name"]] = out.get(found["name"], 0.0) + (size if sign == "+" else -size)
+    return out
+
+
+def urdf_bodies(description: Description) -> dict[str, np.ndarray]:
+    """Return the parameters (10,) of every moving body of the URDFs by joint, without wheels and effects.
+
+    Raises:
+        DescriptionError: as `smsid.model.build_model`.
+    """
+    loaded = load_bus(description, False)
+    for arm in description.arm:
+        if arm.mounted:
+            loaded, _ = mount_arm(loaded, arm, description)
+    model: pin.Model = loaded.model
+    return {
+        model.names[j]: np.asarray(model.inertias[j].toDynamicParameters()) for j in range(1, model.njoints)
+    }
+
+
+def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedBodies:
+    """Return bodies that agree with an estimate.
+
+    Args:
+        model: built from the description whose effects are at the estimate's values.
+        estimate: of the same description.
+
+    Raises:
+        DescriptionError: the estimate has no inertial combination of this model, or the search fails.
+    """
+    own = urdf_bodies(model.description)
+    joints = {name: k for k, name in enumerate(list(model.pin.names)[1:])}
+    free = {name: theta for name, theta in own.items() if theta[0] > 0.0}
+    starts = {name: factor(_with_extent(theta)) for name, theta in free.items()}
+    notes = [f"'{n}' has no mass in the URDF and none in the export" for n in own if n not in free]
+    rows, target, sigma = _equations(model, estimate)
+    if not len(target):
+        raise DescriptionError(
+            f"The estimate '{estimate.description}' has no inertial combination of "
+            f"'{model.description.name}'.",
+            advice="Is it of another description, or of Exp. 1 alone? Then export the description by itself.",
+        )
+    # rows act on all bodies of the model; of these, what the URDFs hold can move
+    columns = {n: rows[:, SIZE * joints[n] : SIZE * (joints[n] + 1)] / sigma[:, None] for n in free}
+    fixed = np.asarray(target, dtype=float) / sigma
+    names = list(free)
+    described = {n: free[n] for n in names}
+    at = dict(starts)
+    phi0 = np.zeros(SIZE * len(names))
+
+    def bodies(phi: np.ndarray) -> dict[str, np.ndarray]:
+        return {n: moved(at[n], phi[SIZE * k : SIZE * (k + 1)]) for k, n in enumerate(names)}
+
+    def errors(phi: np.ndarray) -> np.ndarray:
+        found = bodies(phi)
+        change = sum(columns[n] @ (parameters_of(found[n]) - described[n]) for n in names)
+        return np.concatenate([np.asarray(change) - fixed, phi / PULL])
+
+    def slopes(phi: np.ndarray) -> np.ndarray:
+        # d theta / d phi at phi by finite differences of the exact map: ten columns a body
+        out = np.zeros((len(fixed) + phi.size, phi.size))
+        for k, n in enumerate(names):
+            part = phi[SIZE * k : SIZE * (k + 1)]
+            here = parameters_of(moved(at[n], part))
+            for i in range(SIZE):
+                step = np.zeros(SIZE)
+                step[i] = 1e-6
+                there = parameters_of(moved(at[n], part + step))
+                out[: len(fixed), SIZE * k + i] = columns[n] @ ((there - here) / 1e-6)
+        out[len(fixed) :] = np.eye(phi.size) / PULL
+        return out
+
+    result = least_squares(errors, phi0, jac=slopes, max_nfev=200)  # pyright: ignore[reportArgumentType]
+    if not result.success:
+        raise DescriptionError(
+            f"No physical bodies were found that agree with the estimate: {result.message}.",
+            advice="Start from a description nearer to the estimate.",
+        )
+    found = {n: parameters_of(f) for n, f in bodies(result.x).items()}
+    misfit = float(np.sqrt(np.mean(errors(result.x)[: len(fixed)] ** 2)))
+    return IdentifiedBodies({**own, **found}, misfit, len(fixed), tuple(notes))
+
+
+def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows on all bodies (n, 10 bodies), what they are to change by (n,), and standard deviations (n,)."""
+    regressor = Regressor(model)
+    place = {name: k for k, name in enumerate(regressor.names)}
+    theta = regressor.parameters
+    whole = theta + carried_by_bus(model, regressor) if model.free else theta
+    effects = {p.name: p.value for e in model.description.effect for p in e.parameters()}
+    rows: list[np.ndarray] = []
+    target: list[float] = []
+    sigma: list[float] = []
+    for p in estimate.parameters:
+        if not (np.isfinite(p.value) and np.isfinite(p.sigma) and p.sigma > 0.0):
+            continue
+        if p.name == "total.mass":
+            terms: dict[str, float] | None = {f"{body}.m": 1.0 for body in regressor.bodies}
+            values = theta
+        else:
+            terms = parse_combination(p.name) if p.group in GROUPS else None
+            values = whole
+        if not terms or not any(n in place for n in terms) or any(n not in place | effects for n in terms):
+            continue
+        row = np.zeros(len(theta))
+        for name, size in terms.items():
+            if name in place:
+                row[place[name]] = size
+        beyond = sum(size * effects[n] for n, size in terms.items() if n not in place)
+        scale = np.abs(row) @ np.abs(values)
+        rows.append(row)
+        target.append(p.value - float(row @ values) - beyond)
+        sigma.append(float(np.hypot(p.sigma, ROUNDED * scale if len(terms) > 1 else 0.0)))
+    return np.array(rows).reshape(-1, len(theta)), np.array(target), np.array(sigma)
+
+
+def _with_extent(theta: np.ndarray) -> np.ndarray:
+    """Return the nearest body with extent in three directions: a start for one that cannot exist."""
+    if is_body(theta):
+        return theta
+    centre = theta[1:4] / theta[0]
+    second = pseudo_inertia(theta)[:3, :3] - theta[0] * np.outer(centre, centre)
+    size, vectors = np.linalg.eigh(second)
+    floor = max(THINNEST * float(size[-1]), theta[0] * 1e-4)  # a centimetre
+    second = vectors * np.maximum(size, floor) @ vectors.T + theta[0] * np.outer(centre, centre)
+    matrix = np.trace(second) * np.eye(3) - second
+    xx, xy, xz, _, yy, yz, _, _, zz = matrix.ravel()
+    return np.concatenate([theta[:4], [xx, xy, yy, xz, yz, zz]])
+
+
+def inertial_table(bodies: dict[str, np.ndarray]) -> Sequence[tuple[str, float]]:
+    """Return ``(<joint>.<parameter>, value)`` of all bodies."""
+    return [
+        (f"{joint}.{name}", float(x))
+        for joint, theta in bodies.items()
+        for name, x in zip(INERTIAL_NAMES, theta, strict=True)
+    ]

@@ -1,0 +1,196 @@
+"""Everything another program needs of an identified spacecraft, in one folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import secrets
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from smsid._files import atomic_write
+from smsid.description import Arm, Description, save_description
+from smsid.effects import MotorCoupling
+from smsid.errors import SmsidError
+from smsid.export.bodies import IdentifiedBodies, identified_bodies
+from smsid.export.estimate_values import with_estimate
+from smsid.export.mjcf import write_mjcf
+from smsid.export.urdf import rewritten_urdf
+from smsid.identify.estimate import Estimate
+from smsid.model import SpacecraftModel, build_model
+from smsid.model.assembly import find_frame
+from smsid.model.load import load_bus
+from smsid.model.regressor import INERTIAL_UNITS, Regressor
+from smsid.model.robots import robot_urdf
+
+ROOT = "root_joint"
+"""Pinocchio's name of the free joint of the bus."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written: names of the files, the bodies behind them (None without an estimate), and notes."""
+
+    folder: Path
+    files: tuple[str, ...]
+    bodies: IdentifiedBodies | None
+    notes: tuple[str, ...]
+
+
+def export_folder(
+    description: Description,
+    folder: str | os.PathLike[str],
+    estimate: Estimate | None = None,
+    *,
+    mujoco: bool = True,
+) -> Export:
+    """Write a description, at an estimate's values if one is given, for other programs.
+
+    ``<name>.urdf`` (and one per mounted arm) with physically consistent inertias, ``<name>.toml`` that smsid
+    reads, ``parameters.csv``, and ``<name>.xml``, the whole spacecraft for MuJoCo. The folder appears whole
+    or not at all.
+
+    Args:
+        description: the spacecraft or arm.
+        folder: to make; may exist if it is empty.
+        estimate: of this description; None exports the description as it is.
+        mujoco: whether to write the MuJoCo XML.
+
+    Raises:
+        SmsidError: the folder is in use or its parent is missing.
+        DescriptionError: as `with_estimate`, `identified_bodies` and `write_mjcf`.
+    """
+    target = Path(folder).resolve()
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SmsidError(
+            f"'{folder}' exists and is not an empty folder.", advice="Name a new folder.", path=str(folder)
+        )
+    if not target.parent.is_dir():
+        raise SmsidError(f"The folder '{target.parent}' does not exist.", advice="Create it first.")
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
+    temporary.mkdir()
+    try:
+        files, bodies, notes = _written(description, temporary, target, estimate, mujoco)
+        if target.exists():
+            target.rmdir()
+        os.replace(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return Export(target, tuple(files), bodies, tuple(notes))
+
+
+def _written(
+    description: Description, folder: Path, target: Path, estimate: Estimate | None, mujoco: bool
+) -> tuple[list[str], IdentifiedBodies | None, list[str]]:
+    notes: list[str] = []
+    found = description
+    bodies = None
+    if estimate is not None:
+        found, notes = with_estimate(description, estimate)
+        bodies = identified_bodies(simulable(found), estimate)
+        notes += bodies.notes
+    stem = description.name
+    moved = _urdfs(found, folder, target, None if bodies is None else bodies.parameters)
+    save_description(moved, folder / f"{stem}.toml")
+    model = simulable(moved)  # reads what was written
+    atomic_write(folder / "parameters.csv", parameters_csv(moved, model, estimate))
+    if mujoco:
+        atomic_write(folder / f"{stem}.xml", write_mjcf(_with_rotors(moved, model)))
+    return sorted(p.name for p in folder.iterdir()), bodies, notes
+
+
+def simulable(description: Description) -> SpacecraftModel:
+    """Return the model without the inertia of motors of several joints, which Pinocchio cannot simulate.
+
+    Raises:
+        DescriptionError: as `build_model`.
+    """
+    still = [
+        e.with_values({f"{e.name}.inertia": 0.0})
+        for e in description.effect
+        if isinstance(e, MotorCoupling) and e.inertia > 0.0
+    ]
+    return build_model(description.with_effects(*still) if still else description)
+
+
+def _with_rotors(description: Description, model: SpacecraftModel) -> SpacecraftModel:
+    """The model with the description that has these inertias still: MuJoCo can simulate them."""
+    return replace(model, description=description)
+
+
+def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndarray] | None) -> Description:
+    """Write the URDFs and return the description that refers to them."""
+    places = [d.folder, (d.folder / d.urdf).parent, *(d.folder / p for p in d.package_dirs)]
+    free = d.root == "free"
+    own = None if bodies is None else {n: x for n, x in bodies.items() if "/" not in n}
+    path = d.folder / d.urdf
+    root = bodies.get(ROOT) if bodies is not None and free else None
+    atomic_write(folder / f"{d.name}.urdf", rewritten_urdf(path, target, own, root=root))
+    arms = []
+    for arm in d.arm:
+        if not arm.mounted:
+            arms.append(arm)
+            continue
+        if arm.robot is not None:
+            path, more = robot_urdf(arm.robot)
+            places += more
+        else:
+            path = d.folder / str(arm.urdf)
+            places.append(path.parent)
+        prefix = f"{arm.name}/"
+        part = None
+        if bodies is not None:
+            part = {n.removeprefix(prefix): x for n, x in bodies.items() if n.startswith(prefix)}
+        text = rewritten_urdf(
+            path, target, part, welded=arm.fixed, rootless=bodies is not None and _on_moving_body(d, arm)
+        )
+        atomic_write(folder / f"{arm.name}.urdf", text)
+        arms.append(arm.model_copy(update={"urdf": f"{arm.name}.urdf", "robot": None}))
+    folders = dict.fromkeys(os.path.relpath(Path(p).resolve(), target) for p in places)
+    uses_packages = any("package://" in f.read_text(encoding="utf-8") for f in folder.glob("*.urdf"))
+    return d.model_copy(
+        update={
+            "urdf": f"{d.name}.urdf",
+            "arm": tuple(arms),
+            "folder": folder,
+            "package_dirs": tuple(folders) if uses_packages else (),
+        }
+    )
+
+
+def _on_moving_body(d: Description, arm: Arm) -> bool:
+    """Whether a mounted arm's root link is part of a moving body, which then has its inertia."""
+    if arm.mount.frame is None:
+        return d.root == "free"
+    bus = load_bus(d, False).model
+    return bus.frames[find_frame(bus, arm.mount.frame)].parentJoint > 0
+
+
+def parameters_csv(description: Description, model: SpacecraftModel, estimate: Estimate | None) -> str:
+    """Return ``name, value, unit, sigma, low, high, status`` of the estimate, then of the exported bodies.
+
+    Without an estimate the effects' parameters come first, with status ``described`` and their prior.
+    """
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(["name", "value", "unit", "sigma", "low_95", "high_95", "status"])
+    if estimate is not None:
+        for p in estimate.parameters:
+            low, high = p.interval
+            row = [repr(float(x)) if np.isfinite(x) else "" for x in (p.value, p.sigma, low, high)]
+            table.writerow([p.name, row[0], p.unit, *row[1:], p.status])
+    else:
+        for effect in description.effect:
+            for e in effect.parameters():
+                sigma = "" if e.sigma is None else repr(e.sigma)
+                table.writerow([e.name, repr(e.value), e.unit, sigma, "", "", "described"])
+    regressor = Regressor(model)
+    status = "described" if estimate is None else "exported"
+    units = INERTIAL_UNITS * len(regressor.bodies)
+    for name, x, unit in zip(regressor.names, regressor.parameters, units, strict=True):
+        table.writerow([f"body {name}", repr(float(x)), unit, "", "", "", status])
+    return out.getvalue()

@@ -1,0 +1,90 @@
+"""The exported MuJoCo XML moves as smsid's model does."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from smsid.description import Description
+from smsid.effects import JointFriction, ModalAppendage, Mode, MotorCoupling
+from smsid.errors import DescriptionError
+from smsid.export import write_mjcf
+from smsid.model import build_model
+
+from .machines import MACHINES, URDF, random_state, to_mujoco
+
+
+def both(description):
+    model = build_model(description)
+    mj = mujoco.MjModel.from_xml_string(write_mjcf(model))
+    return model, mj, mujoco.MjData(mj)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_accelerations_at_random_states_under_motors_and_thrust(name):
+    model, mj, data = both(MACHINES[name]())
+    rng = np.random.default_rng(3)
+    worst = 0.0
+    for _ in range(50):
+        q, v = random_state(model, rng)
+        tau = np.zeros(model.nv)
+        data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+        data.ctrl[:] = 0.0
+        groups = (model.wheels, model.arm_joints)
+        for joint, k in [pair for g in groups for pair in zip(g.names, g.v, strict=True)]:
+            tau[k] = rng.uniform(-1.0, 1.0)
+            data.ctrl[mj.actuator(joint).id] = tau[k]
+        if model.free:
+            force, torque = rng.normal(size=(2, 3))
+            tau += model.body_force(force, torque)
+            for axis, x in zip(("x", "y", "z", "rx", "ry", "rz"), [*force, *torque], strict=True):
+                data.ctrl[mj.actuator(f"thrust.{axis}").id] = x
+        mujoco.mj_forward(mj, data)
+        _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, tau))
+        worst = max(worst, float(np.abs(data.qacc - expected).max() / np.abs(expected).max()))
+    assert worst < 1e-9, worst
+
+
+@pytest.mark.parametrize("name", ["paper_sms", "two_arm_sms"])
+def test_mass_and_home(name):
+    model, mj, data = both(MACHINES[name]())
+    assert mj.body_mass.sum() == pytest.approx(model.mass, rel=1e-12)
+    mujoco.mj_resetDataKeyframe(mj, data, 0)
+    expected, _ = to_mujoco(model, mj, model.home, np.zeros(model.nv))
+    np.testing.assert_allclose(data.qpos, expected, atol=1e-12)
+
+
+def arm_with(*effects):
+    return Description(name="arm", urdf="arm3.urdf", root="fixed", folder=URDF, effect=effects)
+
+
+def test_a_coupled_motor_is_a_tendon():
+    model, mj, data = both(arm_with(MotorCoupling(name="wrist", joints=("joint2", "joint3"), viscous=2.0)))
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        q, v = random_state(model, rng)
+        data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+        mujoco.mj_forward(mj, data)
+        _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(model.nv)))
+        np.testing.assert_allclose(data.qacc, expected, rtol=1e-9)
+
+
+def test_coulomb_friction_is_dry_friction_at_speed():
+    model, mj, data = both(arm_with(JointFriction(name="rub", joint="joint3", coulomb=1.5)))
+    q, v = model.home, np.array([0.0, 0.0, 2.0])
+    data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+    mujoco.mj_forward(mj, data)
+    _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(3)))
+    np.testing.assert_allclose(data.qacc, expected, rtol=1e-6)
+
+
+def test_a_mode_that_twists_and_bends_is_refused_by_name():
+    mode = Mode(frequency=1.0, damping=0.01, translation=(0.0, 0.0, 1.0), rotation=(0.0, -1.0, 0.3))
+    panel = ModalAppendage(
+        name="skew", position=(1.0, 0.0, 0.0), mass=10.0, center_of_mass=(1.0, 0.0, 0.0),
+        inertia=(5.0, 0.0, 15.0, 0.0, 0.0, 18.0), mode=(mode,),
+    )  # fmt: skip
+    description = Description(name="sms", urdf="paper_sms.urdf", folder=URDF, effect=(panel,))
+    with pytest.raises(DescriptionError, match=r"skew\.mode1.*--no-mujoco"):
+        write_mjcf(build_model(description))
