@@ -1,7 +1,7 @@
 """Maximum likelihood: refinement of the linear estimate to the Cramer-Rao bound, and that bound itself."""
 
 from smsid.likelihood.fisher import FisherInformation, fisher_information
-from smsid.likelihood.piece import Nuisance
+from smsid.likelihood.local import Nuisance
 from smsid.likelihood.profile import ProfileInterval, profile_interval
 from smsid.likelihood.refine import Refinement, refine
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.linalg import cholesky_banded
+from scipy.sparse import csr_array, diags_array
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.robust import white_sigma
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.timeline import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -20,6 +21,7 @@ from smsid.simulate.truth import find_appendage
 QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration")
 BIASED = ("angular_rate", "acceleration")
 """Quantities with a constant bias per recording and axis. A pose sensor's is part of the initial pose."""
+ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class Channel:
     """One measured channel: samples (N, k) at times (N,) [s]; attitudes are quaternions (N, 4).
 
     ``covariance`` (k, k) of the noise of a sample, an attitude's as rotation vector (3, 3); panel
-    accelerometers come station after station.
+    accelerometers come station after station. ``weights`` W (N, nodes) takes predictions from the nodes to
+    the samples, ``root`` R (nodes, nodes) is upper banded with R^T R = W^T W.
     """
 
     sensor: Sensor
@@ -36,7 +39,7 @@ class Channel:
     values: np.ndarray
     covariance: np.ndarray
     weights: csr_array
-    gram: csr_array
+    root: csr_array
 
     @property
     def name(self) -> str:
@@ -100,6 +103,7 @@ def measured_channels(
     Raises `RecordingError` when a panel's columns do not fit.
     """
     found = []
+    shared: dict[bytes, tuple[csr_array, csr_array]] = {}
     for sensor, quantity in present(model, recording):
         name = f"{sensor.name}.{quantity}"
         values = recording[name]
@@ -108,10 +112,29 @@ def measured_channels(
             values = values.reshape(len(values), -1)
         size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
         times = event_times(recording, sensor, quantity)
-        weights = timeline.interpolation(times)
-        gram = csr_array(weights.T @ weights)
-        found.append(Channel(sensor, quantity, times, values, np.diag(size**2), weights, gram))
+        key = times.tobytes()
+        if key not in shared:
+            weights = timeline.interpolation(times)
+            shared[key] = weights, gram_root(weights)
+        found.append(Channel(sensor, quantity, times, values, np.diag(size**2), *shared[key]))
     return tuple(found)
+
+
+def gram_root(weights: csr_array) -> csr_array:
+    """Return R (nodes, nodes), upper banded, with R^T R = W^T W, for weights W (N, nodes).
+
+    Where samples are missing W^T W is singular; what is added for its sake is `ROUNDING` of the largest
+    entry.
+    """
+    gram = csr_array(weights.T @ weights)
+    n = int(gram.shape[1])  # type: ignore[index]
+    bands = np.zeros((POINTS, n))
+    for d in range(POINTS):
+        bands[POINTS - 1 - d, d:] = gram.diagonal(d)
+    bands[-1] += ROUNDING * bands[-1].max()
+    found = cholesky_banded(bands)
+    parts = [found[POINTS - 1 - d, d:] for d in range(POINTS)]
+    return csr_array(diags_array(parts, offsets=list(range(POINTS)), shape=(n, n)))  # type: ignore[arg-type]
 
 
 def described_sigma(sensor: Sensor, quantity: str, width: int) -> np.ndarray:

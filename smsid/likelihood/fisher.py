@@ -13,9 +13,11 @@ from smsid.errors import ExperimentError
 from smsid.experiments import Experiment
 from smsid.experiments.fly import fly
 from smsid.likelihood.combinations import Combination
-from smsid.likelihood.fit import Point, normal_equations
+from smsid.likelihood.local import Nuisance
+from smsid.likelihood.normal import normal_at
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Nuisance, piece_of
+from smsid.likelihood.piece import piece_of
+from smsid.likelihood.point import Point, Seen
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.refine import free_predictions, gradient_matrix, prior_shares, reported
 from smsid.model import build_model
@@ -101,7 +103,8 @@ def _fisher(
         # the whitening by what measured wheels add, as the refinement has it
         own = piece.following()
         pieces.append(own.with_input_noise(at, own.predict(at, local)))
-    normal, _ = normal_equations(pieces, point, Prior(at), with_data=False)
+    seen = Seen.at(pieces, point)
+    normal = normal_at(pieces, seen, Prior(at), with_data=False)
     covariance = normal.covariance()
     combinations, _ = reported(at, at, free_predictions(pieces, point))
     jacobian = gradient_matrix(combinations, len(covariance), at.size, ())

@@ -1,4 +1,10 @@
-"""The maximum of the likelihood by Gauss and Newton, damped after Levenberg and Marquardt."""
+"""The maximum of the likelihood by Gauss and Newton, damped after Levenberg and Marquardt.
+
+Noise levels are part of the likelihood: at their best they are those of the residuals, so the sum of squares
+is weighted anew after every step (a decrease at the old weights is one of the likelihood, as the logarithm is
+concave). Far from the maximum the residuals are errors of the model: taken as noise they leave to the prior
+what cannot be told yet, and the search does not run off along weak directions.
+"""
 
 from __future__ import annotations
 
@@ -10,168 +16,42 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError, SimulationError
-from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Local, Piece
+from smsid.likelihood.normal import Normal, normal_at
+from smsid.likelihood.piece import Piece
+from smsid.likelihood.point import Point, Seen, moved
 from smsid.likelihood.prior import Prior
 
 logger = logging.getLogger(__name__)
 
-ITERATIONS = 60
+ITERATIONS = 100
 NEAR = 1e-4  # a step counts as none when it would gain this much in the sum of squares: 0.01 sigma
-PASSES = 40
+LAST = 1e-3  # extrapolated from the last two steps: what the next would gain, so that it can be left out
 LONGEST_STEP = 3.0  # a factor of 20 in a scalar, three times a body's size
-CLOSE = 0.1  # relative change of noise levels below which the joints' motion is estimated too
-SAME_NOISE = 0.01  # relative change of noise levels that needs no further pass
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point of the search: common parameters, and local ones by piece."""
-
-    parameters: Parameters
-    locals: tuple[Local, ...]
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,)."""
-
-    data: np.ndarray
-    prior: np.ndarray
-    gradient: np.ndarray
-
-    @property
-    def information(self) -> np.ndarray:
-        """Of data and prior together."""
-        return self.data + self.prior
-
-    def covariance(self) -> np.ndarray:
-        """Return the covariance (n, n) of the posterior, Gaussian."""
-        return inverse(self.information)
+CLOSE = 0.01  # share of the sum of squares still to gain below which the joints' motion is estimated too
+NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which a start is near the maximum
+SAME_NOISE = 0.01  # relative change of the variance of a noise that needs no further step
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A maximum: the point, the pieces with their final noise, the normal equations there."""
+    """A maximum: what is seen there, the pieces with their final noise, the normal equations (or nearly)."""
 
-    point: Point
+    seen: Seen
     pieces: tuple[Piece, ...]
     normal: Normal
     cost: float
     samples: int
     iterations: int
 
-
-def fit(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None = None) -> Fit:
-    """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
-
-    ``fixed`` (k,) are components of the parameter step held where they are. Raises `NotIdentifiableError`
-    when the search does not come to rest.
-    """
-    pieces = tuple(pieces)
-    point, total = start, 0
-    for _ in range(PASSES):
-        # far from the maximum the residuals are errors of the model: taken as noise they leave to the prior
-        # what cannot be told yet, and the search does not run off along weak directions
-        before = pieces
-        pieces = tuple(_reweighed(p, point, i) for i, p in enumerate(pieces))
-        change = max(
-            float(np.abs(np.diag(a.covariance) / np.diag(b.covariance) - 1.0).max())
-            for new, old in zip(pieces, before, strict=True)
-            for a, b in zip(new.channels, old.channels, strict=True)
-        )
-        settled = change < 2 * SAME_NOISE
-        found = _search(pieces, point, prior, fixed, ITERATIONS if settled else 3)
-        point, normal, cost = found.point, found.normal, found.cost
-        total += found.iterations
-        logger.info("pass: cost %.8g, largest change of a noise level %.2g", cost, change)
-        if settled and all(p.follows for p in pieces if p.drive.joints is not None):
-            break
-        if change < CLOSE:
-            pieces = tuple(p.following() for p in pieces)
-    else:
-        raise _stuck(cost, float("nan"), total)
-    samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
-    return Fit(point, pieces, normal, cost, samples, total)
-
-
-def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:
-    """Return the minimum of the sum of squares at given noise levels; see `fit` for ``fixed`` and errors."""
-    return _search(tuple(pieces), start, prior, fixed, ITERATIONS)
-
-
-def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
-    """Return the sum of squares of whitened residuals, data and priors."""
-    residual, _ = prior.residual(point.parameters)
-    total = float(residual @ residual)
-    for piece, local in zip(pieces, point.locals, strict=True):
-        prediction = piece.predict(point.parameters, local)
-        total += piece.cost(piece.residuals(point.parameters, local, prediction)) + piece.prior(local)[2]
-    return total
-
-
-def normal_equations(
-    pieces: Sequence[Piece], point: Point, prior: Prior, *, with_data: bool = True
-) -> tuple[Normal, float]:
-    """Return the normal equations at a point and the cost there (0 ``with_data=False``)."""
-    size = point.parameters.size
-    n = size + sum(p.size for p in pieces)
-    data, known, gradient = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    residual, jacobian = prior.residual(point.parameters)
-    known[:size, :size] = jacobian.T @ jacobian
-    cost, first = 0.0, size
-    if with_data:
-        gradient[:size] -= jacobian.T @ residual
-        cost += float(residual @ residual)
-    for piece, local in zip(pieces, point.locals, strict=True):
-        prediction = piece.predict(point.parameters, local)
-        found = piece.residuals(point.parameters, local, prediction) if with_data else None
-        information, slope = piece.normal(point.parameters, local, prediction, found)
-        place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
-        data[np.ix_(place, place)] += information
-        gradient[place] += slope
-        own, pull, penalty = piece.prior(local)
-        mine = slice(first, first + piece.size)
-        own, encoders = piece.split(own)
-        known[mine, mine] += own
-        data[mine, mine] += encoders
-        if found is not None:
-            gradient[mine] += pull
-            cost += piece.cost(found) + penalty
-        first += piece.size
-    return Normal(data, known, gradient), cost
-
-
-def moved(pieces: Sequence[Piece], point: Point, step: np.ndarray) -> Point:
-    """Return the point a step (n,) away."""
-    size = point.parameters.size
-    locals_, first = [], size
-    for piece, local in zip(pieces, point.locals, strict=True):
-        locals_.append(piece.moved(local, step[first : first + piece.size]))
-        first += piece.size
-    return Point(point.parameters.moved(step[:size]), tuple(locals_))
-
-
-def inverse(information: np.ndarray) -> np.ndarray:
-    """Return the inverse of a positive definite matrix, scaled to unit diagonal first.
-
-    Raises `NotIdentifiableError` naming the component when it is singular.
-    """
-    scale = 1.0 / np.sqrt(np.diag(information))
-    try:
-        factor = cho_factor(information * np.outer(scale, scale))
-    except np.linalg.LinAlgError as cause:
-        raise NotIdentifiableError(
-            "Neither data nor prior determine all parameters.",
-            advice="Give the effect concerned a `prior`, or leave it out.",
-        ) from cause
-    found = cho_solve(factor, np.eye(len(scale))) * np.outer(scale, scale)
-    return 0.5 * (found + found.T)
+    @property
+    def point(self) -> Point:
+        """Where it is."""
+        return self.seen.point
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a search ended: point, normal equations and sum of squares there, and steps taken."""
+    """Where a search at given noise levels ended: point, normal equations, sum of squares, steps taken."""
 
     point: Point
     normal: Normal
@@ -179,44 +59,129 @@ class Minimum:
     iterations: int
 
 
-def _search(
-    pieces: tuple[Piece, ...], start: Point, prior: Prior, fixed: np.ndarray | None, most: int
-) -> Minimum:
-    """Search from ``start`` until a step gains less than `NEAR`, or ``most`` steps of a passing search."""
-    point, damping, gain = start, 1e-4, np.inf
-    normal, cost = normal_equations(pieces, point, prior)
-    free = np.ones(len(normal.gradient), dtype=bool)
+def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
+    """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
+
+    Raises `NotIdentifiableError` when the search does not come to rest.
+    """
+    pieces, here = tuple(pieces), Seen.at(pieces, start)
+    damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
+    found, spent = None, False
+    samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
+    # then the noise that samples show between each other is the better guess of the levels
+    nearby = here.cost(pieces, prior) < NEARBY * samples
+    for iteration in range(ITERATIONS):
+        before = pieces
+        if gain < CLOSE * cost or (iteration == 0 and nearby):
+            pieces = tuple(p.following() for p in pieces)
+        if iteration or not nearby:
+            pieces = here.reweighed(pieces)
+        change = _change(before, pieces) if iteration else np.inf
+        settled = change < SAME_NOISE and all(p.follows for p in pieces if p.drive.joints is not None)
+        cost = here.cost(pieces, prior)
+        if not (settled and spent and found is not None):
+            found, past = normal_at(pieces, here, prior), gain
+            gain = float(found.gradient @ _solved(found.information, found.gradient, 0.0))
+        logger.info(
+            "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
+        )
+        if settled and (spent or gain < NEAR):
+            return Fit(here, pieces, found, cost, samples, iteration)
+        step = _stepped(pieces, here, found, cost, prior, None, damping)
+        if step is None:
+            spent = True  # as good as rounding allows
+            continue
+        spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
+        here, damping = step.seen, step.damping
+    raise _stuck(cost, gain, ITERATIONS)
+
+
+def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:
+    """Return the minimum of the sum of squares at given noise levels.
+
+    ``fixed`` (k,) are components of the parameter step held where they are. Raises `NotIdentifiableError`
+    when the search does not come to rest.
+    """
+    here, damping, cost, gain = Seen.at(pieces, start), 0.0, np.inf, np.inf
+    for iteration in range(ITERATIONS):
+        found = normal_at(pieces, here, prior)
+        cost = here.cost(pieces, prior)
+        free = _free(len(found.gradient), fixed)
+        gradient = found.gradient[free]
+        gain = float(gradient @ _solved(found.information[np.ix_(free, free)], gradient, 0.0))
+        if gain < NEAR:
+            return Minimum(here.point, found, cost, iteration)
+        step = _stepped(pieces, here, found, cost, prior, fixed, damping)
+        if step is None:
+            return Minimum(here.point, found, cost, iteration)
+        here, damping = step.seen, step.damping
+    raise _stuck(cost, gain, ITERATIONS)
+
+
+def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
+    """Return the sum of squares of whitened residuals, data and priors."""
+    return Seen.at(pieces, point).cost(pieces, prior)
+
+
+@dataclass(frozen=True)
+class _Step:
+    seen: Seen
+    cost: float
+    damping: float
+
+
+def _stepped(
+    pieces: Sequence[Piece],
+    here: Seen,
+    found: Normal,
+    cost: float,
+    prior: Prior,
+    fixed: np.ndarray | None,
+    damping: float,
+) -> _Step | None:
+    """Return a step that lowers the cost, None when there is nothing left to gain but rounding."""
+    free = _free(len(found.gradient), fixed)
+    information, gradient = found.information[np.ix_(free, free)], found.gradient[free]
+    step = np.zeros(len(free))
+    gain = np.inf
+    while damping < 1e10:
+        step[free] = own = _solved(information, gradient, damping)
+        gain = float(2.0 * gradient @ own - own @ information @ own)
+        trial, new = None, np.inf
+        if np.abs(step[: here.point.parameters.size]).max() < LONGEST_STEP:
+            try:
+                trial = Seen.at(pieces, moved(pieces, here.point, step))
+                new = trial.cost(pieces, prior)
+            except SimulationError:
+                trial = None
+        if trial is not None and new < cost:
+            ratio = (cost - new) / gain
+            if ratio > 0.75:
+                damping = damping / 100.0 if damping > 1e-7 else 0.0
+            elif ratio < 0.25:
+                damping = max(4.0 * damping, 1e-6)
+            return _Step(trial, new, damping)
+        logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
+        if gain < 100 * NEAR and trial is not None:
+            return None
+        damping = max(10.0 * damping, 1e-6)
+    raise _stuck(cost, gain, 0)
+
+
+def _free(size: int, fixed: np.ndarray | None) -> np.ndarray:
+    free = np.ones(size, dtype=bool)
     if fixed is not None:
         free[fixed] = False
-    for iteration in range(most):
-        information, gradient = normal.information[np.ix_(free, free)], normal.gradient[free]
-        gain = float(gradient @ _solved(information, gradient, 0.0))
-        logger.debug("%d: cost %.8g, gain %.3g, damping %.1e", iteration, cost, gain, damping)
-        if gain < NEAR:
-            return Minimum(point, normal, cost, iteration)
-        while True:
-            step = np.zeros(len(free))
-            step[free] = _solved(information, gradient, damping)
-            try:
-                trial = moved(pieces, point, step) if np.abs(step).max() < LONGEST_STEP else None
-                new = np.inf if trial is None else evaluate(pieces, trial, prior)
-            except SimulationError:
-                trial, new = None, np.inf
-            if new < cost:
-                break
-            logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
-            if gain < 100 * NEAR and trial is not None:
-                return Minimum(point, normal, cost, iteration)  # as good as rounding allows
-            damping = max(10.0 * damping, 1e-6)
-            if damping > 1e10:
-                raise _stuck(cost, gain, iteration)
-        assert trial is not None
-        good = cost - new > 0.75 * gain
-        point, damping = trial, damping / (100.0 if good else 5.0)
-        normal, cost = normal_equations(pieces, point, prior)
-    if most == ITERATIONS:
-        raise _stuck(cost, gain, most)
-    return Minimum(point, normal, cost, most)
+    return free
+
+
+def _change(before: Sequence[Piece], after: Sequence[Piece]) -> float:
+    """Largest relative change of a noise level's variance."""
+    return max(
+        float(np.abs(np.diag(a.covariance) / np.diag(b.covariance) - 1.0).max())
+        for new, old in zip(after, before, strict=True)
+        for a, b in zip(new.channels, old.channels, strict=True)
+    )
 
 
 def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
@@ -224,13 +189,6 @@ def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np
     scaled = information * np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
     return scale * cho_solve(cho_factor(scaled), scale * gradient)
-
-
-def _reweighed(piece: Piece, point: Point, index: int) -> Piece:
-    local = point.locals[index]
-    prediction = piece.predict(point.parameters, local)
-    residuals = piece.residuals(point.parameters, local, prediction)
-    return piece.with_noise(residuals, point.parameters, prediction)
 
 
 def _stuck(cost: float, gain: float, iteration: int) -> NotIdentifiableError:

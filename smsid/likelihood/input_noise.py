@@ -20,9 +20,9 @@ import pinocchio as pin
 
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.drive import Drive
+from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, rotation_matrices
-from smsid.likelihood.sensitivity import skew
 
 LOOKS = 60  # configurations averaged over
 

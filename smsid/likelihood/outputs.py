@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import DescriptionError
+from smsid.likelihood.linearised import skew
 from smsid.likelihood.prediction import Prediction, rotation_matrices
-from smsid.likelihood.sensitivity import Sensitivity, skew
+from smsid.likelihood.sensitivity import Sensitivity
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
 from smsid.simulate.truth import find_appendage, station_indices

@@ -19,59 +19,12 @@ from smsid.description.schema import Description
 from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
 from smsid.identify.identified import identified_modes
+from smsid.likelihood.layout import Layout, appendage_parts, wheel_spins
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
-from smsid.model.assembly import AppendageJoints, move_parameters, parameters_to_matrix
+from smsid.likelihood.scalars import Scalar, scalars_of
+from smsid.model.assembly import parameters_to_matrix
 from smsid.model.regressor import INERTIAL_NAMES, body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
-
-
-@dataclass(frozen=True)
-class Scalar:
-    """A scalar parameter: name, value, unit; ``log``: its step is that of its logarithm.
-
-    ``reference`` is the description's value, ``size`` what a change of it is compared with, ``sigma`` the
-    standard deviation of the user's prior.
-    """
-
-    name: str
-    value: float
-    unit: str
-    log: bool
-    reference: float
-    size: float
-    sigma: float | None = None
-
-    @property
-    def slope(self) -> float:
-        """Derivative of the value by the step."""
-        return self.value if self.log else 1.0
-
-    def moved(self, step: float) -> Scalar:
-        """Return the parameter a step away."""
-        return replace(self, value=self.value * float(np.exp(step)) if self.log else self.value + step)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What does not change while parameters do: bodies, and what slosh and appendages contribute.
-
-    ``fixed`` (10 bodies,) inertial parameters nobody estimates; ``appendages`` what each adds to the inertial
-    parameters (10 bodies,) at the described density, modes included; ``unseen`` are bodies left as described
-    for want of extent; ``theta0`` (10 bodies,) are the described parameters.
-    """
-
-    model: SpacecraftModel
-    bodies: tuple[int, ...]
-    unseen: tuple[str, ...]
-    fixed: np.ndarray
-    appendages: Mapping[str, np.ndarray]
-    theta0: np.ndarray
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the estimated bodies."""
-        names = body_names(self.model.pin)
-        return tuple(names[j - 1] for j in self.bodies)
 
 
 @dataclass(frozen=True)
@@ -100,9 +53,9 @@ class Parameters:
                 advice='Set `root = "free"` and leave out `gravity`.',
             )
         theta = np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
-        appendages = {a.appendage.name: _appendage_parts(model, a) for a in model.appendages}
+        appendages = {a.appendage.name: appendage_parts(model, a) for a in model.appendages}
         rigid = theta - sum(appendages.values(), np.zeros_like(theta))
-        spins = _wheel_spins(model)
+        spins = wheel_spins(model)
         rigid[:SIZE] += spins
         special = {int(j) for g in (model.wheels, model.modes) for j in g.joints}
         special |= {s.joint for s in model.slosh}
@@ -123,7 +76,7 @@ class Parameters:
         )
         inertias = np.array([rigid[SIZE * (j - 1) : SIZE * j] for j in bodies]).reshape(-1, SIZE)
         sizes = np.array([body_size(theta) for theta in inertias]).reshape(-1, SIZE)
-        return cls(layout, inertias, sizes, tuple(_scalars(model)))
+        return cls(layout, inertias, sizes, tuple(scalars_of(model)))
 
     @property
     def size(self) -> int:
@@ -248,56 +201,6 @@ class Parameters:
 
     def _slope(self, name: str) -> float:
         return next(s.slope for s in self.scalars if s.name == name)
-
-
-def _appendage_parts(model: SpacecraftModel, joints: AppendageJoints) -> np.ndarray:
-    """Inertial parameters (10 bodies,) an appendage adds: its modes, and the remainder."""
-    out = np.zeros(SIZE * (model.pin.njoints - 1))
-    remainder = move_parameters(joints.placement, dynamic_parameters(joints.appendage.rigid_inertia()))
-    for j in joints.joints:
-        own = dynamic_parameters(model.pin.inertias[j])
-        out[SIZE * (j - 1) : SIZE * j] = own
-        remainder = remainder - move_parameters(model.pin.jointPlacements[j], own)
-    if joints.parent > 0:
-        out[SIZE * (joints.parent - 1) : SIZE * joints.parent] += remainder
-    return out
-
-
-def _wheel_spins(model: SpacecraftModel) -> np.ndarray:
-    """Spin inertias (10,) that were taken out of the bus for its wheels."""
-    out = np.zeros(SIZE)
-    for wheel in model.description.wheel:
-        if wheel.joint is None and wheel.inertia_in_bus:
-            axis = np.asarray(wheel.axis) / np.linalg.norm(wheel.axis)
-            spin = wheel.inertia * np.outer(axis, axis)
-            out[4:] += [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
-    return out
-
-
-def _scalars(model: SpacecraftModel) -> list[Scalar]:
-    found = []
-    tanks = {e.name: e for e in model.description.effect if isinstance(e, Slosh)}
-    for joint in model.slosh:
-        tank = tanks[joint.name]
-        critical = 2.0 * np.sqrt(tank.mass * max(tank.stiffness))
-        for p in tank.parameters():
-            log = "damping" not in p.name and p.value > 0.0
-            least = 0.01 * critical if "damping" in p.name else p.value or max(tank.stiffness)
-            found.append(Scalar(p.name, p.value, p.unit, log, p.value, max(p.value, least), p.sigma))
-    for joints in model.appendages:
-        part = joints.appendage
-        prior = part.prior
-        own = {p.name.removeprefix(f"{part.name}."): p.value for p in part.parameters()}
-        key = "density" if "density" in own else "mass"
-        relative = prior[key] / own[key] if key in prior else None
-        found.append(Scalar(f"{part.name}.density_factor", 1.0, "1", True, 1.0, 1.0, relative))
-        for k, mode in enumerate(part.modal_data(), start=1):
-            name, f, zeta = f"{part.name}.mode{k}", mode.frequency, mode.damping
-            sigma = prior.get(f"mode{k}.frequency")
-            found.append(Scalar(f"{name}.frequency", f, "Hz", True, f, f, sigma))
-            sigma = prior.get(f"mode{k}.damping", prior.get("damping"))
-            found.append(Scalar(f"{name}.damping", zeta, "1", False, zeta, max(zeta, 0.01), sigma))
-    return found
 
 
 def body_size(theta: np.ndarray) -> np.ndarray:

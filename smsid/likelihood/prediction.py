@@ -82,37 +82,100 @@ def predict(
     flat = (free[:, None] * spacecraft.nv + free).ravel()
     shape, n_rest = (len(free), len(free)), len(rest_v)
 
-    def accelerate(e: int, y: np.ndarray) -> np.ndarray:
-        q_e, v_e, a_e = q[e], v[e], a[e]
-        q_e[rest_q] = y[:n_rest]
-        v_e[free] = y[n_rest:]
-        rhs = applied[e] - pin.rnea(model, data, q_e, v_e, a_e)[free]
-        rhs[base:] -= k_rest * y[:n_rest] + d_rest * y[n_rest + base :]
-        mass = pin.crba(model, data, q_e).ravel()[flat].reshape(shape)
-        _, x, info = lapack.dposv(mass, rhs)
-        if info != 0 or not np.isfinite(x).all():
-            raise SimulationError(
-                f"The predicted motion is not finite at t = {times[e]:.6g} s.",
-                advice="The starting guess is too far off: start from the linear method.",
-                time=times[e],
-            )
-        a_e[free] = x
-        return np.concatenate([y[n_rest + base :], x])
+    if _only_translates(model, free):
+        mass = symmetric(pin.crba(model, data, q[0]))[np.ix_(free, free)]
+        _carried_linear(timeline, mass, applied, k_rest, d_rest, (q, v, a), (rest_q, free, base))
+    else:
 
-    y = np.zeros(n_rest + len(free))
-    y[n_rest:] = start_velocity(model, data, q[0], v[0], free)
-    slopes = np.empty((STAGES, len(y)))
-    h, e, step = timeline.h, 0, 0
-    for segment, count in enumerate(timeline.counts):
-        for _ in range(count):
-            for j in range(STAGES):
-                slopes[j] = accelerate(e, y if j == 0 else y + h[step] * (A[j, :j] @ slopes[:j]))
-                e += 1
-            y = y + h[step] * (B @ slopes)
-            step += 1
-        accelerate(timeline.steps * STAGES + segment, y)
+        def accelerate(e: int, y: np.ndarray) -> np.ndarray:
+            q_e, v_e, a_e = q[e], v[e], a[e]
+            q_e[rest_q] = y[:n_rest]
+            v_e[free] = y[n_rest:]
+            rhs = applied[e] - pin.rnea(model, data, q_e, v_e, a_e)[free]
+            rhs[base:] -= k_rest * y[:n_rest] + d_rest * y[n_rest + base :]
+            mass = pin.crba(model, data, q_e).ravel()[flat].reshape(shape)
+            _, x, info = lapack.dposv(mass, rhs)
+            if info != 0 or not np.isfinite(x).all():
+                raise SimulationError(
+                    f"The predicted motion is not finite at t = {times[e]:.6g} s.",
+                    advice="The starting guess is too far off: start from the linear method.",
+                    time=times[e],
+                )
+            a_e[free] = x
+            return np.concatenate([y[n_rest + base :], x])
+
+        y = np.zeros(n_rest + len(free))
+        y[n_rest:] = start_velocity(model, data, q[0], v[0], free)
+        slopes = np.empty((STAGES, len(y)))
+        h, e, step = timeline.h, 0, 0
+        for segment, count in enumerate(timeline.counts):
+            for _ in range(count):
+                for j in range(STAGES):
+                    slopes[j] = accelerate(e, y if j == 0 else y + h[step] * (A[j, :j] @ slopes[:j]))
+                    e += 1
+                y = y + h[step] * (B @ slopes)
+                step += 1
+            accelerate(timeline.steps * STAGES + segment, y)
     positions, quaternions = _pose(timeline, v, position, quaternion)
     return Prediction(model, timeline, q, v, a, rest_q, rest_v, positions, quaternions)
+
+
+def _only_translates(model: pin.Model, free: np.ndarray) -> bool:
+    """Whether nothing that is free turns: then the mass matrix is constant and the motion linear."""
+    if any(i in free for i in (3, 4, 5)):
+        return False
+    joints = [model.joints[j] for j in range(2, model.njoints)]
+    moving = [j for j in joints if any(j.idx_v + k in free for k in range(j.nv))]
+    return all("Prismatic" in j.shortname() or "Translation" in j.shortname() for j in moving)
+
+
+def _carried_linear(
+    timeline: Timeline,
+    mass: np.ndarray,
+    applied: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    places: tuple[np.ndarray, np.ndarray, int],
+) -> None:
+    """Fill in q, v, a of a motion from rest with constant mass matrix: the Runge-Kutta rule as one matrix."""
+    q, v, a = motion
+    rest_q, free, base = places
+    n_rest, n_free = len(rest_q), len(free)
+    inverse = np.linalg.inv(mass)
+    rate = np.zeros((n_rest + n_free,) * 2)
+    rate[:n_rest, n_rest + base :] = np.eye(n_rest)
+    rate[n_rest:, :n_rest] = -inverse[:, base:] * stiffness
+    rate[n_rest:, n_rest + base :] = -inverse[:, base:] * damping
+    pushed = np.zeros((len(applied), n_rest + n_free))
+    pushed[:, n_rest:] = applied @ inverse
+    inner = timeline.steps * STAGES
+    stages = pushed[:inner].reshape(timeline.steps, STAGES, -1)
+    rates = [np.broadcast_to(rate, (timeline.steps, *rate.shape))] * STAGES
+    phi, gamma, _ = transitions(rates, list(np.moveaxis(stages, 1, 0)[..., None]), timeline.h)
+    assert gamma is not None
+    at_steps, ends = np.empty((timeline.steps, len(rate))), []
+    x, step = np.zeros(len(rate)), 0
+    for count in timeline.counts:
+        for _ in range(count):
+            at_steps[step] = x
+            x = phi[step] @ x + gamma[step, :, 0]
+            step += 1
+        ends.append(x)
+    slopes = np.empty((STAGES, *at_steps.shape))
+    states = np.empty((len(applied), len(rate)))
+    for j in range(STAGES):
+        y = at_steps + timeline.h[:, None] * np.tensordot(A[j, :j], slopes[:j], axes=1)
+        slopes[j] = y @ rate.T + stages[:, j]
+        states[j:inner:STAGES] = y
+    states[inner:] = np.array(ends)
+    q[:, rest_q], v[:, free] = states[:, :n_rest], states[:, n_rest:]
+    a[:, free] = (states @ rate.T + pushed)[:, n_rest:]
+
+
+def symmetric(upper: np.ndarray) -> np.ndarray:
+    """Return the symmetric matrices (..., n, n) whose upper triangles are given."""
+    return np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
 
 
 def applied_forces(parameters: Parameters, drive: Drive, timeline: Timeline) -> np.ndarray:
@@ -137,8 +200,7 @@ def start_velocity(
     start[free] = 0.0
     if not start.any():
         return np.zeros(len(free))
-    mass = pin.crba(model, data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
+    mass = symmetric(pin.crba(model, data, q))
     return -np.linalg.solve(mass[np.ix_(free, free)], mass[free] @ start)
 
 
@@ -156,7 +218,8 @@ def _pose(
         for j, value in enumerate(row):
             rate[..., i, j] = value
     h = timeline.h
-    phi, _, stages = transitions(rate, None, h)
+    phi, _, stages = transitions(list(np.moveaxis(rate, 1, 0)), None, h, stages=True)
+    assert stages is not None
     at_steps = np.empty((steps, 4))
     now = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
     nodes, places = [], []

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.fit import Point, minimised
+from smsid.likelihood.fit import minimised
 from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.point import Point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.refine import Refinement
 

@@ -10,14 +10,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import RecordingError
+from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
 from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
-from smsid.likelihood.fit import Fit, Normal, Point, fit
+from smsid.likelihood.fit import Fit, fit
+from smsid.likelihood.local import Nuisance
+from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Nuisance, Piece, piece_of
+from smsid.likelihood.piece import Piece, piece_of
+from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.starting import best_start, candidates
@@ -56,7 +59,7 @@ class Refinement:
 def refine(
     description: Description,
     recordings: Sequence[Recording],
-    start: Identification | None = None,
+    start: Identification | Refinement | None = None,
     *,
     nuisance: Nuisance | None = None,
 ) -> Refinement:
@@ -67,7 +70,8 @@ def refine(
     accelerometers, whitened by noise levels estimated from the data. Joint torques and friction do not enter.
     Both experiments start at rest. Sources: design, section 4; Ljung, *System Identification*, chapter 7.
 
-    Without ``start`` the search begins at the description's values: good for modes within about 5 %.
+    ``start``: the linear method's result, or an earlier refinement of the same spacecraft. Without it the
+    search begins at the description's values: good for modes within about 5 %.
     ``nuisance``: what is estimated beside biases and initial pose.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
@@ -80,7 +84,7 @@ def refine(
 def _refine(
     description: Description,
     recordings: Sequence[Recording],
-    start: Identification | None,
+    start: Identification | Refinement | None,
     nuisance: Nuisance,
 ) -> Refinement:
     began = time.perf_counter()
@@ -98,12 +102,17 @@ def _refine(
     pairs = [piece_of(model, r, nuisance) for r in recordings]
     pieces, locals_ = [p for p, _ in pairs], tuple(local for _, local in pairs)
     prior = Prior(described)
-    first = best_start(pieces, [Point(p, locals_) for p in candidates(described, start)], prior)
+    if isinstance(start, Refinement):
+        points = [Point(_restarted(described, start), locals_)]
+    else:
+        points = [Point(p, locals_) for p in candidates(described, start)]
+    first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
     found = fit(pieces, first, prior)
     searched = time.perf_counter()
     at = found.point.parameters
-    predictions = free_predictions(found.pieces, found.point)
+    pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
+    predictions = [x for p, x in pairs_ if not p.drive.held]
     combinations, notes = reported(at, described, predictions)
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
@@ -137,6 +146,17 @@ def _refine(
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(estimate, reported_covariance, at.description(), inertias, described, found)
+
+
+def _restarted(described: Parameters, start: Refinement) -> Parameters:
+    """The described parameters with the values of an earlier refinement."""
+    at = start.fit.point.parameters
+    if at.names != described.names:
+        raise DescriptionError(
+            "The refinement to start from is of a spacecraft with other parameters.",
+            advice="Start from a refinement of the same description.",
+        )
+    return described.with_inertias(at.inertias).with_scalars({s.name: s.value for s in at.scalars})
 
 
 def free_predictions(pieces: Sequence[Piece], point: Point) -> list[Prediction]:

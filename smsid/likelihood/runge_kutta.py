@@ -6,6 +6,8 @@ and at thirds and halves of a step, so that nothing is evaluated beyond a jump o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 STAGES = 7
@@ -22,31 +24,31 @@ B = np.array([11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
 def transitions(
-    rate: np.ndarray, drive: np.ndarray | None, h: np.ndarray
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    rate: Sequence[np.ndarray], drive: Sequence[np.ndarray] | None, h: np.ndarray, *, stages: bool = False
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Return what one step makes of x' = rate(t) x + drive(t): x_next = Phi x + Gamma, and its stages.
 
-    ``rate`` (steps, 7, n, n) and ``drive`` (steps, 7, n, p) at the stages, ``h`` (steps,) [s]. Returns Phi
-    (steps, n, n), Gamma (steps, n, p) and the maps (steps, 7, n, n) from x to the homogeneous stage values.
+    ``rate``: seven arrays (steps, n, n), one per stage, and ``drive`` seven (steps, n, p); ``h`` (steps,)
+    [s]. Returns Phi (steps, n, n), Gamma (steps, n, p) and, when asked for, the maps (steps, 7, n, n) from x
+    to the homogeneous stage values.
     """
-    steps, _, n, _ = rate.shape
-    p = 0 if drive is None else drive.shape[3]
-    phi, gamma = np.empty((steps, n, n)), np.empty((steps, n, p))
-    stages = np.empty((steps, STAGES, n, n))
+    steps, n, _ = rate[0].shape
+    p = 0 if drive is None else drive[0].shape[2]
+    end = np.empty((steps, n, n + p))
+    maps = np.empty((steps, STAGES, n, n)) if stages else None
     for first in range(0, steps, BLOCK):
         part = slice(first, min(first + BLOCK, steps))
-        own = None if drive is None else drive[part]
-        phi[part], gamma[part], stages[part] = _block(rate[part], own, h[part])
-    return phi, None if drive is None else gamma, stages
+        own = None if drive is None else [d[part] for d in drive]
+        end[part] = _block([r[part] for r in rate], own, h[part], None if maps is None else maps[part])
+    return end[:, :, :n], None if drive is None else end[:, :, n:], maps
 
 
 def _block(
-    rate: np.ndarray, drive: np.ndarray | None, h: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    steps, _, n, _ = rate.shape
-    width = n if drive is None else n + drive.shape[3]
+    rate: list[np.ndarray], drive: list[np.ndarray] | None, h: np.ndarray, maps: np.ndarray | None
+) -> np.ndarray:
+    steps, n, _ = rate[0].shape
+    width = n if drive is None else n + drive[0].shape[2]
     slopes = np.zeros((STAGES, steps, n, width))
-    stages = np.empty((steps, STAGES, n, n))
     start = np.zeros((steps, n, width))
     start[:, :, :n] = np.eye(n)
     step = h[:, None, None]
@@ -55,12 +57,13 @@ def _block(
         for i in range(j):
             if A[j, i] != 0.0:
                 at += (A[j, i] * step) * slopes[i]
-        stages[:, j] = at[:, :, :n]
-        slopes[j] = rate[:, j] @ at
+        if maps is not None:
+            maps[:, j] = at[:, :, :n]
+        np.matmul(rate[j], at, out=slopes[j])
         if drive is not None:
-            slopes[j, :, :, n:] += drive[:, j]
+            slopes[j, :, :, n:] += drive[j]
     end = start
     for j in range(STAGES):
         if B[j] != 0.0:
             end = end + (B[j] * step) * slopes[j]
-    return end[:, :, :n], end[:, :, n:], stages
+    return end

@@ -91,50 +91,66 @@ def fit_motion(
     Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
     zero then.
     """
-    best: tuple[float, MeasuredMotion] | None = None
+    best: tuple[float, int] | None = None
     intervals, worse = 4, 0
     while (stop - start) / intervals >= shortest and worse < 3:
-        score, motion = _fit(samples, start, stop, intervals, rate)
+        score = _Fitted.of(samples, start, stop, intervals).score
         if best is None or score < best[0]:
-            best, worse = (score, motion), 0
+            best, worse = (score, intervals), 0
         else:
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    return best[1]
+    return _Fitted.of(samples, start, stop, best[1]).motion(rate)
 
 
-def _fit(
-    samples: list[Samples], start: float, stop: float, intervals: int, rate: float
-) -> tuple[float, MeasuredMotion]:
-    knots = _knots(start, stop, intervals)
-    size, width = intervals + DEGREE, samples[0].values.shape[1]
-    designs = [_design(s.times, knots, s.derivative) for s in samples]
-    anchored = any(s.derivative == 0 for s in samples)
-    coefficients, score = np.empty((size, width)), 0.0
-    information = np.empty((width, size, size))
-    angle, speed = np.empty(width), np.empty(width)
-    grid = np.linspace(start, stop, 4 * intervals + 1)
-    at = [_design(grid, knots, d).toarray() for d in (0, 1)]
-    for k in range(width):
-        normal, right = np.zeros((size, size)), np.zeros(size)
+@dataclass(frozen=True)
+class _Fitted:
+    """Least squares with so many intervals: coefficients (m, k), information (k, m, m), Akaike's score."""
+
+    knots: np.ndarray
+    intervals: int
+    coefficients: np.ndarray
+    information: np.ndarray
+    score: float
+
+    @classmethod
+    def of(cls, samples: list[Samples], start: float, stop: float, intervals: int) -> _Fitted:
+        knots = _knots(start, stop, intervals)
+        size, width = intervals + DEGREE, samples[0].values.shape[1]
+        designs = [_design(s.times, knots, s.derivative) for s in samples]
+        grams = [(design.T @ design).toarray() for design in designs]
+        weights = [1.0 / s.sigma**2 for s in samples]
+        anchored = any(s.derivative == 0 for s in samples)
+        right = sum(
+            (design.T @ (s.values * w) for s, design, w in zip(samples, designs, weights, strict=True)),
+            np.zeros((size, width)),
+        )
+        coefficients, information = np.empty((size, width)), np.empty((width, size, size))
+        for k in range(width):
+            normal = sum((w[k] * g for g, w in zip(grams, weights, strict=True)), np.zeros((size, size)))
+            if not anchored:
+                normal[0, 0] += normal.diagonal().max()
+            information[k] = normal
+            coefficients[:, k] = cho_solve(cho_factor(normal), right[:, k])
+        score = 2.0 * size * width
         for s, design in zip(samples, designs, strict=True):
-            weight = 1.0 / s.sigma[k] ** 2
-            normal += weight * (design.T @ design).toarray()
-            right += weight * (design.T @ s.values[:, k])
-        if not anchored:
-            normal[0, 0] += normal.diagonal().max()
-        information[k] = normal
-        solve = cho_factor(normal)
-        coefficients[:, k] = cho_solve(solve, right)
-        for s, design in zip(samples, designs, strict=True):
-            score += float(np.sum(((s.values[:, k] - design @ coefficients[:, k]) / s.sigma[k]) ** 2))
-        inverse = cho_solve(solve, np.eye(size))
-        for out, design in zip((angle, speed), at, strict=True):
-            variance = np.einsum("ij,jk,ik->i", design, inverse, design)
-            out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
-    motion = MeasuredMotion(BSpline(knots, coefficients, DEGREE), intervals, angle, speed, information)
-    return score + 2.0 * size * width, motion
+            score += float(np.sum(((s.values - design @ coefficients) / s.sigma) ** 2))
+        return cls(knots, intervals, coefficients, information, score)
+
+    def motion(self, rate: float) -> MeasuredMotion:
+        """Return the motion with its densities per sample at ``rate`` [Hz]."""
+        start, stop = float(self.knots[0]), float(self.knots[-1])
+        size, width = self.coefficients.shape
+        grid = np.linspace(start, stop, 4 * self.intervals + 1)
+        densities = np.empty((2, width))
+        for d, out in enumerate(densities):
+            design = _design(grid, self.knots, d).toarray()
+            for k, normal in enumerate(self.information):
+                variance = np.sum(design.T * cho_solve(cho_factor(normal), design.T), axis=0)
+                out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
+        spline = BSpline(self.knots, self.coefficients, DEGREE)
+        return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information)
 
 
 def _knots(start: float, stop: float, intervals: int) -> np.ndarray:

@@ -10,9 +10,10 @@ import numpy as np
 from smsid.errors import SimulationError
 from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import carried_matrix
-from smsid.likelihood.fit import Point, evaluate
+from smsid.likelihood.fit import evaluate
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece
+from smsid.likelihood.point import Point
 from smsid.likelihood.prior import CAD, Prior
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model.regressor import Regressor
@@ -27,6 +28,8 @@ def best_start(pieces: Sequence[Piece], points: Sequence[Point], prior: Prior) -
 
     Raises `SimulationError` when none of them can be predicted from.
     """
+    if len(points) == 1:
+        return points[0]
     costs: list[float] = []
     failure: SimulationError | None = None
     for point in points:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -40,30 +41,30 @@ class Timeline:
         """Number of steps."""
         return int(self.counts.sum())
 
-    @property
+    @cached_property
     def h(self) -> np.ndarray:
         """Length of every step (steps,) [s]."""
         return np.repeat(np.diff(self.edges) / self.counts, self.counts)
 
-    @property
+    @cached_property
     def step_starts(self) -> np.ndarray:
         """Start of every step (steps,) [s]."""
         pieces = zip(itertools.pairwise(self.edges), self.counts, strict=True)
         return np.concatenate([np.linspace(a, b, n + 1)[:-1] for (a, b), n in pieces])
 
-    @property
+    @cached_property
     def evaluations(self) -> np.ndarray:
         """Times of all evaluations (7 steps + segments,) [s]."""
         stages = self.step_starts[:, None] + self.h[:, None] * C
         return np.concatenate([stages.ravel(), self.edges[1:]])
 
-    @property
+    @cached_property
     def evaluation_segment(self) -> np.ndarray:
         """Segment of every evaluation."""
         own = np.repeat(np.arange(len(self.counts)), self.counts * STAGES)
         return np.concatenate([own, np.arange(len(self.counts))])
 
-    @property
+    @cached_property
     def node_evaluation(self) -> np.ndarray:
         """Number of the evaluation at every node (steps + segments,)."""
         first = np.concatenate([[0], np.cumsum(self.counts)])
@@ -71,6 +72,33 @@ class Timeline:
         for s, (a, b) in enumerate(itertools.pairwise(first)):
             parts += [np.arange(a, b) * STAGES, [self.steps * STAGES + s]]
         return np.concatenate(parts).astype(int)
+
+    @cached_property
+    def node_step(self) -> np.ndarray:
+        """Step that starts at every node (nodes,); at the end of a segment the one that ends there."""
+        parts, first = [], 0
+        for count in self.counts:
+            parts += [np.arange(first, first + count), [first + count - 1]]
+            first += int(count)
+        return np.concatenate(parts).astype(int)
+
+    @cached_property
+    def step_node(self) -> np.ndarray:
+        """Node at the start of every step (steps,); the one at its end, before any jump, is the next."""
+        return np.arange(self.steps) + np.repeat(np.arange(len(self.counts)), self.counts)
+
+    @cached_property
+    def stage_interpolation(self) -> dict[float, csr_array]:
+        """Interpolation from the nodes (steps, nodes) to the stages inside of all steps, by their place."""
+        return {c: self.interpolation(self.step_starts + c * self.h) for c in sorted({*C} - {0.0, 1.0})}
+
+    def at_stages(self, nodes: np.ndarray) -> list[np.ndarray]:
+        """Return values at the seven stages of all steps, (steps, ...) each, from those at the nodes."""
+        flat = nodes.reshape(len(nodes), -1)
+        found = {0.0: nodes[self.step_node], 1.0: nodes[self.step_node + 1]}
+        for c, weights in self.stage_interpolation.items():
+            found[c] = (weights @ flat).reshape(-1, *nodes.shape[1:])
+        return [found[c] for c in C]
 
     def interpolation(self, times: np.ndarray) -> csr_array:
         """Return W (N, nodes) that takes values at the nodes to times (N,): Lagrange of degree seven.

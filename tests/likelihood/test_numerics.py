@@ -70,7 +70,8 @@ def test_integration_is_of_order_six():
         h = np.full(n, 5.0 / n)
         times = np.arange(n)[:, None] * h[0] + h[0] * C
         drive = np.stack([np.zeros_like(times), np.cos(times)], -1)[..., None]
-        phi, gamma, _ = transitions(np.broadcast_to(rate, (n, 7, 2, 2)), drive, h)
+        phi, gamma, _ = transitions([np.broadcast_to(rate, (n, 2, 2))] * 7, list(np.moveaxis(drive, 1, 0)), h)
+        assert gamma is not None
         x = np.array([[1.0], [0.0]])
         for a, b in zip(phi, gamma, strict=True):
             x = a @ x + b

@@ -1,0 +1,80 @@
+"""The normal equations of all recordings and the prior together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from smsid.errors import NotIdentifiableError
+from smsid.likelihood.jacobian import normal
+from smsid.likelihood.piece import Piece
+from smsid.likelihood.point import Seen
+from smsid.likelihood.prior import Prior
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,)."""
+
+    data: np.ndarray
+    prior: np.ndarray
+    gradient: np.ndarray
+
+    @property
+    def information(self) -> np.ndarray:
+        """Of data and prior together."""
+        return self.data + self.prior
+
+    def covariance(self) -> np.ndarray:
+        """Return the covariance (n, n) of the posterior, Gaussian."""
+        return inverse(self.information)
+
+
+def normal_at(pieces: Sequence[Piece], seen: Seen, prior: Prior, *, with_data: bool = True) -> Normal:
+    """Return the normal equations at a point; the gradient is left out ``with_data=False``."""
+    point = seen.point
+    size = point.parameters.size
+    n = size + sum(p.size for p in pieces)
+    data, known, gradient = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    residual, jacobian = prior.residual(point.parameters)
+    known[:size, :size] = jacobian.T @ jacobian
+    first = size
+    if with_data:
+        gradient[:size] -= jacobian.T @ residual
+    parts = zip(pieces, point.locals, seen.predictions, seen.residuals, strict=True)
+    for piece, local, prediction, residuals in parts:
+        information, slope = normal(
+            piece, point.parameters, local, prediction, residuals if with_data else None
+        )
+        place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
+        data[np.ix_(place, place)] += information
+        gradient[place] += slope
+        own, pull, _ = piece.prior(local)
+        mine = slice(first, first + piece.size)
+        own, encoders = piece.split(own)
+        known[mine, mine] += own
+        data[mine, mine] += encoders
+        if with_data:
+            gradient[mine] += pull
+        first += piece.size
+    return Normal(data, known, gradient)
+
+
+def inverse(information: np.ndarray) -> np.ndarray:
+    """Return the inverse of a positive definite matrix, scaled to unit diagonal first.
+
+    Raises `NotIdentifiableError` naming the component when it is singular.
+    """
+    scale = 1.0 / np.sqrt(np.diag(information))
+    try:
+        factor = cho_factor(information * np.outer(scale, scale))
+    except np.linalg.LinAlgError as cause:
+        raise NotIdentifiableError(
+            "Neither data nor prior determine all parameters.",
+            advice="Give the effect concerned a `prior`, or leave it out.",
+        ) from cause
+    found = cho_solve(factor, np.eye(len(scale))) * np.outer(scale, scale)
+    return 0.5 * (found + found.T)

@@ -1,0 +1,63 @@
+"""A point of the search, what is predicted there, and steps away from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.likelihood.local import Local
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.piece import Piece
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.prior import Prior
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the search: common parameters, and local ones by piece."""
+
+    parameters: Parameters
+    locals: tuple[Local, ...]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A point with what is predicted there: predictions and residuals by piece."""
+
+    point: Point
+    predictions: tuple[Prediction, ...]
+    residuals: tuple[list[np.ndarray], ...]
+
+    @classmethod
+    def at(cls, pieces: Sequence[Piece], point: Point) -> Seen:
+        """Predict; raises `SimulationError` when the motion is not finite."""
+        predictions, residuals = [], []
+        for piece, local in zip(pieces, point.locals, strict=True):
+            predictions.append(piece.predict(point.parameters, local))
+            residuals.append(piece.residuals(point.parameters, local, predictions[-1]))
+        return cls(point, tuple(predictions), tuple(residuals))
+
+    def cost(self, pieces: Sequence[Piece], prior: Prior) -> float:
+        """Return the sum of squares of whitened residuals, data and priors."""
+        residual, _ = prior.residual(self.point.parameters)
+        total = float(residual @ residual)
+        for piece, local, own in zip(pieces, self.point.locals, self.residuals, strict=True):
+            total += piece.cost(own) + piece.prior(local)[2]
+        return total
+
+    def reweighed(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
+        """Return the pieces with the noise their residuals show."""
+        parts = zip(pieces, self.residuals, self.predictions, strict=True)
+        return tuple(p.with_noise(r, self.point.parameters, x) for p, r, x in parts)
+
+
+def moved(pieces: Sequence[Piece], point: Point, step: np.ndarray) -> Point:
+    """Return the point a step (n,) away."""
+    size = point.parameters.size
+    locals_, first = [], size
+    for piece, local in zip(pieces, point.locals, strict=True):
+        locals_.append(piece.moved(local, step[first : first + piece.size]))
+        first += piece.size
+    return Point(point.parameters.moved(step[:size]), tuple(locals_))
