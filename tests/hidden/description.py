@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from . import bodies
-from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Numbers, nominal
+from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Nominal, Numbers, nominal
 from .sensors import NOISE, channel_names
 
 RATE = 20.0
+GEOMETRY = ("length", "width", "thickness")  # of the panel: known
 
 
 def write_urdf(n: Numbers, path: Path) -> None:
@@ -80,15 +81,16 @@ def write_description(n: Numbers, folder: Path, noise: dict[str, float] | None =
 def write_estimate(n: Numbers, path: Path) -> Path:
     """The nominal parameters with their standard deviations, as `smsid identify -o` writes an estimate."""
     tables = []
-    for p in nominal(n):
-        known = p.sigma < 0.1 * abs(p.value)
+    known = [Nominal(f"panel.{k}", getattr(n.plate, k), "m", 1e-6) for k in GEOMETRY] if n.plate else []
+    for p in (*nominal(n), *known):
+        good = p.sigma < 0.1 * abs(p.value)
         tables.append(
             {
                 "name": p.name,
                 "value": p.value,
                 "unit": p.unit,
                 "sigma": p.sigma,
-                "status": "identifiable" if known else "not_identifiable",
+                "status": "identifiable" if good else "not_identifiable",
                 "group": "maximum_likelihood",
                 "nominal": p.value,
                 "reference": None,

@@ -10,7 +10,6 @@ from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Drivetrain, Mode, Number
 Array = np.ndarray
 TINY = 1e-6  # [kg m2] MuJoCo asks every moving body for inertia; taken off the bus again
 WHEEL_MASS = 1.0  # [kg], part of the bus's
-STIFFEST = 1e-6  # [rad/(N m)] the spring of a drivetrain that has play only
 
 FRAME = """<mujoco>
   <compiler angle="radian" autolimits="false" inertiafromgeom="false" balanceinertia="false"/>
@@ -78,7 +77,8 @@ def write(n: Numbers, step: float) -> str:
     tiny = TINY * np.eye(3)
     for tank in n.tanks:
         slides = "".join(
-            f'<joint name="{tank.name}.{a}" type="slide" axis="{text(axis)}" stiffness="{float(k)!r}" damping="{float(d)!r}"/>'
+            f'<joint name="{tank.name}.{a}" type="slide" axis="{text(axis)}" '
+            f'stiffness="{float(k)!r}" damping="{float(d)!r}"/>'
             for a, axis, k, d in zip("xyz", np.eye(3), tank.stiffness, tank.damping, strict=True)
         )
         mass = inertial(bodies.theta(tank.mass, np.zeros(3), tiny))
@@ -130,11 +130,10 @@ def _rotor(joint: str, axis: str, place: str, drive: Drivetrain) -> str:
 
 
 def _spring(joint: str, axis: str, drive: Drivetrain) -> str:
-    stiffness = 1.0 / max(drive.compliance, STIFFEST)
+    stiffness = 1.0 / drive.compliance
     damping = 2 * drive.damping * np.sqrt(stiffness * drive.rotor)
-    own = 0.0 if drive.gap else float(stiffness)  # a spring with play is a force of `plant`
     return (
-        f'<joint name="{joint}.flex" type="hinge" axis="{axis}" stiffness="{own!r}" '
+        f'<joint name="{joint}.flex" type="hinge" axis="{axis}" stiffness="{float(stiffness)!r}" '
         f'damping="{float(damping)!r}"/>'
     )
 

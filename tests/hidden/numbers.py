@@ -50,7 +50,6 @@ class Drivetrain:
 
     compliance: float  # [rad/(N m)]
     rotor: float  # spin inertia, taken out of the link [kg m2]
-    gap: float = 0.0  # play [rad]
     damping: float = 0.6  # ratio of rotor and spring
 
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from . import bodies
-from .mjcf import STIFFEST, bus_theta, write
+from .mjcf import bus_theta, write
 from .numbers import JOINTS, Numbers
 
 Array = np.ndarray
@@ -29,11 +29,13 @@ class Plant:
         self.step = step
         d = self.data
         self.qpos, self.qvel, self.passive, self.ctrl = d.qpos, d.qvel, d.qfrc_passive, d.ctrl
+        self.ctrl_of = {  # index in ctrl of the motor of a degree of freedom
+            int(self.model.jnt_dofadr[self.model.actuator_trnid[k, 0]]): k
+            for k in range(self.model.nu)
+            if self.model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
+        }
         self.forces: list[Force] = []
         self.hooks: list[Callable[[float], None]] = []  # called before every step with its length [s]
-        for joint, drive in numbers.drivetrain.items():
-            if drive.gap:
-                self.forces.append(self._play(joint, drive.gap, 1.0 / max(drive.compliance, STIFFEST)))
 
     def q_of(self, joint: str) -> int:
         """Index of a joint in qpos."""
@@ -104,15 +106,6 @@ class Plant:
         mujoco.mju_mat2Quat(quaternion, axes.ravel())
         m.body_mass[b], m.body_ipos[b], m.body_iquat[b], m.body_inertia[b] = mass, centre, quaternion, values
         mujoco.mj_setConst(m, self._scratch)
-
-    def _play(self, joint: str, gap: float, stiffness: float) -> Force:
-        iq, iv, q, out = self.q_of(f"{joint}.flex"), self.v_of(f"{joint}.flex"), self.qpos, self.passive
-
-        def spring() -> None:
-            angle = q[iq]
-            out[iv] -= stiffness * (angle - min(max(angle, -gap / 2), gap / 2))
-
-        return spring
 
     def _callback(self) -> _Callback:
         return _Callback(self.forces)
@@ -186,10 +179,12 @@ def simulate(
     columns: tuple[str, ...],
     changes: Sequence[Change] = (),
     phases: Sequence[float] = (),
+    initial: tuple[Array, Array] | None = None,
 ) -> Motion:
     """Fly a world through held commands `values` (N, columns) at `time` (N,) with hidden changes.
 
-    `phases` [s], within a sampling time: states are also recorded that much after every sample.
+    `phases` [s], within a sampling time: states are also recorded that much after every sample. `initial`:
+    displacement and velocity (nv,) at the start, else at rest at home.
     The acceleration at a sample is the limit from the right.
     """
     for change in changes:
@@ -213,6 +208,9 @@ def simulate(
     cuts = sorted({0.0, *wanted, *(float(r) for r in rest)})
     out: dict[float, list[tuple[Array, Array, Array]]] = {p: [] for p in wanted}
     plant.reset()
+    if initial is not None:
+        mujoco.mj_integratePos(plant.model, plant.qpos, initial[0], 1.0)
+        plant.qvel[:] = initial[1]
     for k in range(len(time)):
         for loss in losses:
             for body, theta in loss(float(time[k]) + period / 2).items():

@@ -102,7 +102,7 @@ def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Ar
     u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving))
     rows = []
     for i, x in enumerate(n.stations):
-        point = np.tile(np.array(n.plate_root) + [x, 0, 0], (len(s.time), 1))
+        point = np.tile(np.add(n.plate_root, (x, 0, 0)), (len(s.time), 1))
         point[:, 2] += u[i]
         relative, extra = np.zeros_like(point), np.zeros_like(point)
         relative[:, 2], extra[:, 2] = du[i], ddu[i]

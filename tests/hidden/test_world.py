@@ -21,7 +21,7 @@ from .sensors import rotations
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_nominal_description_accelerates_as_the_world_does(world, tmp_path):
-    """Two engines, one set of numbers: accelerations at random states, inputs and tensors without symmetry."""
+    """Two engines, one set of numbers: accelerations at random states, inputs, no symmetry."""
     n = WORLDS[world]
     model = build_model(load_description(write_description(n, tmp_path)))
     plant, rng = Plant(n), np.random.default_rng(1)
@@ -57,7 +57,7 @@ def test_nominal_description_accelerates_as_the_world_does(world, tmp_path):
 
 
 def pinocchio_indices(model, plant):
-    """Pairs (index of the model under test, index of MuJoCo) of every joint but the free one: in q and in v."""
+    """Pairs (index of the model under test, index of MuJoCo) of every joint but the free one."""
     names = [(f"{j}", j) for j in JOINTS]
     names += [(w, w) for w in WHEELS] if plant.numbers.wheel_inertia is not None else []
     names += [(f"panel.mode{k}", f"mode{k}") for k in range(1, len(plant.numbers.plate_modes()) + 1)]
@@ -76,7 +76,7 @@ def pinocchio_indices(model, plant):
 
 @pytest.mark.parametrize("world", ["sms", "panel", "rigid"])
 def test_momentum_follows_the_thrust(world):
-    """Inertial linear momentum is the integral of the thrust, angular momentum about the inertial origin too."""
+    """Inertial linear momentum is the integral of the thrust, and so for angular momentum."""
     import mujoco
 
     n, c = WORLDS[world], commands(world, duration=20.0)
