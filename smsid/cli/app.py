@@ -142,7 +142,11 @@ def import_(
 def identify(
     description: DescriptionPath,
     recordings: Annotated[
-        list[Path], typer.Argument(help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust)")
+        list[Path],
+        typer.Argument(
+            help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust); of an arm that is welded to the "
+            "ground: one to identify from, and any in the role validation to judge by"
+        ),
     ],
     output: Output = Path("estimate.json"),
     method: Annotated[
@@ -151,6 +155,9 @@ def identify(
             help="ml: maximum likelihood started from the paper's method; paper: the linear method alone"
         ),
     ] = "ml",
+    cutoff: Annotated[
+        float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
+    ] = None,
     show_all: Annotated[
         bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
     ] = False,
@@ -166,6 +173,13 @@ def identify(
         raise SmsidError(f"There is no method '{method}'.", advice="Use --method ml or --method paper.")
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
+    if described.root == "fixed":
+        from smsid.arm.command import identify_and_judge
+
+        identify_and_judge(described, loaded, output, cutoff, console)
+        return
+    if cutoff is not None:
+        raise SmsidError("--cutoff is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with console.status("identifying by the paper's method"):
         linear = run(described, loaded)
     estimate = linear.estimate

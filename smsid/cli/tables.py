@@ -13,6 +13,7 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.recording import Recording
 
 GROUPS = {
+    "arm": "torques of a welded arm: combinations of links, friction, motors",
     "exp1": "Exp. 1: mass, slosh, appendage",
     "modes": "SSI-COV: modes of the appendages",
     "exp2.step_a": "Exp. 2, Step A: system CM and first moments",

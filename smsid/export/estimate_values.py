@@ -14,7 +14,8 @@ from smsid.identify.identified import identified_modes
 def with_estimate(description: Description, estimate: Estimate) -> tuple[Description, list[str]]:
     """Return the description with its effects at the estimate's values, and notes on what was not taken.
 
-    A parameter that is not identifiable keeps the described value, one beyond a bound goes to the bound.
+    A parameter that is not identifiable keeps the described value unless its 95 % interval excludes that; one
+    beyond a bound goes to the bound.
     Appendages become modal ones with the identified density, frequencies and damping.
 
     Raises:
@@ -28,7 +29,7 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
             continue
         own = {}
         for p in effect.parameters():
-            value = _taken(p.name, estimate, notes)
+            value = _taken(p.name, p.value, estimate, notes)
             if value is None:
                 continue
             own[p.name] = float(np.clip(value, p.lower, p.upper))
@@ -38,26 +39,29 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
     return description.with_effects(*effects), notes
 
 
-def _taken(name: str, estimate: Estimate, notes: list[str]) -> float | None:
+def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
     if name not in estimate:
         return None
     found = estimate[name]
-    if found.status == "not_identifiable" or not np.isfinite(found.value):
+    low, high = found.interval
+    # written so that what is not finite counts as within
+    if found.status == "not_identifiable" and not (described < low or described > high):
         notes.append(f"{name} is not identifiable and stays as described")
         return None
     return found.value
 
 
 def _appendage(effect: Appendage, estimate: Estimate, notes: list[str]) -> Appendage:
-    factor = _taken(f"{effect.name}.participation_factor", estimate, notes)
-    density = _taken(f"{effect.name}.linear_density", estimate, notes)
-    if density is not None and isinstance(effect, BeamAppendage):
-        factor = density / effect.linear_density
+    factor = _taken(f"{effect.name}.participation_factor", 1.0, estimate, notes)
+    if isinstance(effect, BeamAppendage):
+        described = effect.linear_density
+        density = _taken(f"{effect.name}.linear_density", described, estimate, notes)
+        factor = factor if density is None else density / described
     modes = {}
-    for k in range(1, len(effect.modal_data()) + 1):
+    for k, mode in enumerate(effect.modal_data(), start=1):
         for field in ("frequency", "damping"):
             name = f"{effect.name}.mode{k}.{field}"
-            value = _taken(name, estimate, notes)
+            value = _taken(name, getattr(mode, field), estimate, notes)
             if value is not None:
                 modes[name] = max(value, 0.0)
     if factor is None and not modes:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from smsid._files import atomic_write
+from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.effects import MotorCoupling
 from smsid.errors import SmsidError
@@ -91,16 +92,23 @@ def _written(
     bodies = None
     if estimate is not None:
         found, notes = with_estimate(description, estimate)
-        bodies = identified_bodies(simulable(found), estimate)
+        bodies = identified_bodies(_equations_of(found), estimate)
         notes += bodies.notes
     stem = description.name
     moved = _urdfs(found, folder, target, None if bodies is None else bodies.parameters)
     save_description(moved, folder / f"{stem}.toml")
-    model = simulable(moved)  # reads what was written
-    atomic_write(folder / "parameters.csv", parameters_csv(moved, model, estimate))
+    # from here on with what was written
+    atomic_write(folder / "parameters.csv", parameters_csv(moved, _equations_of(moved), estimate))
     if mujoco:
-        atomic_write(folder / f"{stem}.xml", write_mjcf(_with_rotors(moved, model)))
+        # MuJoCo can simulate the inertia of coupled motors
+        model = replace(simulable(moved), description=moved)
+        atomic_write(folder / f"{stem}.xml", write_mjcf(model))
     return sorted(p.name for p in folder.iterdir()), bodies, notes
+
+
+def _equations_of(description: Description) -> SpacecraftModel:
+    """Return a model for its inertial parameters: links of a welded arm need not be fit to be simulated."""
+    return simulable(description) if description.root == "free" else rigid_arm(description)
 
 
 def simulable(description: Description) -> SpacecraftModel:
@@ -115,11 +123,6 @@ def simulable(description: Description) -> SpacecraftModel:
         if isinstance(e, MotorCoupling) and e.inertia > 0.0
     ]
     return build_model(description.with_effects(*still) if still else description)
-
-
-def _with_rotors(description: Description, model: SpacecraftModel) -> SpacecraftModel:
-    """The model with the description that has these inertias still: MuJoCo can simulate them."""
-    return replace(model, description=description)
 
 
 def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndarray] | None) -> Description:
