@@ -1,27 +1,83 @@
 """Effects: what a spacecraft has beyond rigid links. One file per family, one catalogue."""
 
+from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
-from smsid.effects.base import Effect, Vector3, catalogue, parse_effect, physical, register
+from smsid.effects.appendage_drift import FrequencyDrift
+from smsid.effects.base import (
+    Effect,
+    ForceTerm,
+    InertiaTerm,
+    Starting,
+    Vector3,
+    Vector6,
+    catalogue,
+    parse_effect,
+    physical,
+    register,
+)
+from smsid.effects.elastic_gear import Backlash, GearCompliance
+from smsid.effects.external import ExternalWrench, GravityGradient
 from smsid.effects.friction import JointFriction
 from smsid.effects.gear import Gear
+from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
+from smsid.effects.mass_loss import MassLoss
 from smsid.effects.motor import MotorCoupling, MotorInertia
-from smsid.effects.slosh import Slosh
+from smsid.effects.payload import BodyError, Payload
+from smsid.effects.sensor_errors import (
+    LeverArm,
+    SensorBias,
+    SensorDelay,
+    SensorMisalignment,
+    SensorScale,
+    TimeOffset,
+)
+from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
+from smsid.effects.slosh import Slosh, SloshNonlinearity
+from smsid.effects.wheel_imbalance import WheelImbalance
 
 __all__ = [
+    "ActuatorDelay",
     "Appendage",
+    "Backlash",
     "BeamAppendage",
+    "BodyError",
     "Effect",
+    "ExternalWrench",
+    "ForceTerm",
+    "FrequencyDrift",
     "Gear",
+    "GearCompliance",
+    "GeometricStiffness",
+    "GravityGradient",
+    "InertiaTerm",
     "JointFriction",
     "JointOffset",
+    "LeverArm",
+    "MassLoss",
     "ModalAppendage",
     "Mode",
     "MotorCoupling",
     "MotorInertia",
+    "Outliers",
+    "Payload",
+    "Quantisation",
+    "SensorBias",
+    "SensorDelay",
+    "SensorMisalignment",
+    "SensorScale",
     "Slosh",
+    "SloshNonlinearity",
+    "Starting",
+    "Stuck",
+    "ThrusterGain",
+    "ThrusterMisalignment",
+    "TimeOffset",
+    "TorqueGain",
     "TorqueOffset",
     "Vector3",
+    "Vector6",
+    "WheelImbalance",
     "catalogue",
     "parse_effect",
     "physical",

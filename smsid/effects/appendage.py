@@ -44,6 +44,7 @@ class Mode(Table):
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
+    family: ClassVar[str] = "appendage"
     frame: str | None = Field(
         default=None, description="frame it is mounted on; the bus frame when not given"
     )

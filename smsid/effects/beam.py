@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -16,6 +17,13 @@ def clamped_free_roots(count: int) -> np.ndarray:
 
     centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
     return np.array([brentq(characteristic, c - 1.0, c + 1.0, xtol=1e-15) for c in centres])
+
+
+@cache
+def _roots(count: int) -> np.ndarray:
+    roots = clamped_free_roots(count)
+    roots.setflags(write=False)
+    return roots
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,7 @@ class Cantilever:
     @classmethod
     def with_modes(cls, length: float, count: int) -> Cantilever:
         """Return the beam with its first ``count`` bending modes."""
-        return cls(length, clamped_free_roots(count))
+        return cls(length, _roots(count))
 
     @property
     def _sigma(self) -> np.ndarray:
@@ -52,6 +60,14 @@ class Cantilever:
         grow = (np.sin(r) - np.cos(r) - np.exp(-r)) / (np.sinh(r) + np.sin(r)) * 0.5 * np.exp(beta_x)
         decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
         return grow + decay - np.cos(beta_x) + s * np.sin(beta_x)
+
+    def slope(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the derivative of the mode shapes at x [m]: (..., modes) [1/m]."""
+        beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
+        r, s = self.roots, self._sigma
+        grow = (np.sin(r) - np.cos(r) - np.exp(-r)) / (np.sinh(r) + np.sin(r)) * 0.5 * np.exp(beta_x)
+        decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
+        return (grow - decay + np.sin(beta_x) + s * np.cos(beta_x)) * r / self.length
 
     @property
     def mean_shape(self) -> np.ndarray:

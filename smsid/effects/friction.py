@@ -1,4 +1,4 @@
-"""Joint friction: viscous and smoothed Coulomb."""
+"""Joint friction: viscous, smoothed Coulomb, Stribeck, and Coulomb that depends on load or angle."""
 
 from __future__ import annotations
 
@@ -7,37 +7,99 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.base import Starting, physical, register
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
 
 
 @register
-class JointFriction(Effect):
-    """Torque ``-coulomb tanh(qd / smoothing) - viscous qd`` on one joint of an arm or wheel."""
+class JointFriction(Starting):
+    """Friction torque on one joint of an arm or wheel, against its rate qd.
 
-    summary: ClassVar[str] = "viscous and Coulomb friction of one joint"
+    ``-viscous qd - (coulomb + stribeck exp(-(qd/stribeck_rate)^2) + load |tau| + position_cos cos q
+    + position_sin sin q) tanh(qd / smoothing)``, with tau the torque that drives the joint (where its motion
+    is prescribed, nothing drives it, and the load takes no part).
+
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, with a Gaussian Stribeck
+    curve; load-dependent harmonic drives: Taghirad and Belanger, J. Dyn. Syst. Meas. Control 120 (1998) 311.
+    """
+
+    summary: ClassVar[str] = (
+        "friction of one joint: viscous, Coulomb, Stribeck, by load and by angle; "
+        "the Coulomb torque as `tanh(rate / smoothing)`"
+    )
+    family: ClassVar[str] = "friction"
+    aliases: ClassVar[tuple[str, ...]] = ("actuator_delay", "torque_gain", "torque_offset")
+    strength: ClassVar[tuple[str, ...]] = (
+        "viscous",
+        "coulomb",
+        "stribeck",
+        "load",
+        "position_cos",
+        "position_sin",
+    )
     kind: Literal["joint_friction"] = "joint_friction"
     joint: str = Field(
         description="joint of the model: `joint2`, or `left/joint2` of a mounted arm, or a wheel"
     )
     viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
     coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")
+    stribeck: float = physical(
+        "N m", lower=0.0, default=0.0, description="torque beyond `coulomb` on breaking loose"
+    )
+    stribeck_rate: float = physical(
+        "rad/s",
+        lower=1e-6,
+        default=0.05,
+        description="rate at which `stribeck` has fallen to 37 %",
+    )
+    load: float = physical(
+        "1", lower=0.0, default=0.0, description="Coulomb torque per torque that drives the joint"
+    )
+    position_cos: float = physical(
+        "N m", default=0.0, description="Coulomb torque that goes with the cosine of the joint's angle"
+    )
+    position_sin: float = physical("N m", default=0.0, description="the same, with the sine")
     smoothing: float = Field(
         default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
     )
 
     def attach(self, assembly: Assembly) -> None:
-        """Add the friction torque; the viscous part is a linear damper."""
-        joint = assembly.joint_id(self.joint)
-        assembly.add_springs(joint, (0.0,), (self.viscous,))
-        if self.coulomb == 0.0:
-            return
-        index = assembly.model.joints[joint].idx_v
-        coulomb, smoothing = self.coulomb, self.smoothing
+        """Add the friction torque; a viscous part that is always there is a linear damper."""
+        number = assembly.joint_id(self.joint)
+        joint = assembly.model.joints[number]
+        index, place, turns = joint.idx_v, joint.idx_q, joint.nq == 1
+        viscous = self.viscous
+        if self.start is None and viscous:
+            assembly.add_springs(number, (0.0,), (viscous,))
+            viscous = 0.0
+        coulomb, stribeck, rate = self.coulomb, self.stribeck, self.stribeck_rate
+        cos, sin, load, smoothing, active = (
+            self.position_cos,
+            self.position_sin,
+            self.load,
+            self.smoothing,
+            self.active,
+        )
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[index] -= coulomb * np.tanh(v[index] / smoothing)
+            if not active(t):
+                return
+            qd = v[index]
+            size = coulomb
+            if stribeck:
+                size += stribeck * np.exp(-((qd / rate) ** 2))
+            if cos or sin:
+                c, s = (np.cos(q[place]), np.sin(q[place])) if turns else (q[place], q[place + 1])
+                size += cos * c + sin * s
+            tau[index] -= viscous * qd + size * np.tanh(qd / smoothing)
 
-        assembly.add_force(force)
+        def by_load(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            if active(t):
+                tau[index] -= load * abs(tau[index]) * np.tanh(v[index] / smoothing)
+
+        if viscous or coulomb or stribeck or cos or sin:
+            assembly.add_force(force, self.onset)
+        if load:
+            assembly.add_load_force(by_load, self.onset)

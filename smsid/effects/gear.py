@@ -25,6 +25,7 @@ class Gear(Effect):
     """
 
     summary: ClassVar[str] = "gear of a motor: from what the motor measures to joint angle and torque"
+    family: ClassVar[str] = "drivetrain"
     kind: Literal["gear"] = "gear"
     joint: str = Field(description="joint that the motor drives")
     ratio: float = physical(

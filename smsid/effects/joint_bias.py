@@ -20,6 +20,9 @@ class JointOffset(Effect):
     """
 
     summary: ClassVar[str] = "zero of a joint's encoder: joint angle minus reading"
+    family: ClassVar[str] = "drivetrain"
+    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias",)
+    strength: ClassVar[tuple[str, ...]] = ("angle",)
     kind: Literal["joint_offset"] = "joint_offset"
     joint: str = Field(description="joint of the model")
     angle: float = physical("rad", description="added to the reading")
@@ -38,6 +41,9 @@ class TorqueOffset(Effect):
     """
 
     summary: ClassVar[str] = "constant torque at a joint: current bias, or friction that differs by direction"
+    family: ClassVar[str] = "drivetrain"
+    aliases: ClassVar[tuple[str, ...]] = ("joint_friction",)
+    strength: ClassVar[tuple[str, ...]] = ("torque",)
     kind: Literal["torque_offset"] = "torque_offset"
     joint: str = Field(description="joint of the model")
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")

@@ -22,6 +22,9 @@ class MotorInertia(Effect):
     """
 
     summary: ClassVar[str] = "inertia of a motor's rotor, seen at its joint"
+    family: ClassVar[str] = "drivetrain"
+    aliases: ClassVar[tuple[str, ...]] = ("body_error", "joint_friction")
+    strength: ClassVar[tuple[str, ...]] = ("inertia",)
     kind: Literal["motor_inertia"] = "motor_inertia"
     joint: str = Field(description="joint of the model that the motor drives")
     inertia: float = physical(
@@ -44,6 +47,9 @@ class MotorCoupling(Effect):
     """
 
     summary: ClassVar[str] = "a motor that turns with a sum of joints: its inertia and friction"
+    family: ClassVar[str] = "drivetrain"
+    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "motor_inertia")
+    strength: ClassVar[tuple[str, ...]] = ("inertia", "viscous", "coulomb")
     kind: Literal["motor_coupling"] = "motor_coupling"
     joints: tuple[str, ...] = Field(min_length=2, description="joints that turn the motor")
     ratios: tuple[float, ...] = Field(

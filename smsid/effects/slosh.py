@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from smsid.effects.base import Effect, Vector3, physical, register
+from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -21,6 +22,9 @@ class Slosh(Effect):
     ``position`` is its equilibrium c_s in ``frame`` (default: the bus frame) [m].
     """
 
+    family: ClassVar[str] = "slosh"
+    aliases: ClassVar[tuple[str, ...]] = ("body_error",)
+    strength: ClassVar[tuple[str, ...]] = ()
     summary: ClassVar[str] = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
     kind: Literal["slosh"] = "slosh"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
@@ -36,3 +40,41 @@ class Slosh(Effect):
         assembly.add_inertia(joint, pin.Inertia(self.mass, np.zeros(3), np.zeros((3, 3))))
         assembly.add_springs(joint, self.stiffness, self.damping)
         assembly.note_slosh(self.name, joint)
+
+
+@register
+class SloshNonlinearity(Starting):
+    """What a tank's slosh does at large amplitude: force ``-cubic |r|^2 r - quadratic_damping |r'| r'``.
+
+    r is the displacement of the slosh mass from c_s. ``cubic`` is positive for a spring that hardens.
+    """
+
+    summary: ClassVar[str] = "spring and damping of a slosh mass that depend on amplitude"
+    family: ClassVar[str] = "slosh"
+    aliases: ClassVar[tuple[str, ...]] = ("slosh",)
+    strength: ClassVar[tuple[str, ...]] = ("cubic", "quadratic_damping")
+    kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
+    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
+    cubic: float = physical("N/m^3", default=0.0, description="of the spring; negative when it softens")
+    quadratic_damping: float = physical("N s^2/m^2", lower=0.0, default=0.0, description="of the damper")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the force on the slosh mass."""
+        if self.tank not in assembly.slosh:
+            raise DescriptionError(
+                f"There is no tank '{self.tank}' before this effect.",
+                advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
+                tank=self.tank,
+            )
+        joint = assembly.model.joints[assembly.slosh[self.tank]]
+        place, rate = slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+        cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
+        if not (cubic or quadratic):
+            return
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            if active(t):
+                r, dr = q[place], v[rate]
+                tau[rate] -= cubic * (r @ r) * r + quadratic * np.sqrt(dr @ dr) * dr
+
+        assembly.add_force(force, self.onset)

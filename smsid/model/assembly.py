@@ -119,9 +119,15 @@ class Assembly:
         self.forces.append(term)
         self.breakpoints += breakpoints
 
-    def add_load_force(self, term: ForceTerm) -> None:
-        """Add a generalised force that depends on the applied ones: it finds these in tau."""
-        self.loads.append(term)
+    def add_load_force(
+        self, term: ForceTerm, breakpoints: Sequence[float] = (), *, first: bool = False
+    ) -> None:
+        """Add a generalised force that depends on the applied ones: it finds these in tau.
+
+        ``first`` puts it before others, as one that hands the applied forces on.
+        """
+        self.loads.insert(0 if first else len(self.loads), term)
+        self.breakpoints += breakpoints
 
     def add_inertia_term(self, term: InertiaTerm, breakpoints: Sequence[float] = ()) -> None:
         """Add inertia that no body of the model can have: varying in time, or not of a rigid body."""

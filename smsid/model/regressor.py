@@ -29,6 +29,8 @@ class Regressor:
         self._weightless.gravity = pin.Motion.Zero()
         self._weightless_data = self._weightless.createData()
         self._rest = np.zeros(model.nv)
+        self._bodies = body_names(model.pin)
+        self._names = tuple(f"{body}.{p}" for body in self._bodies for p in INERTIAL_NAMES)
 
     @property
     def columns(self) -> int:
@@ -38,12 +40,12 @@ class Regressor:
     @property
     def bodies(self) -> tuple[str, ...]:
         """Names of the moving bodies, in the order of the columns."""
-        return body_names(self._pin)
+        return self._bodies
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, ``<body>.<m|mx|...|Izz>``."""
-        return tuple(f"{body}.{p}" for body in self.bodies for p in INERTIAL_NAMES)
+        return self._names
 
     @property
     def units(self) -> tuple[str, ...]:

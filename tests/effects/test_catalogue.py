@@ -42,8 +42,45 @@ EXAMPLES = {
     "motor_coupling": {
         "name": "w", "joints": ("joint1", "joint2"), "inertia": 0.1, "viscous": 0.2, "coulomb": 0.3,
     },
+    "payload": {"name": "p", "frame": "tool", "mass": 5.0, "com": (0.1, 0.0, 0.2)},
+    "body_error": {
+        "name": "e", "body": "link2", "mass": 1.0, "first_moment": (1.0, 0.0, 0.0),
+        "inertia": (0.1, 0.0, 2.0, 0.0, 0.0, 2.0),
+    },
+    "mass_loss": {"name": "l", "position": (0.5, 0.0, -0.3), "rate": 0.1, "start": 10.0},
+    "thruster_gain": {"name": "tg", "gain": (0.1, -0.1, 0.05)},
+    "thruster_misalignment": {"name": "tm", "angles": (0.02, -0.01, 0.05), "start": 3.0},
+    "torque_gain": {"name": "kt", "joint": "joint2", "error": -0.1},
+    "actuator_delay": {"name": "late", "actuator": "wheel_y", "delay": 0.05},
+    "external_wrench": {"name": "leak", "force": (0.1, 0.2, 0.3), "torque": (0.1, 0.0, -0.1), "start": 2.0},
+    "gravity_gradient": {"name": "gg", "gradient": 1.2e-6},
+    "sensor_bias": {"name": "sb", "sensor": "imu", "quantity": "angular_rate", "bias": (1e-4, 0.0, -1e-4)},
+    "sensor_scale": {
+        "name": "ss", "sensor": "encoder", "quantity": "joint_velocity", "component": "joint2", "error": 0.01,
+    },
+    "sensor_misalignment": {
+        "name": "sm", "sensor": "imu", "quantity": "acceleration", "angles": (0.01, 0.02, -0.01),
+    },
+    "lever_arm": {"name": "la", "sensor": "imu", "offset": (0.01, -0.02, 0.03)},
+    "sensor_delay": {"name": "sd", "sensor": "pose", "quantity": "attitude", "delay": 0.02},
+    "time_offset": {"name": "to", "sensor": "imu", "offset": -0.015},
+    "quantisation": {"name": "qu", "sensor": "tachometer", "quantity": "wheel_rate", "step": 0.01},
+    "outliers": {"name": "ol", "sensor": "imu", "quantity": "acceleration", "share": 0.02, "size": 0.01},
+    "stuck": {
+        "name": "st", "sensor": "panel", "quantity": "acceleration", "station": 1, "component": "z",
+        "start": 30.0,
+    },
+    "slosh_nonlinearity": {"name": "sn", "tank": "tank", "cubic": 0.5, "quadratic_damping": 0.1},
+    "geometric_stiffness": {"name": "gs", "appendage": "panel", "factor": 1.0},
+    "frequency_drift": {"name": "fd", "appendage": "panel", "mode": 2, "rate": 1e-3},
+    "wheel_imbalance": {"name": "wi", "wheel": "wheel_z", "static": 1e-3, "phase": 0.3, "dynamic": 1e-4},
+    "gear_compliance": {"name": "gc", "joint": "joint2", "compliance": 1e-3, "motor_inertia": 0.5},
+    "backlash": {"name": "bl", "joint": "joint2", "gap": 0.01, "motor_inertia": 0.5},
 }  # fmt: skip
-UNIT_OF_A_COUNT = {"kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2"}
+UNIT_OF_A_COUNT = {
+    *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),
+    *("kg m", "kg/s", "s", "N", "1/s^2", "m/s^2", "N/m^3", "N s^2/m^2", "1/s", "rad/(N m)", "N m/rad"),
+}
 
 
 def example(kind: str) -> Effect:

@@ -1,0 +1,167 @@
+"""Actuators that do not do what they are told: gain, direction, torque constant, delay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from smsid.effects.base import Starting, Vector3, physical, register
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+    from smsid.model.spacecraft import SpacecraftModel
+    from smsid.simulate.inputs import Inputs
+    from smsid.simulate.signals import Signal
+
+THRUSTER = "thruster"
+
+
+class ActuatorEffect(Starting):
+    """An effect between command and actuator, on one of the inputs."""
+
+    family: ClassVar[str] = "actuator"
+
+    def target(self) -> str:
+        """Return the actuator: ``thruster``, a joint or a wheel."""
+        return THRUSTER
+
+    def attach(self, assembly: Assembly) -> None:
+        """Check that the actuator is there; what it does is in `drive`."""
+        if self.target() != THRUSTER:
+            assembly.joint_id(self.target())
+
+    def _changed(
+        self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, int], Signal]
+    ) -> Inputs:
+        """Return inputs with ``change(signal, column)`` made of the actuator's own, from the onset on."""
+        field, column = locate(model, self.target(), self.name)
+        signal: Signal | None = getattr(inputs, field)
+        if signal is None:
+            return inputs
+        after = change(signal, column)
+        if self.start is not None:
+            from smsid.simulate.changed import Switched  # simulation needs effects, hence here
+
+            after = Switched(signal, after, self.start)
+        return replace(inputs, **{field: after})
+
+
+def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, int]:
+    """Return which input drives an actuator, and its column there.
+
+    Raises `DescriptionError` for a joint that no motor drives.
+    """
+    if actuator == THRUSTER:
+        return "force", 0
+    for field, names in (("joint_torque", model.arm_joints.names), ("wheel_torque", model.wheels.names)):
+        if actuator in names:
+            return field, names.index(actuator)
+    raise DescriptionError(
+        f"[[effect]] '{effect}': '{actuator}' is not an actuator.",
+        advice=f"Actuators: {', '.join((THRUSTER, *model.arm_joints.names, *model.wheels.names))}.",
+        actuator=actuator,
+    )
+
+
+@register
+class ThrusterGain(ActuatorEffect):
+    """Thrust along each axis of the bus is ``1 + gain`` times the commanded one."""
+
+    summary: ClassVar[str] = "thrust that is larger or smaller than commanded, axis by axis"
+    aliases: ClassVar[tuple[str, ...]] = ("thruster_misalignment", "body_error", "sensor_scale")
+    strength: ClassVar[tuple[str, ...]] = ("gain",)
+    kind: Literal["thruster_gain"] = "thruster_gain"
+    gain: Vector3 = physical(
+        "1", lower=-1.0, default=(0.0, 0.0, 0.0), description="relative error along the bus's axes"
+    )
+
+    def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
+        """Scale the force."""
+        matrix = np.diag(1.0 + np.asarray(self.gain))
+        return self._changed(inputs, model, lambda signal, _: signal.mapped(matrix))
+
+
+@register
+class ThrusterMisalignment(ActuatorEffect):
+    """Thrust is turned by a rotation vector from what is commanded; it acts at the same point."""
+
+    summary: ClassVar[str] = "thrust that points elsewhere than commanded"
+    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "external_wrench", "sensor_misalignment")
+    strength: ClassVar[tuple[str, ...]] = ("angles",)
+    kind: Literal["thruster_misalignment"] = "thruster_misalignment"
+    angles: Vector3 = physical(
+        "rad",
+        lower=-np.pi,
+        upper=np.pi,
+        default=(0.0, 0.0, 0.0),
+        description="rotation vector from the commanded to the true force, bus axes",
+    )
+
+    def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
+        """Turn the force."""
+        matrix = Rotation.from_rotvec(self.angles).as_matrix()
+        return self._changed(inputs, model, lambda signal, _: signal.mapped(matrix))
+
+
+@register
+class TorqueGain(ActuatorEffect):
+    """The torque of a joint's or wheel's motor is ``1 + error`` times the commanded one."""
+
+    summary: ClassVar[str] = "wrong torque constant of a motor"
+    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "body_error")
+    strength: ClassVar[tuple[str, ...]] = ("error",)
+    kind: Literal["torque_gain"] = "torque_gain"
+    joint: str = Field(description="joint of an arm, or wheel")
+    error: float = physical("1", lower=-1.0, default=0.0, description="relative error of the torque")
+
+    def target(self) -> str:
+        """Return the joint."""
+        return self.joint
+
+    def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
+        """Scale the torque."""
+
+        def change(signal: Signal, column: int) -> Signal:
+            matrix = np.eye(signal.size)
+            matrix[column, column] += self.error
+            return signal.mapped(matrix)
+
+        return self._changed(inputs, model, change)
+
+
+@register
+class ActuatorDelay(ActuatorEffect):
+    """What is commanded at t acts at ``t + delay``; before the first command nothing acts."""
+
+    summary: ClassVar[str] = "commands that act late"
+    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "time_offset", "sensor_delay")
+    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    kind: Literal["actuator_delay"] = "actuator_delay"
+    actuator: str = Field(default=THRUSTER, description="`thruster`, a joint of an arm, or a wheel")
+    delay: float = physical("s", lower=0.0, default=0.0, description="from command to action")
+
+    def target(self) -> str:
+        """Return the actuator."""
+        return self.actuator
+
+    def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
+        """Delay the signal."""
+        if self.delay == 0.0:
+            return inputs
+        from smsid.simulate.changed import Delayed  # simulation needs effects, hence here
+        from smsid.simulate.signals import Sum
+
+        def change(signal: Signal, column: int) -> Signal:
+            if self.actuator == THRUSTER:
+                return Delayed.of(signal, self.delay)
+            own = np.zeros((signal.size, signal.size))
+            own[column, column] = 1.0
+            return Sum((signal.mapped(np.eye(signal.size) - own), Delayed.of(signal.mapped(own), self.delay)))
+
+        return self._changed(inputs, model, change)

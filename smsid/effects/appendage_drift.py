@@ -1,0 +1,67 @@
+"""A bending frequency that changes in time: an appendage that warms up, a hinge that settles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from smsid.effects.base import Starting, physical, register
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import AppendageJoints, Assembly
+
+
+@register
+class FrequencyDrift(Starting):
+    """The clamped frequency of a mode is ``1 + rate (t - start)`` times that of the appendage (start: 0 s).
+
+    Its stiffness goes with the square; the damper stays what it is.
+    """
+
+    summary: ClassVar[str] = "bending frequency that drifts"
+    family: ClassVar[str] = "appendage"
+    aliases: ClassVar[tuple[str, ...]] = ("geometric_stiffness",)
+    strength: ClassVar[tuple[str, ...]] = ("rate",)
+    kind: Literal["frequency_drift"] = "frequency_drift"
+    appendage: str = Field(description="name of the appendage, which stands before this effect")
+    mode: int = Field(default=1, ge=1, description="number of the mode, from 1")
+    rate: float = physical("1/s", default=0.0, description="relative change of the frequency per time")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the force of the change of stiffness."""
+        panel = attached_appendage(assembly, self.appendage)
+        modes = panel.appendage.modal_data()
+        if self.mode > len(modes):
+            raise DescriptionError(
+                f"'{self.appendage}' has {len(modes)} modes, not {self.mode}.",
+                advice="Count from 1.",
+                mode=self.mode,
+            )
+        if self.rate == 0.0:
+            return
+        joint = assembly.model.joints[panel.joints[self.mode - 1]]
+        place, index = joint.idx_q, joint.idx_v
+        omega = 2 * np.pi * modes[self.mode - 1].frequency
+        stiffness = float(panel.scale[self.mode - 1]) ** 2 * omega**2
+        rate, start = self.rate, self.start or 0.0
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            if t > start:
+                change = rate * (t - start)
+                tau[index] -= stiffness * change * (2.0 + change) * q[place]
+
+        assembly.add_force(force, (start,))
+
+
+def attached_appendage(assembly: Assembly, name: str) -> AppendageJoints:
+    """Return an appendage that is attached already; raises `DescriptionError`."""
+    for panel in assembly.appendages:
+        if panel.appendage.name == name:
+            return panel
+    known = ", ".join(p.appendage.name for p in assembly.appendages) or "none"
+    raise DescriptionError(
+        f"There is no appendage '{name}' before this effect.", advice=f"So far: {known}.", appendage=name
+    )

@@ -1,0 +1,129 @@
+"""Gears that give: compliance and backlash between a motor and the link it drives.
+
+The motor's angle, as seen at the joint, is the joint's plus the twist phi of the gear; phi is a joint of
+its own that moves no link. With rotor inertia I at the joint the kinetic energy gains ``1/2 I (qd +
+phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays on the link's side. Source:
+Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from smsid.effects.base import Effect, physical, register
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+class ElasticGear(Effect):
+    """What compliance and backlash share."""
+
+    family: ClassVar[str] = "drivetrain"
+    joint: str = Field(description="joint of the model that the motor drives")
+    motor_inertia: float = physical(
+        "kg m^2", lower=0.0, default=0.0, description="of the rotor at the joint: ratio squared times its own"
+    )
+    encoder: Literal["motor", "link"] = Field(
+        default="motor", description="side of the gear on which the joint's encoder sits"
+    )
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _rotor_has_inertia(self) -> ElasticGear:
+        if not self.rigid() and self.motor_inertia <= 0.0:
+            raise ValueError("a gear that gives needs a positive `motor_inertia`")
+        return self
+
+    def twist(self, assembly: Assembly) -> int | None:
+        """Add the rotor; return the joint of the twist, or ``None`` for a rigid gear."""
+        number, model, inertia = assembly.joint_id(self.joint), assembly.model, self.motor_inertia
+        link = model.joints[number].idx_v
+        if self.rigid():
+            model.armature[link] += inertia
+            return None
+        joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
+        gear = model.joints[joint].idx_v
+        model.armature[gear] = inertia
+
+        def coupling(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            mass = np.zeros((len(v), len(v)))
+            mass[link, link] = mass[link, gear] = mass[gear, link] = inertia
+            return mass, np.zeros(len(v))
+
+        def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            tau[gear] += tau[link]
+
+        assembly.add_inertia_term(coupling)
+        assembly.add_load_force(motor, first=True)
+        if self.encoder == "motor":
+            assembly.motors[number] = joint
+        return joint
+
+
+@register
+class GearCompliance(ElasticGear):
+    """A spring and damper between motor and link; at zero compliance the gear is rigid."""
+
+    summary: ClassVar[str] = "elastic gear of a joint"
+    aliases: ClassVar[tuple[str, ...]] = ("backlash", "motor_inertia", "actuator_delay")
+    strength: ClassVar[tuple[str, ...]] = ("compliance", "motor_inertia")
+    kind: Literal["gear_compliance"] = "gear_compliance"
+    compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
+    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        return self.compliance == 0.0
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add rotor, spring and damper."""
+        joint = self.twist(assembly)
+        if joint is not None:
+            assembly.add_springs(joint, (1.0 / self.compliance,), (self.damping,))
+
+
+@register
+class Backlash(ElasticGear):
+    """A gap in which the motor turns without the link; beyond it, teeth with stiffness and damping.
+
+    ``gap`` is the whole play. At zero gap the gear is rigid.
+    """
+
+    summary: ClassVar[str] = "play in the gear of a joint"
+    aliases: ClassVar[tuple[str, ...]] = ("gear_compliance", "joint_friction")
+    strength: ClassVar[tuple[str, ...]] = ("gap", "motor_inertia")
+    kind: Literal["backlash"] = "backlash"
+    gap: float = physical("rad", lower=0.0, default=0.0, description="play, from one side to the other")
+    contact_stiffness: float = physical(
+        "N m/rad", lower=1e-9, default=1e4, description="of the teeth when they touch"
+    )
+    contact_damping: float = physical(
+        "N m s/rad", lower=0.0, default=0.0, description="of the teeth when they touch"
+    )
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        return self.gap == 0.0
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add rotor and teeth."""
+        joint = self.twist(assembly)
+        if joint is None:
+            return
+        place, index = assembly.model.joints[joint].idx_q, assembly.model.joints[joint].idx_v
+        half, stiffness, damping = self.gap / 2.0, self.contact_stiffness, self.contact_damping
+
+        def teeth(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            depth = abs(q[place]) - half
+            if depth > 0.0:
+                tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
+
+        assembly.add_force(teeth)

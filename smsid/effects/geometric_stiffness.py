@@ -1,0 +1,138 @@
+"""A beam that shortens as it bends: softer under acceleration towards its tip, stiffer when it rotates.
+
+The linear beam moves its points across their rest line only. A beam that does not stretch draws them in by
+``u(x) = 1/2 int_0^x w'^2``. To second order in the deflection w = sum phi_k eta_k, with e the beam's axis,
+(v, omega) the velocity of its root in its own axes and
+
+    S = 1/2 eta' A eta,   A_ij = int rho (L - x) phi_i' phi_j' dx,
+    R = 1/2 eta' B eta,   B_ij = int rho (L^2 - x^2)/2 phi_i' phi_j' dx,
+
+the kinetic energy gains
+
+    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2,
+
+and the potential energy of gravity g gains ``S e . g``. The equations of motion that follow (Lagrange for
+eta, Kirchhoff for the root) are added whole: on the modes the geometric stiffness ``K_g = -a A + |e x
+omega|^2 B`` with a the root's specific acceleration along e (compression when it points to the tip), and on
+the root the reaction of the mass drawn in, so that energy and momentum, both with T', are conserved exactly.
+
+Source: Kane, Ryan, Banerjee, J. Guidance 10 (1987) 139; Hanagud and Sarkar, J. Guidance 12 (1989) 438;
+derived here from T'.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from smsid.effects.appendage import BeamAppendage
+from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.base import Effect, physical, register
+from smsid.effects.beam import Cantilever
+from smsid.effects.spatial import Motion, skew
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import AppendageJoints, Assembly
+
+AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
+
+
+@register
+class GeometricStiffness(Effect):
+    """What a `beam_appendage` gains when it does not stretch; ``factor`` 1 is the inextensible beam."""
+
+    summary: ClassVar[str] = (
+        "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
+    )
+    family: ClassVar[str] = "appendage"
+    aliases: ClassVar[tuple[str, ...]] = ("frequency_drift",)
+    strength: ClassVar[tuple[str, ...]] = ("factor",)
+    kind: Literal["geometric_stiffness"] = "geometric_stiffness"
+    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
+    factor: float = physical("1", default=1.0, description="share of it: 1 by theory, 0 for the linear beam")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam."""
+        panel = attached_appendage(assembly, self.appendage)
+        if not isinstance(panel.appendage, BeamAppendage):
+            raise DescriptionError(
+                f"'{self.appendage}' is no beam_appendage, so its slopes are not known.",
+                advice="Leave the effect out, or describe the appendage as a beam.",
+            )
+        if self.factor != 0.0:
+            assembly.add_inertia_term(Foreshortening(assembly.model, panel, self.factor))
+
+
+class Foreshortening:
+    """The `InertiaTerm` of a beam that shortens as it bends."""
+
+    def __init__(self, model: pin.Model, panel: AppendageJoints, factor: float) -> None:
+        beam = panel.appendage
+        assert isinstance(beam, BeamAppendage)
+        a, b = foreshortening_matrices(beam.length, beam.modes)
+        # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
+        self.a, self.b = factor * a, factor * b
+        self.q = np.array([model.joints[j].idx_q for j in panel.joints])
+        self.v = np.array([model.joints[j].idx_v for j in panel.joints])
+        self.scale = panel.scale
+        self.motion = Motion(model, panel.parent)
+        self.to_root = panel.placement.toActionMatrixInverse()
+        self.cross = skew(AXIS)
+        self.across = np.eye(3) - np.outer(AXIS, AXIS)
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
+        jacobian, velocity, drift = (self.to_root @ x for x in self.motion.at(q, v))
+        n = len(self.v)
+        chain = np.zeros((6 + n, len(v)))  # from v to root velocity and modal rates
+        chain[:6] = jacobian
+        chain[6 + np.arange(n), self.v] = self.scale
+        eta, rate = self.scale * q[self.q], self.scale * v[self.v]
+        linear, omega = velocity[:3], velocity[3:]
+        a_eta, b_eta = self.a @ eta, self.b @ eta
+        s, s_dot = 0.5 * eta @ a_eta, rate @ a_eta
+        r, r_dot = 0.5 * eta @ b_eta, rate @ b_eta
+
+        mass = np.zeros((6 + n, 6 + n))
+        mass[:3, 3:6] = s * self.cross
+        mass[3:6, :3] = -s * self.cross
+        mass[3:6, 3:6] = -2.0 * r * self.across
+        mass[:3, 6:] = -np.outer(AXIS, a_eta)
+        mass[6:, :3] = mass[:3, 6:].T
+
+        turned = np.cross(omega, AXIS)
+        drawn = np.cross(omega, linear)
+        flat = self.across @ omega
+        bias = np.concatenate(
+            [
+                -(rate @ self.a @ rate) * AXIS - 2.0 * s_dot * turned - s * np.cross(omega, turned),
+                -s * np.cross(AXIS, drawn) - 2.0 * r_dot * flat - 2.0 * r * np.cross(omega, flat),
+                -(AXIS @ drawn) * a_eta + (turned @ turned) * b_eta,
+            ]
+        )
+        # the root's acceleration where vdot is zero; it holds the weight, as gravity acts like -acceleration
+        bias += mass[:, :6] @ drift
+        return chain.T @ mass @ chain, chain.T @ bias
+
+
+@cache
+def foreshortening_matrices(length: float, modes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return A [1] and B [m] (modes, modes) for mass-normalised modal coordinates, by Gauss quadrature.
+
+    With shapes of mean square one, rho = mass / L and eta mass-normalised, the mass drops out:
+    ``A_ij = 1/L int (L - x) phi_i' phi_j' dx`` [1/m], ``B_ij = 1/L int (L^2 - x^2)/2 phi_i' phi_j' dx``.
+    """
+    beam = Cantilever.with_modes(length, modes)
+    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
+    x, w = 0.5 * length * (nodes + 1.0), 0.5 * weights  # of the mean over the length
+    slope = beam.slope(x)
+    a = np.einsum("x,xi,xj->ij", w * (length - x), slope, slope)
+    b = np.einsum("x,xi,xj->ij", w * (length**2 - x**2) / 2.0, slope, slope)
+    a.setflags(write=False)
+    b.setflags(write=False)
+    return a, b

@@ -1,0 +1,169 @@
+"""Sensors that read wrong all the time: bias, scale, axes, place, clock."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from smsid.effects.base import Starting, Vector3, physical, register
+from smsid.effects.sensor import (
+    OF_QUANTITY,
+    UNITS,
+    VECTORS,
+    QuantityEffect,
+    SensorEffect,
+    Value,
+    VectorEffect,
+)
+from smsid.errors import DescriptionError
+from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.sensor import Sensor
+
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@register
+class SensorBias(VectorEffect, Starting):
+    """A constant added to what a sensor reads, along its own axes; of an attitude, a rotation vector."""
+
+    summary: ClassVar[str] = "constant bias of a sensor, perhaps from some time on"
+    aliases: ClassVar[tuple[str, ...]] = ("external_wrench", "sensor_misalignment")
+    strength: ClassVar[tuple[str, ...]] = ("bias",)
+    value_field: ClassVar[str] = "bias"
+    kind: Literal["sensor_bias"] = "sensor_bias"
+    bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the bias."""
+        if not np.any(self.bias):
+            return error
+        if self.key is None:
+            both = np.asarray(error.bias) + np.asarray(self.bias)
+            if not np.any(error.bias) or error.bias_from == self.start:
+                bias = tuple(float(x) for x in both)
+                return error.model_copy(update={"bias": bias, "bias_from": self.start})
+            for axis, value in enumerate(np.asarray(self.bias)):
+                one = self.model_copy(update={"component": axis, "bias": float(value)})
+                error = one.spoilt(error)
+            return error
+        part = error.components.get(self.key)
+        before = part.bias if part else 0.0
+        if before and part is not None and part.bias_from != self.start:
+            raise DescriptionError(
+                f"[[effect]] '{self.name}': component {self.key} of {self.sensor}.{self.quantity} has "
+                "another bias, that begins at another time.",
+                advice="Keep one of the two effects.",
+            )
+        return self.part(error, {"bias": before + self.bias, "bias_from": self.start})  # type: ignore[operator]
+
+
+@register
+class SensorScale(VectorEffect):
+    """A reading of ``1 + error`` times the true one, along the sensor's own axes."""
+
+    summary: ClassVar[str] = "wrong scale of a sensor"
+    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "torque_gain", "body_error")
+    strength: ClassVar[tuple[str, ...]] = ("error",)
+    quantities: ClassVar[tuple[str, ...]] = tuple(q for q in UNITS if q != "attitude")
+    value_field: ClassVar[str] = "error"
+    kind: Literal["sensor_scale"] = "sensor_scale"
+    error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the scale."""
+        if not np.any(self.error):
+            return error
+        if self.key is None:
+            both = np.asarray(error.scale_error) + np.asarray(self.error)
+            return error.model_copy(update={"scale_error": tuple(float(x) for x in both)})
+        part = error.components.get(self.key)
+        return self.part(error, {"scale_error": (part.scale_error if part else 0.0) + self.error})  # type: ignore[operator]
+
+
+@register
+class SensorMisalignment(QuantityEffect):
+    """Axes turned by a rotation vector, in sensor axes, from where the description has them."""
+
+    summary: ClassVar[str] = "axes of a sensor that point elsewhere than stated"
+    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias", "thruster_misalignment", "sensor_scale")
+    strength: ClassVar[tuple[str, ...]] = ("angles",)
+    quantities: ClassVar[tuple[str, ...]] = VECTORS
+    kind: Literal["sensor_misalignment"] = "sensor_misalignment"
+    angles: Vector3 = physical(
+        "rad",
+        lower=-np.pi,
+        upper=np.pi,
+        default=_ZERO,
+        description="rotation vector from the stated to the true axes",
+    )
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the misalignment, after what it has."""
+        if not any(self.angles):
+            return error
+        turns = self.angles
+        if any(error.misalignment):
+            both = Rotation.from_rotvec(error.misalignment) * Rotation.from_rotvec(self.angles)
+            turns = tuple(float(x) for x in both.as_rotvec())
+        return error.model_copy(update={"misalignment": turns})
+
+
+@register
+class LeverArm(SensorEffect):
+    """A pose sensor or IMU that sits ``offset`` from where the description has it."""
+
+    summary: ClassVar[str] = "sensor that sits elsewhere than stated"
+    aliases: ClassVar[tuple[str, ...]] = ("body_error", "sensor_misalignment")
+    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    kind: Literal["lever_arm"] = "lever_arm"
+    offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
+
+    def changed(self, sensor: Sensor) -> Sensor:
+        """Return the sensor where it is."""
+        if sensor.kind not in ("pose", "imu"):
+            raise DescriptionError(
+                f"[[effect]] '{self.name}': a sensor of kind {sensor.kind} has no lever arm.",
+                advice="Name a pose sensor or an IMU.",
+            )
+        if not any(self.offset):
+            return sensor
+        place = tuple(float(a + b) for a, b in zip(sensor.position, self.offset, strict=True))
+        return sensor.model_copy(update={"position": place})
+
+
+@register
+class SensorDelay(QuantityEffect):
+    """One quantity of a sensor that is older than stated."""
+
+    summary: ClassVar[str] = "one quantity of a sensor that comes late"
+    aliases: ClassVar[tuple[str, ...]] = ("time_offset", "actuator_delay")
+    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    kind: Literal["sensor_delay"] = "sensor_delay"
+    delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the delay."""
+        return error.model_copy(update={"delay": error.delay + self.delay}) if self.delay else error
+
+
+@register
+class TimeOffset(SensorEffect):
+    """A sensor's clock that is off: what is stamped t happened at ``t - offset``, for all its quantities."""
+
+    summary: ClassVar[str] = "clock of a sensor that is off"
+    aliases: ClassVar[tuple[str, ...]] = ("sensor_delay", "actuator_delay")
+    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    kind: Literal["time_offset"] = "time_offset"
+    offset: float = physical("s", default=0.0, description="positive when it reports late")
+
+    def changed(self, sensor: Sensor) -> Sensor:
+        """Return the sensor with its clock off."""
+        if not self.offset:
+            return sensor
+        errors = {
+            q: sensor.error(q).model_copy(update={"time_offset": sensor.error(q).time_offset + self.offset})
+            for q in sensor.quantities
+        }
+        return sensor.model_copy(update={"errors": errors})

@@ -1,0 +1,76 @@
+"""Sensors that spoil single samples: coarse steps, outliers, a stuck channel."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from smsid.effects.base import physical, register
+from smsid.effects.sensor import OF_QUANTITY, UNITS, ComponentEffect
+from smsid.errors import DescriptionError
+from smsid.sensing.component import ComponentError
+from smsid.sensing.error_model import ErrorModel
+
+_NOT_ATTITUDE = tuple(q for q in UNITS if q != "attitude")
+
+
+@register
+class Quantisation(ComponentEffect):
+    """Readings rounded to a step coarser than stated."""
+
+    summary: ClassVar[str] = "readings rounded to coarser steps than stated"
+    strength: ClassVar[tuple[str, ...]] = ("step",)
+    quantities: ClassVar[tuple[str, ...]] = _NOT_ATTITUDE
+    kind: Literal["quantisation"] = "quantisation"
+    step: float = physical(OF_QUANTITY, lower=0.0, default=0.0, description="of the output")
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the coarser step."""
+        if self.key is None:
+            return error.model_copy(update={"quantisation": max(error.quantisation, self.step)})
+        return self.part(error, {"quantisation": self.step}) if self.step else error
+
+
+@register
+class Outliers(ComponentEffect):
+    """A share of samples with a large error on top, drawn for every component apart."""
+
+    summary: ClassVar[str] = "single samples far off"
+    strength: ClassVar[tuple[str, ...]] = ("share", "size")
+    kind: Literal["outliers"] = "outliers"
+    share: float = physical("1", lower=0.0, upper=1.0, default=0.0, description="of the samples")
+    size: float = physical(
+        OF_QUANTITY, lower=0.0, default=0.0, description="standard deviation of what is added to them"
+    )
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the outliers."""
+        if not (self.share and self.size):
+            return error
+        own = error if self.key is None else error.components.get(self.key, ComponentError())
+        if own.outlier_rate and own.outlier_size:
+            raise DescriptionError(
+                f"[[effect]] '{self.name}': {self.sensor}.{self.quantity} has outliers already.",
+                advice="Describe them once.",
+            )
+        update = {"outlier_rate": self.share, "outlier_size": self.size}
+        return error.model_copy(update=update) if self.key is None else self.part(error, update)
+
+
+@register
+class Stuck(ComponentEffect):
+    """A channel that repeats its last value from ``start`` on; it never sticks when that is not given."""
+
+    summary: ClassVar[str] = "channel that repeats its last value from some time on"
+    kind: Literal["stuck"] = "stuck"
+    start: float | None = physical("s", default=None, description="time from which it is stuck")
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the channel stuck."""
+        if self.start is None:
+            return error
+        if self.key is None:
+            earliest = min(self.start, np.inf if error.stuck_from is None else error.stuck_from)
+            return error.model_copy(update={"stuck_from": float(earliest)})
+        return self.part(error, {"stuck_from": self.start})

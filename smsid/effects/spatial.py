@@ -1,0 +1,73 @@
+"""Inertial parameters of any sign at a body, as terms of the equations of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.effects.base import InertiaTerm
+
+
+def skew(x: np.ndarray) -> np.ndarray:
+    """Return the matrix (3, 3) of the cross product with x (3,)."""
+    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+
+
+def spatial_inertia(theta: np.ndarray) -> np.ndarray:
+    """Return the spatial inertia (6, 6) (linear first) of parameters (m, mc, xx, xy, yy, xz, yz, zz)."""
+    xx, xy, yy, xz, yz, zz = theta[4:]
+    cross = skew(theta[1:4])
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.block([[theta[0] * np.eye(3), -cross], [cross, about]])
+
+
+class Motion:
+    """The motion of a joint's body along generalised coordinates; scratch space of its own, made when needed.
+
+    The body's spatial velocity (linear, angular at the joint's origin, in the joint's axes) is ``J v``.
+    """
+
+    def __init__(self, model: pin.Model, joint: int) -> None:
+        self.pin, self.joint = model, joint
+        self._data: pin.Data | None = None
+
+    def at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return J (6, nv), the velocity (6,), and the acceleration less gravity (6,) where vdot is zero."""
+        if self._data is None:  # joints may have been added since
+            self._data = self.pin.createData()
+        data: Any = self._data
+        joint = self.joint
+        pin.forwardKinematics(self.pin, data, q, v, np.zeros(self.pin.nv))
+        jacobian = np.zeros((6, self.pin.nv))
+        jacobian += pin.computeJointJacobian(self.pin, data, q, joint)
+        drift = np.array(data.a[joint].vector)
+        drift[:3] -= data.oMi[joint].rotation.T @ self.pin.gravity.linear
+        return jacobian, np.array(data.v[joint].vector), drift
+
+
+def extra_inertia(
+    model: pin.Model, joint: int, parameters: Callable[[float], np.ndarray | None]
+) -> InertiaTerm:
+    """Return the term of inertial parameters (10,) at a joint's body, functions of time (``None``: nothing).
+
+    With spatial inertia I, velocity V and acceleration A of the body: ``J' (I A + V x* I V)``.
+    """
+    motion = Motion(model, joint)
+
+    def term(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta = parameters(t)
+        if theta is None:
+            return np.zeros((len(v), len(v))), np.zeros(len(v))
+        inertia = spatial_inertia(theta)
+        jacobian, velocity, drift = motion.at(q, v)
+        momentum = inertia @ velocity
+        linear, omega = velocity[:3], velocity[3:]
+        gyroscopic = np.concatenate(
+            [np.cross(omega, momentum[:3]), np.cross(omega, momentum[3:]) + np.cross(linear, momentum[:3])]
+        )
+        return jacobian.T @ inertia @ jacobian, jacobian.T @ (inertia @ drift + gyroscopic)
+
+    return term
