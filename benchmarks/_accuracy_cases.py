@@ -21,6 +21,7 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.identify.pipeline import Identification, identify
+from smsid.identify.translation import combine
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording
@@ -121,6 +122,9 @@ def run(case: Case, seed: int, data: Data, folder: Path) -> tuple[dict[str, Any]
     for axis in found.translation.axes if found.translation else ():
         for symbol in axis.names:
             values[f"axis {axis.axis}|{symbol}"] = axis[symbol]
+    if found.translation and found.translation.printed:
+        together = combine(found.translation.printed)
+        values |= {f"printed|{symbol}": together[symbol] for symbol in together.names}
     if found.momentum:
         a = found.momentum.a_printed
         for k, axis in enumerate("xyz"):
@@ -208,6 +212,10 @@ def truths(description: Description, found: Identification) -> dict[str, dict[st
     for axis in "xyz":
         for symbol, value in (("M", 2256.8), ("m_s", 49.6), ("k_s", 0.41), ("b_s", 0.02), ("rho", 1.0)):
             plain[f"axis {axis}|{symbol}"] = value
+    for symbol, value in (("M", 2256.8), ("m_s", 49.6), ("rho", 1.0)):
+        plain[f"printed|{symbol}"] = value
+    for symbol, value in (("k_s", 0.41), ("b_s", 0.02)):
+        plain |= {f"printed|{symbol}.{axis}": value for axis in "xyz"}
     out = {key: _truth(value, abs(value), False) for key, value in plain.items()}
     momentum = found.momentum
     assert momentum is not None

@@ -230,7 +230,8 @@ def summary(
     runs: Runs, true: Truths, timed: Sequence[dict[str, Any]], load: Sequence[float]
 ) -> dict[str, Any]:
     """Return everything that is reported; ``timed`` are runs one after the other, under ``load``."""
-    short = {k: one for k, one in true.items() if "printed" not in k or k in _centres("exp2.step_a_printed")}
+    centres = _centres("exp2.step_a_printed")
+    short = {k: one for k, one in true.items() if "_printed" not in k or k in centres}
     full = ("noise-free", "reference", "reference, Exp. 2 alone")
     cases = {name: of_case(records, true if name in full else short) for name, records in runs.items()}
     return {

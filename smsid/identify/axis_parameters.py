@@ -81,6 +81,20 @@ def regression_parameters(theta: np.ndarray, kinds: list[Kind], tanks: int) -> n
     return np.array(out)
 
 
+def tied_parameters(unknowns: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
+    """Return pi (n,) of (m_r, per tank (kappa, beta, m), rho / m_r): the products of (24), (27) as they are.
+
+    Ties c_i to m_i beta_i and rho's integrals to rho; analytic in the unknowns.
+    """
+    own = [unknowns[1 + 3 * i : 4 + 3 * i] for i in range(tanks)]
+    theta = [unknowns[:1], *(np.array([kappa, beta, m, m * beta]) for kappa, beta, m in own)]
+    if ("p", 0) in kinds:
+        p = _product([np.array([1.0, beta, kappa]) for kappa, beta, _ in own])
+        rho = unknowns[-1]
+        theta.append(np.array([rho * unknowns[0], *(rho * p[j] for s, j in kinds if s == "p" and j)]))
+    return regression_parameters(np.concatenate(theta), kinds, tanks)
+
+
 def sensitivity(theta: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
     """Return d pi / d theta (n, n), exact."""
     n = len(theta)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from smsid.effects.slosh import Slosh
@@ -21,6 +23,7 @@ from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
 from smsid.identify.translation import AxisData, AxisEstimate, identify_axis, panel_weights
+from smsid.identify.translation_tied import identify_axis_tied
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -53,6 +56,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     ``notes``.
     """
     axes: dict[str, AxisEstimate] = {}
+    printed: dict[str, AxisEstimate] = {}
     notes: list[str] = []
     modes: dict[str, SeenModes] = {}
     wanted: set[str] = set()
@@ -64,9 +68,22 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
             if axis in axes:
                 continue
             try:
-                axes[axis] = _one_axis(model, recording, axis)
+                data = axis_data(model, recording, axis)
             except NotIdentifiableError as error:
                 notes.append(f"axis {axis} of '{recording.name}': {error}")
+                continue
+            tanks, marks = len(model.slosh), _marks(model, "xyz".index(axis))
+            for way, method, kept in (
+                ("", identify_axis_tied, axes),
+                (" as printed", identify_axis, printed),
+            ):
+                try:
+                    kept[axis] = method(data, tanks, marks)
+                except NotIdentifiableError as error:
+                    notes.append(f"axis {axis} of '{recording.name}'{way}: {error}")
+            if axis not in axes and axis in printed:
+                axes[axis] = printed[axis]
+                notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
         for name, found in _modes(model, recording, notes).items():
             modes.setdefault(name, found)
     missing = sorted(set("xyz") - wanted)
@@ -77,7 +94,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
             "Exp. 1 identifies nothing: " + ("; ".join(notes) or "no recording has thrust") + ".",
             advice="Fly thrust along at least one body axis with the attitude held.",
         )
-    return assemble(model, list(axes.values()), modes, notes)
+    return assemble(model, list(axes.values()), modes, notes, tuple(printed.values()))
 
 
 def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
@@ -103,7 +120,12 @@ def _check_start(model: SpacecraftModel, recording: Recording) -> list[str]:
     return []
 
 
-def _one_axis(model: SpacecraftModel, recording: Recording, axis: str) -> AxisEstimate:
+def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisData:
+    """Return thrust, acceleration and the panel's force along an axis, low-passed, with the sensors' errors.
+
+    Raises `RecordingError` for missing channels, `NotIdentifiableError` when a panel that bends along the
+    axis has no accelerometers, or too few.
+    """
     roles = Roles.of(model, recording, joints=False)
     imu, k = roles.imu, "xyz".index(axis)
     time = event_times(recording, imu, "acceleration")
@@ -114,27 +136,20 @@ def _one_axis(model: SpacecraftModel, recording: Recording, axis: str) -> AxisEs
     def smooth(x: np.ndarray) -> np.ndarray:
         return zero_phase(x, fs, SMOOTHING)
 
-    p, weights, panel_noise, panel_bias = None, None, 0.0, 0.0
-    moving = [a for a in model.appendages if participates(a, k)]
-    if moving:
-        p, weights, panel_noise, panel_bias = _panel_force(recording, roles, moving, k, smooth(raw), time, fs)
-    return identify_axis(
-        AxisData(
-            axis=axis,
-            time=time,
-            force=smooth(force),
-            acceleration=smooth(raw),
-            noise=_noise(raw),
-            panel=p,
-            panel_weights=weights,
-            panel_noise=panel_noise,
-            filtered=smooth,
-            bias=_bias(imu),
-            panel_bias=panel_bias,
-        ),
-        len(model.slosh),
-        _marks(model, k),
+    drift, drift_time = _drift(imu)
+    data = AxisData(
+        axis=axis,
+        time=time,
+        force=smooth(force),
+        acceleration=smooth(raw),
+        noise=_noise(raw),
+        filtered=smooth,
+        bias=_bias(imu),
+        drift=drift,
+        drift_time=drift_time,
     )
+    moving = [a for a in model.appendages if participates(a, k)]
+    return _with_panel(data, recording, roles, moving, k, fs) if moving else data
 
 
 def _noise(x: np.ndarray) -> float:
@@ -145,6 +160,12 @@ def _bias(sensor: Sensor) -> float:
     """One sigma of a sensor's described constant error that a recording does not reveal [m/s^2]."""
     error = sensor.error("acceleration")
     return float(np.hypot(np.max(error.bias_sigma), np.max(error.bias_instability)))
+
+
+def _drift(sensor: Sensor) -> tuple[float, float]:
+    """One sigma [m/s^2] and correlation time [s] of a sensor's described wandering bias."""
+    error = sensor.error("acceleration")
+    return float(np.max(error.gauss_markov_sigma)), float(error.bias_correlation_time or 1.0)
 
 
 def _marks(model: SpacecraftModel, axis: int) -> list[str]:
@@ -158,17 +179,16 @@ def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarra
     return values[np.clip(np.searchsorted(source, time, side="right") - 1, 0, len(values) - 1)]
 
 
-def _panel_force(
+def _with_panel(
+    data: AxisData,
     recording: Recording,
     roles: Roles,
     moving: list[AppendageJoints],
     axis: int,
-    base: np.ndarray,
-    time: np.ndarray,
     fs: float,
-) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Inertia force of bending at the described density, weights of the accelerometers, noise and bias."""
-    force, weights, noises, biases = np.zeros(len(time)), [], [], []
+) -> AxisData:
+    """Add the inertia force of bending at the described density, and its sensors' weights and errors."""
+    force, weights, noises, biases, drifts = np.zeros(len(data.time)), [], [], [], []
     for joints in moving:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
@@ -177,11 +197,11 @@ def _panel_force(
                 f"'{name}' bends along this axis but the recording has no accelerometers on it.",
                 advice=f"Record a sensor of kind 'accelerometers' with appendage = \"{name}\".",
             )
-        y = sampled(recording, sensor, "acceleration", time, SMOOTHING)[:, :, axis]
+        y = sampled(recording, sensor, "acceleration", data.time, SMOOTHING)[:, :, axis]
         chosen = station_indices(joints, sensor)
-        data = joints.appendage.modal_data()
+        modes = joints.appendage.modal_data()
         rotation = joints.placement.rotation
-        shapes = np.array([[(rotation @ np.asarray(m.shape[s]))[axis] for m in data] for s in chosen])
+        shapes = np.array([[(rotation @ np.asarray(m.shape[s]))[axis] for m in modes] for s in chosen])
         along = participation_along(joints, axis)
         bends = np.abs(along) > 1e-6 * np.abs(along).max()
         seen = bends | (np.abs(shapes).max(axis=0, initial=0.0) > 1e-9 * np.abs(shapes).max(initial=0.0))
@@ -191,12 +211,22 @@ def _panel_force(
                 advice="Describe fewer modes, or add stations.",
             )
         w = panel_weights(shapes[:, seen], along[seen])
-        force += (y - base[:, None]) @ w
+        force += (y - data.acceleration[:, None]) @ w
         weights.append(w)
         raw = recording[f"{sensor.name}.acceleration"][:, :, axis]
         noises.append(_noise(raw) * np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
         biases.append(_bias(sensor))
-    return force, np.concatenate(weights), float(np.max(noises)), float(np.max(biases))
+        drifts.append(_drift(sensor))
+    drift, drift_time = max(drifts)
+    return replace(
+        data,
+        panel=force,
+        panel_weights=np.concatenate(weights),
+        panel_noise=float(np.max(noises)),
+        panel_bias=float(np.max(biases)),
+        panel_drift=drift,
+        panel_drift_time=drift_time,
+    )
 
 
 def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> dict[str, SeenModes]:

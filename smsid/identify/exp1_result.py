@@ -36,7 +36,8 @@ class TranslationResult:
     """What Exp. 1 identified.
 
     ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
-    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
+    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage. ``printed``: the axes by
+    the regression as printed, beside; an axis may be missing there.
     """
 
     axes: tuple[AxisEstimate, ...]
@@ -46,6 +47,7 @@ class TranslationResult:
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
+    printed: tuple[AxisEstimate, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -76,7 +78,11 @@ def tank_marks(tanks: Sequence[Slosh]) -> list[str]:
 
 
 def assemble(
-    model: SpacecraftModel, axes: list[AxisEstimate], modes: dict[str, SeenModes], notes: list[str]
+    model: SpacecraftModel,
+    axes: list[AxisEstimate],
+    modes: dict[str, SeenModes],
+    notes: list[str],
+    printed: tuple[AxisEstimate, ...] = (),
 ) -> TranslationResult:
     """Bring axes and modes together as parameters of the description; what stays as described is noted."""
     notes = list(notes)
@@ -110,7 +116,9 @@ def assemble(
             )
         parameters += _mode_parameters(name, seen, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
-    return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
+    return TranslationResult(
+        tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions, printed
+    )
 
 
 def _lost(found: Combined, mark: str) -> bool:
@@ -129,7 +137,7 @@ def _tank(
         return []
     value, sigma = found[f"m_s{mark}"]
     key = f"{tank.name}.mass"
-    parameters = [judged(key, value, "kg", sigma, "exp1", nominal=tank.mass)]
+    parameters = [_positive(judged(key, value, "kg", sigma, "exp1", nominal=tank.mass))]
     if value <= 0.0:
         notes.append(f"{key} comes out as {value:.3g} kg, which no tank has: it stays as described")
     else:
@@ -142,12 +150,20 @@ def _tank(
             value, sigma = found[name]
             key = f"{tank.name}.{field_name}.{axis}"
             nominal = getattr(tank, field_name)[k]
-            parameters.append(judged(key, value, unit, sigma, "exp1", nominal=nominal))
+            found_one = judged(key, value, unit, sigma, "exp1", nominal=nominal)
+            parameters.append(_positive(found_one) if field_name == "stiffness" else found_one)
             if field_name == "stiffness" and value <= 0.0:
                 notes.append(f"{key} comes out as {value:.3g} N/m: it stays as described")
             elif f"m_s{mark}" in symbols:
                 symbols[name] = key
     return parameters
+
+
+def _positive(parameter: ParameterEstimate) -> ParameterEstimate:
+    """Return it, not identifiable where its value is one that nothing can have, however small its sigma."""
+    if parameter.value > 0.0:
+        return parameter
+    return replace(parameter, status="not_identifiable", note="not above zero, which is impossible: refused")
 
 
 def _densities(
@@ -163,7 +179,8 @@ def _densities(
             key, unit, nominal = f"{part.name}.linear_density", "kg/m", part.linear_density
         else:
             key, unit, nominal = f"{part.name}.participation_factor", "1", 1.0
-        out.append(judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note))
+        found = judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note)
+        out.append(_positive(found))
     return out
 
 

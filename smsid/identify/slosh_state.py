@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from smsid.errors import NotIdentifiableError
 from smsid.identify.motion import Motion
+
+FASTEST = 0.5  # step times natural frequency, step times damping rate: twice that and the steps blow up
 
 
 def estimate_slosh(
@@ -22,28 +25,64 @@ def estimate_slosh(
 
     ``position`` (3,) in the bus frame [m]; ``stiffness`` (3,) [N/m]; ``damping`` (3,) [N s/m]; ``mass`` [kg].
     A second-order step per sample, in inertial axes: the slosh period is hundreds of samples.
+
+    Raises `NotIdentifiableError` for a mass that is not positive, or slosh too fast or too heavily damped for
+    the sampling: what Exp. 1 leaves when it has not seen the slosh.
     """
+    _check(motion.step, mass, stiffness, damping)
     arm = position - motion.pose_point
-    k, b = stiffness / mass, damping / mass
     rotation, rate = motion.rotation, motion.rate
     pose = motion.position + np.einsum("nij,j->ni", rotation, arm)  # c_s in inertial axes
     velocity = np.einsum("nij,nj->ni", rotation, motion.velocity + np.cross(rate, arm))
-    n = len(motion)
-    r, v = np.empty((n, 3)), np.empty((n, 3))
-    r[0], v[0] = pose[0], 0.0
-
-    def acceleration(i: int, r: np.ndarray, v: np.ndarray) -> np.ndarray:
-        to_body = rotation[i].T
-        rho = to_body @ (r - pose[i])
-        rho_rate = to_body @ (v - velocity[i]) - np.cross(rate[i], rho)
-        return -(rotation[i] @ (k * rho + b * rho_rate))
-
-    h = motion.step
+    # r'' = by_position (r - pose) + by_velocity (v - velocity)
+    turn = np.einsum("nij,j,nkj->nik", rotation, damping / mass, rotation)
+    spin = np.einsum("nij,nj->ni", rotation, rate)
+    by_velocity = -turn
+    by_position = np.cross(turn, spin[:, None, :], axis=2) - np.einsum(
+        "nij,j,nkj->nik", rotation, stiffness / mass, rotation
+    )
+    constant = -np.einsum("nij,nj->ni", by_position, pose) - np.einsum("nij,nj->ni", by_velocity, velocity)
+    n, h, eye = len(motion), motion.step, np.eye(3)
+    now, then = slice(None, -1), slice(1, None)
+    # a0 = A0 (r, v) + c0 at a sample, a1 = A1 (r + h v + h^2/2 a0, v + h a0) + c1 at the next
+    first = np.concatenate([by_position[now], by_velocity[now]], axis=2)
+    ahead = np.zeros((n - 1, 6, 6))
+    ahead[:, :3] = np.hstack([eye, h * eye]) + 0.5 * h * h * first
+    ahead[:, 3:] = np.hstack([0.0 * eye, eye]) + h * first
+    shift = np.concatenate([0.5 * h * h * constant[now], h * constant[now]], axis=1)
+    second = np.concatenate([by_position[then], by_velocity[then]], axis=2)
+    at_next = second @ ahead
+    extra = np.einsum("nij,nj->ni", second, shift) + constant[then]
+    step = np.zeros((n - 1, 6, 6))
+    step[:, :3] = np.hstack([eye, h * eye]) + h * h / 6 * (2 * first + at_next)
+    step[:, 3:] = np.hstack([0.0 * eye, eye]) + 0.5 * h * (first + at_next)
+    push = np.concatenate(
+        [h * h / 6 * (2 * constant[now] + extra), 0.5 * h * (constant[now] + extra)], axis=1
+    )
+    state = np.empty((n, 6))
+    state[0] = *pose[0], 0.0, 0.0, 0.0
     for i in range(n - 1):
-        a0 = acceleration(i, r[i], v[i])
-        a1 = acceleration(i + 1, r[i] + h * v[i] + 0.5 * h * h * a0, v[i] + h * a0)
-        r[i + 1] = r[i] + h * v[i] + h * h * (2 * a0 + a1) / 6
-        v[i + 1] = v[i] + 0.5 * h * (a0 + a1)
+        state[i + 1] = step[i] @ state[i] + push[i]
+    r, v = state[:, :3], state[:, 3:]
     rho = np.einsum("nji,nj->ni", rotation, r - pose)
     rho_rate = np.einsum("nji,nj->ni", rotation, v - velocity) - np.cross(rate, rho)
     return rho, rho_rate
+
+
+def _check(step: float, mass: float, stiffness: np.ndarray, damping: np.ndarray) -> None:
+    """Refuse slosh that a step per sample cannot follow."""
+    advice = "Exp. 1 has not seen the slosh: look at its intervals, or describe the tank as it is known."
+    if not (np.isfinite(mass) and mass > 0.0):
+        raise NotIdentifiableError(
+            f"A slosh mass of {mass:.3g} kg cannot be followed.", advice=advice, mass=mass
+        )
+    frequency = float(np.sqrt(max(np.max(stiffness), 0.0) / mass)) / (2.0 * np.pi)
+    rate = float(np.max(np.abs(damping))) / mass
+    if not max(2.0 * np.pi * frequency * step, rate * step) < FASTEST:
+        raise NotIdentifiableError(
+            f"A slosh mass of {mass:.3g} kg swings at {frequency:.3g} Hz and is damped by {rate:.3g} 1/s: "
+            f"too fast to be followed at {1.0 / step:.3g} Hz.",
+            advice=advice,
+            frequency=frequency,
+            damping_rate=rate,
+        )

@@ -36,7 +36,9 @@ class AxisData:
     ``panel`` (N,) is p, the panel's inertia force per unit of density, ``panel_weights`` (stations,) how it
     follows from the panel accelerometers (p = (y - a) @ weights); noise levels are one sigma of the samples
     [m/s^2]. ``filtered`` applies to white noise whatever filter the signals went through. ``bias`` and
-    ``panel_bias`` [m/s^2] are one sigma of constant errors that are not estimated: they widen the covariance.
+    ``panel_bias`` [m/s^2] are one sigma of constant errors: where they are not estimated they widen the
+    covariance. ``drift`` and ``panel_drift`` [m/s^2] with their correlation times [s] are errors that wander
+    (first-order Gauss-Markov), which always do.
     """
 
     axis: str
@@ -50,6 +52,10 @@ class AxisData:
     filtered: Callable[[np.ndarray], np.ndarray] | None = None
     bias: float = 0.0
     panel_bias: float = 0.0
+    drift: float = 0.0
+    drift_time: float = 1.0
+    panel_drift: float = 0.0
+    panel_drift_time: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -91,32 +97,16 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
     comes out negative; `SmsidError` for a noise that is not positive.
     """
     t, f, a = data.time, data.force, data.acceleration
-    if np.abs(f).max() <= 0.0:
-        raise NotIdentifiableError(
-            f"No thrust acts along {data.axis}: mass and slosh cannot be identified there.",
-            advice=f"Fly Exp. 1 with thrust along {data.axis}.",
-        )
-    if not (np.isfinite(data.noise) and data.noise > 0.0):
-        raise SmsidError(
-            f"The noise along {data.axis} is {data.noise} m/s^2; total least squares needs it positive."
-        )
+    check_axis(data, tanks)
     order = 2 * tanks
-    fewest = 20 * (3 * order + 2)
-    if len(t) < fewest:
-        raise NotIdentifiableError(
-            f"{len(t)} samples along {data.axis} are too few for {tanks} tank(s).",
-            advice=f"Record longer: at least {fewest} samples, and a few periods of the slosh.",
-            samples=len(t),
-            needed=fewest,
-        )
-    fs, accs = _integrals(f, t, order), _integrals(a, t, order)
-    ps = _integrals(data.panel, t, order) if data.panel is not None else None
+    fs, accs = integrals(f, t, order), integrals(a, t, order)
+    ps = integrals(data.panel, t, order) if data.panel is not None else None
     kinds = kinds_of(tanks, data.panel is not None)
     signals = {"f": [-x for x in fs], "a": accs, "p": ps or []}
     columns = np.column_stack([signals[signal][j] for signal, j in kinds])
     scale = np.linalg.norm(columns, axis=0) / np.linalg.norm(a)
     full = np.append(scale, 1.0)
-    noise = _row_noise(data, kinds) / np.outer(full, full)
+    noise = row_noise(data, kinds) / np.outer(full, full)
     found = total_least_squares(columns / scale, -a, noise=noise, names=column_names(kinds))
     pi = found.x / scale
     names = parameter_names(tanks, data.panel is not None, marks)
@@ -128,14 +118,40 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
     else:
         values, jacobian = without_tanks(pi, kinds, tanks)
         influence = jacobian @ _influence(data, columns, kinds, pi, order)
-    if not values[0] > 0.0:
+    check_mass(data.axis, values[0])
+    return AxisEstimate(data.axis, names, values, influence @ influence.T, pi, found.condition)
+
+
+def check_axis(data: AxisData, tanks: int) -> None:
+    """Refuse data without thrust, without noise, or too short for the number of tanks, as `identify_axis`."""
+    if np.abs(data.force).max() <= 0.0:
         raise NotIdentifiableError(
-            f"The mass along {data.axis} comes out as {values[0]:.4g} kg.",
+            f"No thrust acts along {data.axis}: mass and slosh cannot be identified there.",
+            advice=f"Fly Exp. 1 with thrust along {data.axis}.",
+        )
+    if not (np.isfinite(data.noise) and data.noise > 0.0):
+        raise SmsidError(
+            f"The noise along {data.axis} is {data.noise} m/s^2; total least squares needs it positive."
+        )
+    fewest = 20 * (6 * tanks + 2)
+    if len(data.time) < fewest:
+        raise NotIdentifiableError(
+            f"{len(data.time)} samples along {data.axis} are too few for {tanks} tank(s).",
+            advice=f"Record longer: at least {fewest} samples, and a few periods of the slosh.",
+            samples=len(data.time),
+            needed=fewest,
+        )
+
+
+def check_mass(axis: str, mass: float) -> None:
+    """Refuse a total mass [kg] that is not positive."""
+    if not mass > 0.0:
+        raise NotIdentifiableError(
+            f"The mass along {axis} comes out as {mass:.4g} kg.",
             advice="Thrust and acceleration contradict each other: check signs, units and the "
             "accelerometer's bias.",
-            mass=float(values[0]),
+            mass=float(mass),
         )
-    return AxisEstimate(data.axis, names, values, influence @ influence.T, pi, found.condition)
 
 
 def panel_weights(shapes: np.ndarray, participation: np.ndarray) -> np.ndarray:
@@ -193,14 +209,15 @@ def combine(estimates: Sequence[AxisEstimate]) -> Combined:
     return Combined(tuple(rows), weights @ stacked, weights @ full @ weights.T)
 
 
-def _integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
+def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
+    """Return x (N,) and its integrals up to ``order``, by trapezoids from the first sample."""
     out = [np.asarray(x, dtype=float)]
     for _ in range(order):
         out.append(cumulative_trapezoid(out[-1], t, initial=0.0))
     return out
 
 
-def _row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
+def row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
     """Covariance of the errors of a row of [Y, b]: b = -a and the column of p carry them."""
     n = len(kinds)
     noise = np.zeros((n + 1, n + 1))
@@ -221,27 +238,33 @@ def _influence(
     there into the parameters. Kept as a factor: its square would lose what is left of sums that nearly
     cancel.
     """
-    through = {"a": np.zeros(order + 1), "p": np.zeros(order + 1)}
-    through["a"][0] = 1.0
-    for (signal, j), value in zip(kinds, pi, strict=True):
-        if signal in through:
-            through[signal][j] += value
-    ramps = np.array(_integrals(np.ones_like(data.time), data.time, order))
+    through = errors_through(kinds, pi, order)
+    ramps = np.array(integrals(np.ones_like(data.time), data.time, order))
     from_a = through["a"].copy()
     factors = []
     if data.panel is not None and data.panel_weights is not None:
         w = data.panel_weights
         size = np.linalg.norm(w)
         from_a -= w.sum() * through["p"]
-        factors.append(data.panel_noise * size * _adjoint(columns.T, through["p"], data))
+        factors.append(data.panel_noise * size * adjoint(columns.T, through["p"], data))
         factors.append(data.panel_bias * size * (columns.T @ (through["p"] @ ramps))[:, None])
-    factors.append(data.noise * _adjoint(columns.T, from_a, data))
+    factors.append(data.noise * adjoint(columns.T, from_a, data))
     factors.append(data.bias * (columns.T @ (from_a @ ramps))[:, None])
     root = inverse_root(columns)
     return root @ (root.T @ np.concatenate(factors, axis=1))
 
 
-def _adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarray:
+def errors_through(kinds: list[Kind], pi: np.ndarray, order: int) -> dict[str, np.ndarray]:
+    """Return by which polynomial of the integral, (order + 1,), errors of a and of p enter the equation."""
+    through = {"a": np.zeros(order + 1), "p": np.zeros(order + 1)}
+    through["a"][0] = 1.0
+    for (signal, j), value in zip(kinds, pi, strict=True):
+        if signal in through:
+            through[signal][j] += value
+    return through
+
+
+def adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarray:
     """Apply the adjoint of ``sum_j through[j] I^j`` (and of the filter) to rows (n, N)."""
     total = through[0] * rows
     integral = rows

@@ -1,0 +1,269 @@
+"""Exp. 1 with the regression whitened, its products tied, and constant accelerometer biases estimated.
+
+The regression (22) as printed loses three things. Its noise is that of the acceleration integrated up to n
+times, so plain (total) least squares weighs the slow end wrongly. The entries of (24) and (27) are products
+of fewer parameters (M appears as a ratio twice, rho three times), which the regression leaves free. And a
+constant bias of an accelerometer, integrated, becomes a polynomial in t that it has no columns for. Here the
+equation error of (22) is the same, but it is multiplied by ``s^n/Q(s)``, with Q from the estimate before
+(Steiglitz and McBride 1965), linearised about the parameters themselves, and has a column for the bias of the
+IMU and one for that of the panel's accelerometers. Each step is total least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.errors import NotIdentifiableError
+from smsid.identify.axis_parameters import Kind, fractions, kinds_of, parameter_names, tied_parameters
+from smsid.identify.robust import inverse_root
+from smsid.identify.tls import total_least_squares
+from smsid.identify.translation import (
+    AxisData,
+    AxisEstimate,
+    adjoint,
+    check_axis,
+    check_mass,
+    errors_through,
+    integrals,
+    row_noise,
+)
+from smsid.identify.whitening import Section, sections_of, whiten, whiten_transposed
+
+STEPS = 40  # at most; a good record takes about six
+SETTLED = 1e-3  # of a standard deviation: a smaller step ends the iteration
+LARGEST_STEP = 0.5  # relative change of a stiffness over mass or of m_r allowed in one step
+SIGNIFICANT = 3.0  # standard deviations by which a mass may come out below zero
+FIRST_PASSES = 4  # linear passes before the products are tied
+PERIODS = 2.0  # in the record: where the whitening filter starts
+FIRST_DAMPING = 0.5
+ADVICE = "Thrust harder or longer, record a quieter accelerometer, or describe fewer tanks."
+DRIFT_NODES, DRIFT_SHAPES = 61, 12
+
+
+def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = None) -> AxisEstimate:
+    """Identify one axis as `smsid.identify.translation.identify_axis` does, whitened, tied, biases estimated.
+
+    Arguments, names and units as there; no starting values are needed. ``data.bias`` and ``data.panel_bias``
+    are not used, for the biases are estimated; ``data.drift`` and ``data.panel_drift`` widen the covariance.
+    ``pi`` are (24) or (27) at the estimate.
+
+    Raises `NotIdentifiableError` as there, when no slosh can be seen to start from, when the iteration does
+    not settle (noise hides the slosh, or two tanks are alike) or ends at no oscillation or
+    a mass clearly below zero; `SmsidError` for a
+    noise that is not positive.
+    """
+    check_axis(data, tanks)
+    problem = _Problem.of(data, tanks)
+    unknowns = problem.start()
+    for _ in range(STEPS):
+        step, influence = problem.step(unknowns)
+        sigma = np.linalg.norm(influence, axis=1)
+        limit = _limit(unknowns, step, tanks)
+        unknowns = unknowns + limit * step
+        if limit == 1.0 and np.all(np.abs(step) <= SETTLED * sigma):
+            break
+    else:
+        raise NotIdentifiableError(
+            f"The slosh along {data.axis} does not settle in {STEPS} steps: noise hides it or two are alike.",
+            advice=ADVICE,
+            unknowns=unknowns,
+        )
+    for i in range(tanks):
+        at = 1 + 3 * i
+        kappa, beta, mass = unknowns[at : at + 3]
+        if abs(beta) >= 2.0 * np.sqrt(kappa) or mass < -SIGNIFICANT * sigma[at + 2]:
+            what = "no oscillation" if abs(beta) >= 2.0 * np.sqrt(kappa) else f"a mass of {mass:.3g} kg"
+            raise NotIdentifiableError(
+                f"The slosh along {data.axis} comes out as {what}: noise or drift hides it.",
+                advice=ADVICE,
+                unknowns=unknowns,
+            )
+    values, jacobian = _physical(unknowns, tanks, problem.panel)
+    check_mass(data.axis, values[0])
+    spread = jacobian @ influence
+    pi = tied_parameters(unknowns, problem.kinds, tanks)
+    names = parameter_names(tanks, problem.panel, marks)
+    return AxisEstimate(data.axis, names, values, spread @ spread.T, pi, problem.condition)
+
+
+@dataclass
+class _Problem:
+    """The equation (22) of one axis: ``columns @ pi + a = 0``, and what its errors are made of."""
+
+    data: AxisData
+    tanks: int
+    kinds: list[Kind]
+    columns: np.ndarray
+    ramps: np.ndarray  # (N, order + 1): a constant and its integrals
+    noise: np.ndarray
+    condition: float = np.nan
+
+    @classmethod
+    def of(cls, data: AxisData, tanks: int) -> _Problem:
+        order, panel = 2 * tanks, data.panel is not None
+        kinds = kinds_of(tanks, panel)
+        signals = {
+            "f": [-x for x in integrals(data.force, data.time, order)],
+            "a": integrals(data.acceleration, data.time, order),
+            "p": integrals(data.panel, data.time, order) if data.panel is not None else [],
+        }
+        return cls(
+            data,
+            tanks,
+            kinds,
+            np.column_stack([signals[s][j] for s, j in kinds]),
+            np.column_stack(integrals(np.ones_like(data.time), data.time, order)),
+            row_noise(data, kinds),
+        )
+
+    @property
+    def panel(self) -> bool:
+        return self.data.panel is not None
+
+    @property
+    def sampling(self) -> float:
+        """Sampling time [s]."""
+        t = self.data.time
+        return float((t[-1] - t[0]) / (len(t) - 1))
+
+    def whitened(self, x: np.ndarray, sections: list[Section]) -> np.ndarray:
+        return whiten(x, self.sampling, sections)
+
+    def sections(self, pi: np.ndarray) -> list[Section]:
+        value = dict(zip(self.kinds, pi, strict=True))
+        return sections_of(np.array([1.0, *(value["a", j] for j in range(1, 2 * self.tanks + 1))]))
+
+    def start(self) -> np.ndarray:
+        """Return unknowns (m_r, per tank (kappa, beta, m), rho / m_r) from the regression left linear.
+
+        Its own bias columns are all powers of t, for the whitening filter is not yet Q.
+        """
+        order = 2 * self.tanks
+        frequency = 2.0 * np.pi * PERIODS / float(self.data.time[-1] - self.data.time[0])
+        grid = frequency * (1.0 + np.arange(self.tanks))
+        sections = [(2.0 * FIRST_DAMPING * w, w**2) for w in grid]
+        pi, theta = np.full(len(self.kinds), np.nan), np.full(2, np.nan)
+        for _ in range(FIRST_PASSES if order else 1):
+            rows = np.column_stack([self.columns, self.ramps, -self.data.acceleration])
+            white = self.whitened(rows, sections)
+            scale = np.linalg.norm(white, axis=0)
+            noise = np.zeros((rows.shape[1], rows.shape[1]))
+            noisy = [*range(len(self.kinds)), rows.shape[1] - 1]
+            noise[np.ix_(noisy, noisy)] = self.noise
+            noise /= np.outer(scale, scale)
+            found = total_least_squares(white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise)
+            pi = (found.x / scale[:-1] * scale[-1])[: len(self.kinds)]
+            theta = fractions(pi, self.kinds, self.tanks)
+            if not (np.isfinite(theta).all() and _sensible(theta, self.tanks)):
+                raise NotIdentifiableError(
+                    f"No slosh can be seen along {self.data.axis} to start from.",
+                    advice=ADVICE,
+                    regression=pi,
+                )
+            sections = self.sections(pi)
+        own = [theta[1 + 4 * i : 4 + 4 * i] for i in range(self.tanks)]
+        rho = [theta[1 + 4 * self.tanks] / theta[0]] if self.panel else []
+        return np.concatenate([theta[:1], *own, rho])
+
+    def step(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return a step of the unknowns (n,) and F (n, ...), F F' the covariance they would have."""
+        n = len(unknowns)
+        pi = tied_parameters(unknowns, self.kinds, self.tanks)
+        moved = unknowns[None, :] + 1e-30j * np.eye(n)
+        slope = np.array([tied_parameters(row, self.kinds, self.tanks).imag / 1e-30 for row in moved]).T
+        through = errors_through(self.kinds, pi, 2 * self.tanks)
+        biases = [through["a"] - self._weight() * through["p"]] + ([through["p"]] if self.panel else [])
+        rows = np.column_stack(
+            [
+                self.columns @ slope,
+                *(self.ramps @ b for b in biases),
+                -(self.columns @ pi + self.data.acceleration),
+            ]
+        )
+        sections = self.sections(pi)
+        white = self.whitened(rows, sections)
+        scale = np.linalg.norm(white[:, :-1], axis=0)
+        turn = np.zeros((len(self.kinds) + 1, rows.shape[1]))
+        turn[:-1, :n], turn[:-1, -1], turn[-1, -1] = slope, -pi, 1.0
+        noise = turn.T @ self.noise @ turn
+        full = np.append(scale, 1.0)
+        exact = [j for j in range(rows.shape[1] - 1) if j != n - 1 or not self.panel]
+        found = total_least_squares(
+            white[:, :-1] / scale, white[:, -1], noise=noise / np.outer(full, full), exact=exact
+        )
+        self.condition = found.condition
+        return (found.x / scale)[:n], self._influence(white[:, :-1], through, sections)[:n]
+
+    def _weight(self) -> float:
+        w = self.data.panel_weights
+        return float(w.sum()) if w is not None else 0.0
+
+    def _influence(
+        self, white: np.ndarray, through: dict[str, np.ndarray], sections: list[Section]
+    ) -> np.ndarray:
+        """Carry noise and drifts through filter, integrals and whitening into what ``white`` multiplies."""
+        data = self.data
+        back = whiten_transposed(white.T, self.sampling, sections)
+        from_a = through["a"] - self._weight() * through["p"]
+        factors = [data.noise * adjoint(back, from_a, data)]
+        factors.append(self._drift(back, from_a, data.drift, data.drift_time))
+        if data.panel_weights is not None:
+            size = float(np.linalg.norm(data.panel_weights))
+            factors.append(data.panel_noise * size * adjoint(back, through["p"], data))
+            factors.append(size * self._drift(back, through["p"], data.panel_drift, data.panel_drift_time))
+        root = inverse_root(white)
+        return root @ (root.T @ np.concatenate(factors, axis=1))
+
+    def _drift(self, back: np.ndarray, through: np.ndarray, sigma: float, correlation: float) -> np.ndarray:
+        """Return back @ (polynomial of the integral of the shapes of a first-order Gauss-Markov process)."""
+        t = self.data.time
+        if sigma <= 0.0:
+            return np.zeros((len(back), 0))
+        nodes = np.linspace(t[0], t[-1], DRIFT_NODES)
+        size, vectors = np.linalg.eigh(
+            sigma**2 * np.exp(-np.abs(nodes[:, None] - nodes[None, :]) / correlation)
+        )
+        shapes = (vectors * np.sqrt(np.maximum(size, 0.0)))[:, -DRIFT_SHAPES:]
+        columns = []
+        for shape in shapes.T:
+            runs = integrals(np.interp(t, nodes, shape), t, 2 * self.tanks)
+            columns.append(back @ sum(c * x for c, x in zip(through, runs, strict=True)))
+        return np.column_stack(columns)
+
+
+def _sensible(theta: np.ndarray, tanks: int) -> bool:
+    return bool(theta[0] > 0.0 and all(theta[1 + 4 * i] > 0.0 for i in range(tanks)))
+
+
+def _limit(unknowns: np.ndarray, step: np.ndarray, tanks: int) -> float:
+    """Return the share of a step that keeps m_r and every kappa positive and within reach."""
+    watched = [0, *(1 + 3 * i for i in range(tanks))]
+    worst = float(np.max(np.abs(step[watched]) / np.abs(unknowns[watched])))
+    return 1.0 if worst <= LARGEST_STEP else LARGEST_STEP / worst
+
+
+def _physical(unknowns: np.ndarray, tanks: int, panel: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return M, per tank (m_s, k_s, b_s), rho, and their Jacobian with respect to the unknowns."""
+    m_r, unit = unknowns[0], np.eye(len(unknowns))
+    values, rows = [m_r], [unit[0].copy()]
+    for i in range(tanks):
+        at = 1 + 3 * i
+        kappa, beta, mass = unknowns[at : at + 3]
+        values[0] += mass
+        rows[0] += unit[at + 2]
+        values += [mass, kappa * mass, beta * mass]
+        rows += [
+            unit[at + 2],
+            mass * unit[at] + kappa * unit[at + 2],
+            mass * unit[at + 1] + beta * unit[at + 2],
+        ]
+    if panel:
+        values.append(unknowns[-1] * m_r)
+        rows.append(m_r * unit[-1] + unknowns[-1] * unit[0])
+    return np.array(values), np.array(rows)
+
+
+__all__ = ["identify_axis_tied"]
