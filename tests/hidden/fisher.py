@@ -39,6 +39,18 @@ STEP = 0.05  # of a nominal sigma, for central differences
 SEED = 20  # of the chance in an effect, for its limit
 
 
+def _laws() -> str:
+    """Digest of what the sources of the effects say, comments and layout apart."""
+    digest = hashlib.sha256()
+    for name in ("effect", "joint_effects", "structure_effects", "signal_effects", "plant", "sensors"):
+        text = (Path(__file__).resolve().parent / f"{name}.py").read_text(encoding="utf-8")
+        digest.update(ast.dump(ast.parse(text)).encode())
+    return digest.hexdigest()[:12]
+
+
+LAWS = _laws()  # on import: what is loaded, not what the files say later
+
+
 @dataclass(frozen=True)
 class Limit:
     """The value of a hidden parameter at strength 1, and how it was found.
@@ -106,7 +118,7 @@ class Experiment:
 
     def limit(self, name: str) -> Limit:
         """The value of strength 1 of an effect; cached."""
-        path = CACHE / f"{self.key}-{_laws()}.json"
+        path = CACHE / f"{self.key}-{LAWS}.json"
         if self._limits is None:
             self._limits = {}
             if path.is_file():
@@ -217,16 +229,6 @@ def _root(q: Array, vector: Array) -> Array:
     s = np.clip(s, 0.0, 1.0)
     factor = np.where(s > 1e-14, (1.0 - np.sqrt(1.0 - s)) / np.where(s > 1e-14, s, 1.0), 0.5)
     return v @ (factor * inside)
-
-
-@cache
-def _laws() -> str:
-    """Digest of what the sources of the effects say, comments and layout apart."""
-    digest = hashlib.sha256()
-    for name in ("effect", "joint_effects", "structure_effects", "signal_effects", "plant", "sensors"):
-        text = (Path(__file__).resolve().parent / f"{name}.py").read_text(encoding="utf-8")
-        digest.update(ast.dump(ast.parse(text)).encode())
-    return digest.hexdigest()[:12]
 
 
 def _save(path: Path, content: Array | str) -> None:

@@ -23,6 +23,7 @@ SHAPES = {
     "load": ("load-dependent",),
     "position_cos": ("position-dependent",),
 }
+STIFF = 1.2e-3  # [s] of rotor and spring: below it the spring has no dynamics of its own
 ROTOR = 2.0  # [kg m2] reflected spin inertia of a drivetrain
 
 
@@ -67,7 +68,7 @@ def joint_effects(n: Numbers) -> list[Hidden]:
                     joint,
                     "compliance",
                     "rad/(N m)",
-                    plain(lambda x, j=joint: _drivetrain(j, Drivetrain(x, ROTOR)) if x else Change()),
+                    plain(lambda x, j=joint: _gear(j, x)),
                     1e-6,
                     cap=1e-3,
                 )
@@ -194,8 +195,14 @@ def _armature(n: Numbers, joint: str, inertia: float) -> Numbers:
     return replace(n, armature=tuple(values))
 
 
-def _drivetrain(joint: str, drive: Drivetrain) -> Change:
-    period = (drive.compliance * drive.rotor) ** 0.5
+def _gear(joint: str, compliance: float) -> Change:
+    """A spring between motor and link. One too stiff to ring within a step follows the torque at once."""
+    if not compliance:
+        return Change()
+    period = (compliance * ROTOR) ** 0.5
+    if period < STIFF:
+        return _ahead(joint, lambda torque: compliance * torque)
+    drive = Drivetrain(compliance, ROTOR)
     return Change(
         numbers=lambda n: replace(n, drivetrain={**n.drivetrain, joint: drive}),
         step=min(2.5e-3, 0.8 * period),
@@ -209,17 +216,21 @@ def _backlash(joint: str, gap: float) -> Change:
     """
     if not gap:
         return Change()
+    return _ahead(joint, lambda torque: 0.5 * gap * torque / np.sqrt(torque**2 + 0.25))
+
+
+def _ahead(joint: str, angle: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """The encoder is ahead of the link by an angle that depends on the torque held until the sample."""
     torque = np.zeros(0)
 
     def note(t: np.ndarray, values: np.ndarray, columns: tuple[str, ...]) -> np.ndarray:
         nonlocal torque
-        before = np.vstack([np.zeros((1, values.shape[1])), values[:-1]])
-        torque = before[:, columns.index(joint)]
+        torque = np.append(0.0, values[:-1, columns.index(joint)])
         return values
 
     def shifted(t: np.ndarray, x: np.ndarray) -> np.ndarray:
         x = x.copy()
-        x[:, JOINTS.index(joint)] += 0.5 * gap * torque / np.sqrt(torque**2 + 0.25)
+        x[:, JOINTS.index(joint)] += angle(torque)
         return x
 
     return Change(command=note, ideal=(("encoder.joint_position", shifted),))

@@ -85,9 +85,8 @@ def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Ar
     """Specific force (N, stations, 3) of the panel's points; those of a mode move along z."""
     plant, n = motion.plant, motion.plant.numbers
     assert n.plate is not None
-    modes = n.plate_modes()
     moving = []
-    for k, mode in enumerate(modes, start=1):
+    for k, mode in enumerate(n.plate_modes(), start=1):
         iq, iv = plant.q_of(f"mode{k}"), plant.v_of(f"mode{k}")
         q, v, a = s.qpos[:, iq], s.qvel[:, iv], s.qacc[:, iv]
         if mode.bend:
@@ -98,8 +97,8 @@ def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Ar
                 radius * (np.cos(q) * a - np.sin(q) * v**2),
             )
         moving.append(np.sqrt(mode.mass) * np.array([q, v, a]))
-    shapes = n.plate.shape(np.array(n.stations))[:, : len(modes)]
-    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving))
+    shapes = n.plate.shape(np.array(n.stations))  # one more mode than these moves no station
+    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving[: n.plate.modes]))
     rows = []
     for i, x in enumerate(n.stations):
         point = np.tile(np.add(n.plate_root, (x, 0, 0)), (len(s.time), 1))

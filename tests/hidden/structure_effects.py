@@ -87,6 +87,8 @@ def _bodies(n: Numbers) -> list[Hidden]:
 def _outer(n: Numbers) -> list[Hidden]:
     def leak(x: float, onset: float | None, rng: np.random.Generator) -> Change:
         begin = onset or 0.0
+        if not x:
+            return Change()
         return Change(mass=lambda t: {"bus": -bodies.point(x * max(t - begin, 0.0), np.array(LEAK))})
 
     found = [
