@@ -71,7 +71,7 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
             uneven, or the record is shorter than the filter.
         DescriptionError: the gears do not fit.
     """
-    position, torque = (_channel(recording, q) for q in ("joint_position", "joint_torque"))
+    position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
     if not np.array_equal(recording.time(position), recording.time(torque)):
         raise RecordingError(
             f"'{position}' and '{torque}' run on different clocks.",
@@ -118,8 +118,12 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
     )
 
 
-def _channel(recording: Recording, quantity: str) -> str:
-    """Name the channel of a quantity: measured rather than commanded."""
+def measured_channel(recording: Recording, quantity: str) -> str:
+    """Return the name of the channel of a quantity: measured rather than commanded.
+
+    Raises:
+        RecordingError: none, or several.
+    """
     found = [name for name in recording.channels if name.endswith(f".{quantity}")]
     measured = [name for name in found if not name.startswith(("command.", "truth."))]
     chosen = measured or [name for name in found if name.startswith("command.")]

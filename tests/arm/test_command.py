@@ -1,0 +1,52 @@
+"""`smsid identify` of a welded arm."""
+
+from __future__ import annotations
+
+import numpy as np
+from typer.testing import CliRunner
+
+from smsid.arm import with_joint_effects
+from smsid.cli.app import app
+from smsid.description import save_description
+from smsid.errors import RecordingError
+from smsid.identify.estimate import load_estimate
+from smsid.recording import save_recording
+
+from .mujoco_arm import DAMPING, JOINTS, described, motion, recorded
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(a) for a in args])
+
+
+def test_an_arm_is_identified_and_judged(tmp_path):
+    save_description(with_joint_effects(described(), JOINTS, "joint_friction"), tmp_path / "arm.toml")
+    for name, seed, role in (("train", 2, "estimation"), ("held", 7, "validation")):
+        t, q, _, torque = motion(seed=seed)
+        save_recording(recorded(t, q, torque).with_role(role).with_name(name), tmp_path / f"{name}.nc")
+    shown = run(
+        "identify",
+        tmp_path / "arm.toml",
+        tmp_path / "train.nc",
+        tmp_path / "held.nc",
+        "--cutoff",
+        20,
+        "-o",
+        tmp_path / "e.json",
+    )
+    assert shown.exit_code == 0, shown.output
+    estimate = load_estimate(tmp_path / "e.json")
+    for joint, value in zip(JOINTS, DAMPING, strict=True):
+        found = estimate[f"friction_{joint}.viscous"]
+        assert abs(found.value - value) < 4.0 * found.sigma and found.sigma < 0.05 * value
+    held = next(line for line in shown.output.splitlines() if "validation" in line)
+    assert float(held.split("│")[3]) < 0.02
+    only = run("identify", tmp_path / "arm.toml", tmp_path / "held.nc", "-o", tmp_path / "f.json")
+    assert isinstance(only.exception, RecordingError) and not (tmp_path / "f.json").exists()
+
+
+def test_cutoff_is_for_arms(tmp_path, urdf):
+    t = np.arange(0.0, 1.0, 0.005)
+    save_recording(recorded(t, np.zeros((200, 3)), np.zeros((200, 3))), tmp_path / "r.nc")
+    shown = run("identify", urdf / "paper_sms.toml", tmp_path / "r.nc", "--cutoff", "5")
+    assert "--cutoff is for welded arms" in str(shown.exception)

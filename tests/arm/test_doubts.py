@@ -1,0 +1,83 @@
+"""Signs and scales of one joint that contradict the description, on another engine's recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smsid.arm import joint_doubts, torque_scales, with_joint_effects, with_torque_gains
+from smsid.effects import Gear
+from smsid.errors import DescriptionError
+
+from .mujoco_arm import JOINTS, described, motion, recorded
+
+
+@pytest.fixture(scope="module")
+def log():
+    return motion()
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return with_joint_effects(described(), JOINTS, "joint_friction")
+
+
+def test_a_right_recording_raises_no_doubt(arm, log):
+    t, q, _, torque = log
+    assert joint_doubts(arm, recorded(t, q, torque)) == ()
+
+
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("kind", ["sign of angle", "sign of torque", "sign of axis"])
+def test_a_turned_joint_is_named(arm, log, joint, kind):
+    t, q, _, torque = log
+    q, torque = q.copy(), torque.copy()
+    if kind != "sign of torque":
+        q[:, joint] *= -1.0
+    if kind != "sign of angle":
+        torque[:, joint] *= -1.0
+    (doubt,) = joint_doubts(arm, recorded(t, q, torque))
+    assert (doubt.joint, doubt.kind) == (JOINTS[joint], kind)
+    assert doubt.after < 0.05 and JOINTS[joint] in doubt.sentence
+
+
+def test_a_current_in_place_of_a_torque_is_named(arm, log):
+    t, q, _, torque = log
+    mixed = torque * [1.0, 0.02, 1.0]  # joint2 logs current
+    (doubt,) = joint_doubts(arm, recorded(t, q, mixed))
+    assert (doubt.joint, doubt.kind) == ("joint2", "torque scale")
+    assert "0.02" in doubt.sentence and "current" in doubt.sentence
+
+
+def test_links_that_are_off_by_a_third_raise_no_doubt(arm, log):
+    t, q, _, torque = log
+    assert joint_doubts(arm, recorded(t, q, 1.3 * torque)) == ()
+
+
+def test_unknown_gains_are_found_from_known_links(arm, log):
+    t, q, _, torque = log
+    gears = [
+        Gear(name=f"g{k}", joint=n, ratio=r)
+        for k, (n, r) in enumerate(zip(JOINTS, (50, -80, 30), strict=True))
+    ]
+    geared = arm.with_effects(*gears)
+    gain = np.array([0.4, 0.25, 0.6])
+    ratios = np.array([50.0, -80.0, 30.0])
+    log_ = recorded(t, q * ratios, torque / ratios / gain, source="motor")
+    scales = torque_scales(geared, log_)
+    found = with_torque_gains(geared, scales)
+    for k, s in enumerate(scales):
+        assert found.get_effect(f"g{k}").torque_gain == pytest.approx(gain[k], rel=0.01)
+        assert abs(s.value - 1.0 / gain[k]) < 4.0 * s.sigma
+
+
+def test_gains_need_gears_and_certainty(arm, log):
+    t, q, _, torque = log
+    scales = torque_scales(arm, recorded(t, q, torque))
+    with pytest.raises(DescriptionError, match="no effect of kind 'gear'"):
+        with_torque_gains(arm, scales)
+    gear = Gear(name="g", joint="joint1", ratio=50.0)
+    noise = np.random.default_rng(0).normal(size=torque.shape)
+    unsure = torque_scales(arm, recorded(t, q, noise))[:1]
+    with pytest.raises(DescriptionError, match="no gain can be told"):
+        with_torque_gains(arm.with_effects(gear), unsure)
