@@ -4,8 +4,10 @@ import it.
 
 from __future__ import annotations
 
+import logging
 import os
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +18,15 @@ import typer
 from numpy.typing import NDArray
 
 from smsid._files import atomic_write
+from smsid.errors import RecordingError, SmsidError
 from smsid.recording._clock import find_gaps
 from smsid.recording._guess import Group, groups, is_clock, suspicion, written_unit
+from smsid.recording._suspicion import suspicions
+from smsid.recording.importing import import_recording
+from smsid.recording.mapping import ImportMapping, load_mapping, parse_mapping
 from smsid.recording.readers import read_columns
+
+logger = logging.getLogger(__name__)
 
 Columns = Mapping[str, NDArray[Any]]
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -68,16 +76,25 @@ class FileReport:
     mapping: str
 
 
-def inspect_file(path: str | os.PathLike[str]) -> FileReport:
+def inspect_file(
+    path: str | os.PathLike[str], mapping: str | os.PathLike[str] | ImportMapping | None = None
+) -> FileReport:
     """Look into a log of any format that `read_columns` reads.
 
-    Nothing is converted and nothing decided: units and meanings are guessed from names and sizes.
+    Nothing is converted and nothing decided: units and meanings are guessed from names and sizes. Channels
+    that contradict each other (a rate that is not the derivative of its angle, by unit or sign) are found by
+    importing the log with ``mapping``, or with the drafted one.
+
+    Args:
+        path: the log.
+        mapping: what the columns are; None takes the draft.
 
     Raises:
-        RecordingError: the file cannot be read.
+        RecordingError: the file cannot be read, or the given mapping does not fit it.
         MissingDependencyError: its reader needs an extra.
     """
-    columns = read_columns(path)
+    rules = None if mapping is None else load_mapping(mapping)
+    columns = read_columns(path, None if rules is None else rules.csv.format())
     clocks = {name: _clock(name, values) for name, values in columns.items() if is_clock(name, values)}
     found = groups(columns, set(clocks))
     doubts: list[str] = []
@@ -101,9 +118,23 @@ def inspect_file(path: str | os.PathLike[str]) -> FileReport:
     reports = tuple(_column(name, values) for name, values in columns.items())
     doubts += [f"'{c.name}' has {c.not_finite} samples that are not finite." for c in reports if c.not_finite]
     doubts += [f"'{name}' is text." for name, values in columns.items() if values.dtype.kind not in "fiub"]
-    return FileReport(
-        str(path), tuple(clocks.values()), reports, tuple(doubts), draft(columns, clocks, found)
-    )
+    drafted = draft(columns, clocks, found)
+    doubts += _contradictions(path, rules, drafted, doubts)
+    return FileReport(str(path), tuple(clocks.values()), reports, tuple(doubts), drafted)
+
+
+def _contradictions(
+    path: str | os.PathLike[str], rules: ImportMapping | None, drafted: str, doubts: list[str]
+) -> list[str]:
+    """Say which channels contradict each other, once imported; how a log with doubts fails is no news."""
+    try:
+        known = rules or parse_mapping(tomllib.loads(drafted))
+        return [s.sentence for s in suspicions(import_recording(path, known, check=False))]
+    except RecordingError as error:
+        if rules is not None and not doubts:
+            raise
+        logger.info("%s is not compared channel by channel: %s", path, error)
+        return [] if doubts or rules is None else [str(error)]
 
 
 def draft(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group]) -> str:
@@ -153,13 +184,32 @@ def inspect_command(
     output: Annotated[
         Path | None, typer.Option("--map", help="write the drafted mapping to this TOML")
     ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option("--with", help="mapping that says what the columns are (TOML)")
+    ] = None,
+    description: Annotated[
+        Path | None,
+        typer.Option(
+            help="welded arm (TOML): also compare signs and torques with it; needs --with, and joint labels"
+        ),
+    ] = None,
+    cutoff: Annotated[float | None, typer.Option(help="with --description: low-pass [Hz]")] = None,
 ) -> None:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
     from rich.console import Console
     from rich.table import Table
 
     console = Console()
-    report = inspect_file(file)
+    if description is not None and mapping is None:
+        raise SmsidError("--description needs --with.", advice="Say what the columns are in a mapping.")
+    report = inspect_file(file, mapping)
+    doubts = list(report.suspicions)
+    if description is not None and mapping is not None:
+        from smsid.arm import joint_doubts
+        from smsid.description import load_description
+
+        recording = import_recording(file, mapping, check=False)
+        doubts += [d.sentence for d in joint_doubts(load_description(description), recording, cutoff=cutoff)]
     table = Table("clock", "samples", "rate [Hz]", "jitter", "from", "to", "unit")
     for c in report.clocks:
         numbers = (
@@ -175,8 +225,12 @@ def inspect_command(
     for column in report.columns:
         table.add_row(column.name, str(column.shape), f"{column.low:.6g}", f"{column.high:.6g}")
     console.print(table)
-    for sentence in report.suspicions:
-        console.print(f"suspicious: {sentence}", style="yellow", markup=False)
+    for sentence in doubts:
+        console.print(f"suspicious: {sentence}", style="yellow", markup=False, soft_wrap=True)
+    if not doubts:
+        console.print("nothing suspicious")
+    if mapping is not None:
+        return
     if output is None:
         console.print(report.mapping, markup=False, highlight=False)
     else:

@@ -7,8 +7,12 @@ import tomllib
 import numpy as np
 import pytest
 import typer
+from arm.mujoco_arm import JOINTS, described, motion
 from typer.testing import CliRunner
 
+from smsid.arm import with_joint_effects
+from smsid.description import save_description
+from smsid.errors import RecordingError
 from smsid.recording import import_recording
 from smsid.recording.inspect import inspect_command, inspect_file
 from smsid.recording.mapping import parse_mapping
@@ -101,6 +105,101 @@ def damaged(kind):
 def test_bad_input_is_found_and_nothing_else(tmp_path, kind, text):
     report = inspect_file(csv(tmp_path / "a.csv", damaged(kind)))
     assert len(report.suspicions) == 1 and text in report.suspicions[0]
+
+
+def arm(**changes):
+    """Angles, rates and torques of two joints in another language, with decimal commas."""
+    columns = {
+        "Zeit [s]": T,
+        **{f"Winkel {k} [rad]": 0.8 * np.sin(1.3 * k * T) for k in (1, 2)},
+        **{f"Geschwindigkeit {k} [rad/s]": 1.04 * k * np.cos(1.3 * k * T) for k in (1, 2)},
+    }
+    return {**columns, **changes}
+
+
+ARM = {
+    "time": {"column": "Zeit [s]", "unit": "s"},
+    "csv": {"delimiter": ";", "decimal": ","},
+    "channel": {
+        "encoder.joint_position": {"columns": ["Winkel 1 [rad]", "Winkel 2 [rad]"], "unit": "rad"},
+        "encoder.joint_velocity": {
+            "columns": ["Geschwindigkeit 1 [rad/s]", "Geschwindigkeit 2 [rad/s]"], "unit": "rad/s",
+        },
+    },
+}  # fmt: skip
+
+
+def test_the_wrong_sign_of_one_joint_is_found_by_its_rate(tmp_path):
+    rules = parse_mapping(ARM)
+    path = csv(tmp_path / "right.csv", arm(), ";", ",")
+    assert inspect_file(path, rules).suspicions == ()
+    turned = arm(**{"Winkel 2 [rad]": -0.8 * np.sin(2.6 * T)})
+    path = csv(tmp_path / "wrong.csv", turned, ";", ",")
+    (doubt,) = inspect_file(path, rules).suspicions
+    assert "(joint 1)" in doubt and "wrong sign" in doubt  # joints count from 0 without labels
+    with pytest.raises(RecordingError, match="wrong sign"):
+        import_recording(path, rules)
+
+
+def test_degrees_of_one_joint_are_found_by_its_rate(tmp_path):
+    path = csv(tmp_path / "a.csv", arm(**{"Winkel 1 [rad]": np.degrees(0.1 * np.sin(1.3 * T))}), ";", ",")
+    found = inspect_file(path, parse_mapping(ARM)).suspicions
+    assert any("(joint 0)" in s and "'encoder.joint_position'" in s for s in found)
+
+
+def test_the_draft_is_compared_too(tmp_path):
+    columns = {"t": T, "joint_position_1": np.sin(T), "joint_velocity_1": -np.cos(T)}
+    (doubt,) = inspect_file(csv(tmp_path / "a.csv", columns)).suspicions
+    assert "wrong sign" in doubt
+
+
+def test_a_mapping_of_another_log_is_refused_by_name(tmp_path):
+    path = csv(tmp_path / "a.csv", {"Zeit [s]": T, "Winkel 1 [rad]": np.sin(T)}, ";", ",")
+    with pytest.raises(RecordingError, match="no 'Winkel 2"):
+        inspect_file(path, parse_mapping(ARM))
+
+
+@pytest.mark.parametrize("kind", ["gap", "duplicates", "reordered"])
+def test_what_inspect_finds_import_refuses(tmp_path, kind):
+    path = csv(tmp_path / "a.csv", damaged(kind))
+    report = inspect_file(path)
+    text = {"gap": "gap of 2", "duplicates": "stands still", "reordered": "goes back"}[kind]
+    with pytest.raises(RecordingError, match=text):
+        import_recording(path, parse_mapping(tomllib.loads(report.mapping)))
+
+
+def joints_log(tmp_path, torque):
+    t, q, _, _ = motion()
+    names = {f"q{k + 1}": q[:, k] for k in range(3)} | {f"tau{k + 1}": torque[:, k] for k in range(3)}
+    (tmp_path / "m.toml").write_text(
+        '[time]\ncolumn = "t"\nunit = "s"\n'
+        '[channel."encoder.joint_position"]\ncolumns = ["q1", "q2", "q3"]\nunit = "rad"\n'
+        'labels = ["joint1", "joint2", "joint3"]\n'
+        '[channel."encoder.joint_torque"]\ncolumns = ["tau1", "tau2", "tau3"]\nunit = "N m"\n'
+        'labels = ["joint1", "joint2", "joint3"]\n'
+    )
+    described_arm = with_joint_effects(described(), JOINTS, "joint_friction")
+    save_description(described_arm, tmp_path / "arm.toml")
+    return csv(tmp_path / "a.csv", {"t": t, **names})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lambda x: x, "nothing suspicious"),
+        (lambda x: x * [1.0, 1.0, 0.05], "joint3' is 0.0499"),
+        (lambda x: x * [1.0, -1.0, 1.0], "joint2' fits the description with its torque turned round"),
+    ],
+    ids=["right", "current", "sign"],
+)
+def test_torques_are_compared_with_a_description(tmp_path, spoil, text):
+    path = joints_log(tmp_path, spoil(motion()[3]))
+    app = typer.Typer()
+    app.command()(inspect_command)
+    shown = CliRunner().invoke(
+        app, [str(path), "--with", str(tmp_path / "m.toml"), "--description", str(tmp_path / "arm.toml")]
+    )
+    assert shown.exit_code == 0 and text in shown.output
 
 
 def test_a_log_without_times_says_so_and_still_drafts(tmp_path):
