@@ -47,7 +47,8 @@ VARIANTS = {
         Variant("arm stretched", start=(0.0, 0.0, 0.0)),
         Variant("no noise, signs", noise=0.0, draw="signs"),
         Variant("no noise, common factor", noise=0.0, draw="common"),
-        Variant("20 Hz, a call late", rate=20.0, delay=1),
+        Variant("a call late", delay=1),
+        Variant("50 Hz", rate=50.0),
     )
 }
 IDENTIFIED = 100  # models
@@ -86,10 +87,19 @@ def main() -> None:
     done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
     first = ["main", "no noise"]
     draws = {v: options.draws if v in first else options.other_draws for v in VARIANTS}
-    few = min(options.draws, options.other_draws)
-    order = [(v, d) for d in range(few) for v in VARIANTS]
-    order += [(v, d) for v in VARIANTS for d in range(few, draws[v])]
-    wanted = [(v, c.name, k, d) for v, d in order for c in cases() for k in CONTROLLERS]
+    printed = [c for c in cases() if c.paper]
+    few = {v: min(draws[v], 5) for v in VARIANTS}
+    wanted = [(MAIN.name, c.name, k, d) for d in range(few["main"]) for c in cases() for k in CONTROLLERS]
+    wanted += [
+        (v, c.name, k, d) for v in VARIANTS for d in range(few[v]) for c in printed for k in CONTROLLERS
+    ]
+    wanted += [
+        (v, c.name, k, d) for v in first for d in range(draws[v]) for c in cases() for k in CONTROLLERS
+    ]
+    wanted += [
+        (v, c.name, k, d) for v in VARIANTS for d in range(draws[v]) for c in printed for k in CONTROLLERS
+    ]
+    wanted = list(dict.fromkeys(wanted))
     left = [w for w in wanted if w not in done] if not options.summary_only else []
     begin = time.monotonic()
     with ProcessPoolExecutor(options.workers) as pool, LINES.open("a", encoding="utf-8") as file:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from smsid.errors import ControlError
 
@@ -61,6 +62,44 @@ def attitude_error(
     raise ControlError(
         f"'{coordinates}' are no coordinates of an attitude.", advice="Use 'quaternion' or 'euler'."
     )
+
+
+def attitude_errors(
+    coordinates: Coordinates,
+    rotations: np.ndarray,
+    omegas: np.ndarray,
+    angles: np.ndarray,
+    rates: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return error and its rate, (N, 3) each, as `attitude_error` does, for a whole run at once.
+
+    Rotations (N, 3, 3), all else (N, 3). Raises nothing: the run has passed the singularities' checks.
+    """
+    roll, pitch, _ = angles.T
+    dr, dp, dy = rates.T
+    if coordinates == "euler":
+        r = rotations
+        roll_, pitch_ = np.arctan2(r[:, 2, 1], r[:, 2, 2]), -np.arcsin(np.clip(r[:, 2, 0], -1.0, 1.0))
+        found = np.column_stack([roll_, pitch_, np.arctan2(r[:, 1, 0], r[:, 0, 0])])
+        x, y, z = omegas.T
+        across = np.sin(roll_) * y + np.cos(roll_) * z
+        seen = np.column_stack(
+            [x + np.tan(pitch_) * across, np.cos(roll_) * y - np.sin(roll_) * z, across / np.cos(pitch_)]
+        )
+        return (angles - found + np.pi) % (2.0 * np.pi) - np.pi, rates - seen
+    wanted = Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix()
+    rate_d = np.column_stack(
+        [
+            dr - np.sin(pitch) * dy,
+            np.cos(roll) * dp + np.cos(pitch) * np.sin(roll) * dy,
+            -np.sin(roll) * dp + np.cos(pitch) * np.cos(roll) * dy,
+        ]
+    )
+    relative = wanted.transpose(0, 2, 1) @ rotations
+    q = Rotation.from_matrix(relative).as_quat()
+    q *= np.where(q[:, 3:] < 0.0, -1.0, 1.0)
+    slip = omegas - np.einsum("nji,nj->ni", relative, rate_d)
+    return -2.0 * q[:, :3], -(q[:, 3:] * slip + np.cross(q[:, :3], slip))
 
 
 def euler_angles(rotation: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from smsid.control.attitude import attitude_error
+from smsid.control.attitude import attitude_errors
 from smsid.control.pd import Command, Measured, ModelBasedController
 from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.wheels import WheelLayout
@@ -18,6 +18,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor
 from smsid.simulate.fixed_step import simulate_closed_loop
 from smsid.simulate.integrate import ChartDerivative, initial_state
+from smsid.simulate.truth import rotations
 
 logger = logging.getLogger(__name__)
 
@@ -217,26 +218,19 @@ def _tracking(
     tau: np.ndarray,
     actuators: Actuators,
 ) -> Tracking:
-    errors, rates = [], []
-    for t, x, dx in zip(time, q, v, strict=True):
-        wanted, wanted_rate, wanted_acceleration = controller.reference.at(float(t))
-        seen = measured_truth(model, x, dx)
-        base = attitude_error(
-            controller.coordinates,
-            seen.rotation,
-            seen.omega,
-            wanted[:3],
-            wanted_rate[:3],
-            wanted_acceleration[:3],
-        )
-        errors.append(np.concatenate([base.error, wanted[3:] - seen.angles]))
-        rates.append(np.concatenate([base.rate, wanted_rate[3:] - seen.rates]))
+    wanted = [controller.reference.at(float(t)) for t in time]
+    position, rate = np.array([w[0] for w in wanted]), np.array([w[1] for w in wanted])
+    base, base_rate = attitude_errors(
+        controller.coordinates, rotations(q), v[:, 3:6], position[:, :3], rate[:, :3]
+    )
+    error = np.hstack([base, position[:, 3:] - model.joint_angles(q)])
+    error_rate = np.hstack([base_rate, rate[:, 3:] - v[:, model.arm_joints.v]])
     wheels = tau[:, model.wheels.v]
     torques = np.hstack([-wheels @ actuators.layout.axes.T, tau[:, model.arm_joints.v]])
     return Tracking(
         time,
-        np.array(errors),
-        np.array(rates),
+        error,
+        error_rate,
         torques,
         wheels,
         v[:, model.wheels.v],

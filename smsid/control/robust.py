@@ -65,6 +65,19 @@ def flexible_plant(model: SpacecraftModel, angles: np.ndarray) -> FlexiblePlant:
     q = model.set_joint_angles(model.home, angles)
     upper = pin.crba(model.pin, model.data, q)
     mass = np.triu(upper) + np.triu(upper, 1).T
+    kept, names = controlled_names(model)
+    out = [0, 1, 2, *model.wheels.v.tolist()]
+    coupling = mass[np.ix_(kept, out)]
+    reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
+    stiffness, damping = np.zeros(model.nv), np.zeros(model.nv)
+    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
+    return FlexiblePlant(
+        reduced, np.diag(damping[kept]), np.diag(stiffness[kept]), names, 3 + len(model.arm_joints)
+    )
+
+
+def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]]:
+    """Return places in v and names of attitude, joints, slosh and bending, in this order."""
     kept = [3, 4, 5, *model.arm_joints.v.tolist()]
     names = ["attitude x", "attitude y", "attitude z", *model.arm_joints.names]
     for joint in model.slosh:
@@ -72,14 +85,12 @@ def flexible_plant(model: SpacecraftModel, angles: np.ndarray) -> FlexiblePlant:
         names += [f"{joint.name} {axis}" for axis in "xyz"]
     kept += model.modes.v.tolist()
     names += list(model.modes.names)
-    out = [0, 1, 2, *model.wheels.v.tolist()]
-    coupling = mass[np.ix_(kept, out)]
-    reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
-    stiffness, damping = np.zeros(model.nv), np.zeros(model.nv)
-    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
-    return FlexiblePlant(
-        reduced, np.diag(damping[kept]), np.diag(stiffness[kept]), tuple(names), 3 + len(model.arm_joints)
-    )
+    return kept, tuple(names)
+
+
+def law_of(gains: Gains, controller: StateSpace, inertia: np.ndarray) -> np.ndarray:
+    """Return (k, 2 k): Q_c = law @ (e, de), without the part of u_inf that comes from its state."""
+    return inertia @ (np.hstack([gains.proportional, gains.derivative]) - controller.d)
 
 
 def closed_loop_matrix(
@@ -95,7 +106,7 @@ def closed_loop_matrix(
     c = controller or StateSpace(
         np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k))
     )
-    law = inertia @ (np.hstack([gains.proportional, gains.derivative]) - c.d)
+    law = law_of(gains, c, inertia)
     force = np.zeros((m, 2 * m + c.order))
     force[:, :m], force[:, m : 2 * m] = -plant.stiffness, -plant.damping
     force[:k, :k] -= law[:, :k]

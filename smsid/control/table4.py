@@ -68,7 +68,7 @@ class Variant:
     noise: float = 1.0
     start: tuple[float, ...] | None = None
     draw: Draw = "uniform"
-    rate: float = 50.0
+    rate: float = 20.0
     delay: int = 0
 
 

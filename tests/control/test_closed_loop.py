@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from control_cases import paper, random_state, rigid_paper, two_arms
 
-from smsid.control.attitude import attitude_error, euler_jacobian, euler_rotation
+from smsid.control.attitude import attitude_error, attitude_errors, euler_jacobian, euler_rotation
 from smsid.control.closed_loop import Actuators, track, track_continuously
 from smsid.control.disturbance import disturbance, left_out, sensor_noise
 from smsid.control.gains import gains
@@ -117,6 +117,18 @@ def test_attitude_coordinates_are_consistent(coordinates):
     second = (at(h).rate - at(-h).rate) / (2 * h)
     mapped = now.jacobian @ (now.acceleration - second) + now.bias
     np.testing.assert_allclose(mapped, alpha, atol=1e-6)
+
+
+@pytest.mark.parametrize("coordinates", ["quaternion", "euler"])
+def test_errors_of_a_whole_run_are_those_of_each_moment(coordinates):
+    rng = np.random.default_rng(5)
+    turns = np.array([euler_rotation(x) for x in rng.uniform(-0.8, 0.8, (20, 3))])
+    omegas, angles, rates = rng.uniform(-0.8, 0.8, (3, 20, 3))
+    errors, error_rates = attitude_errors(coordinates, turns, omegas, angles, rates)
+    for k in range(20):
+        one = attitude_error(coordinates, turns[k], omegas[k], angles[k], rates[k], np.zeros(3))
+        np.testing.assert_allclose(errors[k], one.error, atol=1e-14)
+        np.testing.assert_allclose(error_rates[k], one.rate, atol=1e-14)
 
 
 def test_command_is_the_paper_s_equation():

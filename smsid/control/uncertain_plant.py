@@ -1,0 +1,294 @@
+"""The spacecraft about rest with the identified intervals: M(delta) y'' + D(delta) y' + K(delta) y = B Q.
+
+y are all coordinates, translation and wheels too; M is linear in the inertial parameters, so
+
+    M = M_0 + sum_i delta_i M_i,  D and K alike,  |delta_i| <= 1 at the end of the 95 % interval,
+
+and the loop is a linear fractional transformation of the delta_i. Translation and wheel speeds do not act
+back (momentum is conserved, wheel speeds do not enter about rest), so the states are those of attitude,
+joints, slosh and bending, and the controller's. Slosh and bending are inside the plant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.control.gains import Gains
+from smsid.control.identified_model import IdentifiedModel
+from smsid.control.mu import UncertainBlock
+from smsid.control.robust import controlled_names, law_of
+from smsid.control.statespace import StateSpace
+from smsid.control.wheels import WheelLayout
+from smsid.errors import ControlError
+from smsid.identify.estimate import Estimate
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.pseudo_inertia import SIZE
+from smsid.model.spacecraft import SpacecraftModel
+
+QUANTILE = 1.959964
+SMALLEST = 1e-9
+"""Share of a change's largest eigenvalue below which a channel is left out."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one parameter does at the end of its interval: ``mass`` (m, m), ``damping``, ``stiffness`` (m,).
+
+    ``rigid``: a combination of the bodies' inertial parameters; all of those together are one full block of
+    the uncertainty. ``half_width`` is the half interval in the parameter's ``unit``.
+    """
+
+    name: str
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    rigid: bool
+    half_width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class UncertainPlant:
+    """See the module: ``mass`` (m, m), ``damping``, ``stiffness`` (m,), ``input`` B (m, k), ``changes``.
+
+    ``kept`` (n,) are the coordinates that are states, attitude and joints first; ``names`` theirs.
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    input: np.ndarray
+    kept: np.ndarray
+    names: tuple[str, ...]
+    changes: tuple[Change, ...]
+
+    @property
+    def actuated(self) -> int:
+        """Number of coordinates that the controller moves, 3 + joints."""
+        return self.input.shape[1]
+
+    def rigid_size(self, delta: np.ndarray) -> float:
+        """Return the norm of what ``delta`` does to the rigid bodies' mass matrix, in that matrix's norm."""
+        rigid = self.rigid
+        if not len(rigid):
+            return 0.0
+        change = sum(
+            (d * c.mass for d, c in zip(delta, self.changes, strict=True) if c.rigid),
+            np.zeros_like(self.mass),
+        )
+        root = np.linalg.inv(np.linalg.cholesky(self.mass[np.ix_(rigid, rigid)]))
+        return float(np.linalg.norm(root @ change[np.ix_(rigid, rigid)] @ root.T, 2))
+
+    @property
+    def rigid(self) -> np.ndarray:
+        """Coordinates that the bodies' inertial parameters enter: translation, attitude, joints."""
+        touched = [np.any(c.mass, axis=0) for c in self.changes if c.rigid]
+        return np.flatnonzero(np.any(touched, axis=0)) if touched else np.zeros(0, dtype=int)
+
+    def closed_loop(
+        self,
+        delta: np.ndarray,
+        inertia: np.ndarray,
+        gains: Gains,
+        controller: StateSpace | None = None,
+    ) -> np.ndarray:
+        """Return A of (x, x', controller) at parameters ``delta`` (changes,), +-1 at the ends of intervals.
+
+        Q = H_hat (K_D de + K_P e - u_inf) with ``inertia`` H_hat (k, k). Raises `ControlError` when sizes do
+        not fit or the mass matrix is not positive definite.
+        """
+        if np.shape(delta) != (len(self.changes),):
+            raise ControlError(f"{np.shape(delta)} parameters were given, not {len(self.changes)}.")
+        mass, damping, stiffness = self.mass.copy(), self.damping.copy(), self.stiffness.copy()
+        for d, c in zip(np.asarray(delta, dtype=float), self.changes, strict=True):
+            if d:
+                mass += d * c.mass
+                damping += d * c.damping
+                stiffness += d * c.stiffness
+        if np.linalg.eigvalsh(mass)[0] <= 0.0:
+            raise ControlError("These parameters are those of no spacecraft: its mass matrix is indefinite.")
+        a, _, _, _ = self._matrices(mass, damping, stiffness, inertia, gains, controller, None, None)
+        return a
+
+    def fractional(
+        self, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None, *, level: float
+    ) -> tuple[StateSpace, tuple[UncertainBlock, ...], np.ndarray]:
+        """Return N of the loop (N, Delta), Delta's blocks, and the parameter of each channel (-1: the block).
+
+        Delta = diag(a full block for the bodies' inertia, real scalars), all within one. The full block
+        stands for every change of the rigid bodies' mass matrix within ``level`` in its own norm.
+        """
+        sources, sinks, blocks, owner = [], [], [], []
+        rigid = self.rigid
+        if len(rigid) and level > 0.0:
+            root = np.linalg.cholesky(self.mass[np.ix_(rigid, rigid)])
+            into = np.zeros((len(self.mass), len(rigid)))
+            into[rigid] = np.sqrt(level) * root
+            sources.append(into)
+            sinks.append(("acceleration", into.T))
+            blocks.append(UncertainBlock("inertia of bus and links", len(rigid), False))
+            owner += [-1] * len(rigid)
+        for k, c in enumerate(self.changes):
+            if c.rigid:
+                continue
+            for u, v in _factors(c.mass):
+                sources.append(u)
+                sinks.append(("acceleration", v))
+                owner.append(k)
+            for diagonal, what in ((c.damping, "velocity"), (c.stiffness, "position")):
+                for i in np.flatnonzero(diagonal):
+                    u, v = np.zeros((len(self.mass), 1)), np.zeros((1, len(self.mass)))
+                    u[i, 0] = np.sqrt(abs(diagonal[i]))
+                    v[0, i] = np.sign(diagonal[i]) * u[i, 0]
+                    sources.append(u)
+                    sinks.append((what, v))
+                    owner.append(k)
+        blocks += [UncertainBlock(self.changes[k].name, 1, True) for k in owner if k >= 0]
+        a, b, c, d = self._matrices(
+            self.mass, self.damping, self.stiffness, inertia, gains, controller, np.hstack(sources), sinks
+        )
+        return StateSpace(a, b, c, d), tuple(blocks), np.array(owner)
+
+    def _matrices(
+        self,
+        mass: np.ndarray,
+        damping: np.ndarray,
+        stiffness: np.ndarray,
+        inertia: np.ndarray,
+        gains: Gains,
+        controller: StateSpace | None,
+        sources: np.ndarray | None,
+        sinks: list[tuple[str, np.ndarray]] | None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return A, B, C, D of states (x, x', controller), w entering the forces, z as the sinks say."""
+        n, k = len(self.kept), self.actuated
+        c = controller or StateSpace(
+            np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k))
+        )
+        states = 2 * n + c.order
+        law = law_of(gains, c, inertia)
+        force = np.zeros((len(mass), states))
+        force[self.kept, np.arange(n)] -= stiffness[self.kept]
+        force[self.kept, n + np.arange(n)] -= damping[self.kept]
+        force[:, :k] -= self.input @ law[:, :k]
+        force[:, n : n + k] -= self.input @ law[:, k:]
+        force[:, 2 * n :] -= self.input @ (inertia @ c.c)
+        w = np.zeros((len(mass), 0)) if sources is None else -sources
+        accelerations = np.linalg.solve(mass, np.hstack([force, w]))
+        by_state, by_w = accelerations[:, :states], accelerations[:, states:]
+        top = np.zeros((n, states))
+        top[:, n : 2 * n] = np.eye(n)
+        seen = np.zeros((c.order, states))
+        seen[:, :k], seen[:, n : n + k], seen[:, 2 * n :] = -c.b[:, :k], -c.b[:, k:], c.a
+        a = np.vstack([top, by_state[self.kept], seen])
+        b = np.vstack([np.zeros((n, w.shape[1])), by_w[self.kept], np.zeros((c.order, w.shape[1]))])
+        out_c, out_d = np.zeros((0, states)), np.zeros((0, w.shape[1]))
+        for what, v in sinks or []:
+            if what == "acceleration":
+                row, through = v @ by_state, v @ by_w
+            else:
+                row, through = np.zeros((len(v), states)), np.zeros((len(v), w.shape[1]))
+                at = 0 if what == "position" else n
+                row[:, at : at + n] = v[:, self.kept]
+            out_c, out_d = np.vstack([out_c, row]), np.vstack([out_d, through])
+        return a, b, out_c, out_d
+
+
+def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.ndarray) -> UncertainPlant:
+    """Return the plant with the arm joints at ``angles`` (n,) [rad] and the estimate's 95 % intervals.
+
+    A damping's interval ends at zero: below, there is no such spacecraft; the plant's centre is the middle of
+    what is left. Effects' parameters that the estimate does not hold are taken as known.
+    """
+    model = identified.model
+    q = model.set_joint_angles(model.home, angles)
+    mass = _mass_matrix(model, q, None)
+    damping, stiffness = np.zeros(model.nv), np.zeros(model.nv)
+    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
+    zero = np.zeros(model.nv)
+    changes = [
+        Change(name, QUANTILE * (_mass_matrix(model, q, d) - mass), zero, zero, True, QUANTILE, "sigma")
+        for name, d in zip(identified.direction_names, identified.directions, strict=True)
+        if d.any()
+    ]
+    at = Parameters.of(model)
+    jacobian, (_, _, by_stiffness, by_damping) = at.theta_jacobian(), at.springs()
+    for k, scalar in enumerate(at.scalars, start=at.inertias.size):
+        found = _interval(scalar.name, at, estimate)
+        if found is None:
+            continue
+        middle, half = found
+        theta = jacobian[:, k] / scalar.slope
+        by_k, by_d = np.zeros(model.nv), np.zeros(model.nv)
+        by_k[model.spring_v] = by_stiffness[:, k] / scalar.slope
+        by_d[model.spring_v] = by_damping[:, k] / scalar.slope
+        # a middle that is not the model's value: only for parameters that enter plainly, dampings
+        damping = damping + (middle - scalar.value) * by_d
+        by_mass = _mass_matrix(model, q, theta) - mass if theta.any() else np.zeros_like(mass)
+        changes.append(
+            Change(scalar.name, half * by_mass, half * by_d, half * by_k, False, half, scalar.unit)
+        )
+    kept, names = controlled_names(model)
+    layout = WheelLayout.of(model)
+    actuated = 3 + len(model.arm_joints)
+    into = np.zeros((model.nv, actuated))
+    into[model.wheels.v, :3] = -layout.inverse
+    into[model.arm_joints.v, np.arange(3, actuated)] = 1.0
+    return UncertainPlant(mass, damping, stiffness, into, np.array(kept), names, tuple(changes))
+
+
+def _interval(name: str, at: Parameters, estimate: Estimate) -> tuple[float, float] | None:
+    """Return middle and half width of a scalar's interval, by the name the estimate has for it."""
+    factor = 1.0
+    if name.endswith(".density_factor"):
+        part = name.removesuffix(".density_factor")
+        options = [f"{part}.linear_density", f"{part}.participation_factor"]
+        name = next((o for o in options if o in estimate), name)
+        factor = estimate[name].value if name in estimate else 1.0
+    if name not in estimate:
+        return None
+    found = estimate[name]
+    if not np.isfinite(found.sigma):
+        raise ControlError(
+            f"'{name}' has no interval; robust analysis needs one for each parameter.",
+            advice="Identify again with intervals.",
+        )
+    half = QUANTILE * found.sigma
+    if name.endswith(".linear_density") or name.endswith(".participation_factor"):
+        return 1.0, half / factor
+    if ".damping" in name:
+        low, high = max(0.0, found.value - half), max(0.0, found.value + half)
+        return 0.5 * (low + high), 0.5 * (high - low)
+    return at[name], half
+
+
+def _mass_matrix(model: SpacecraftModel, q: np.ndarray, change: np.ndarray | None) -> np.ndarray:
+    """Return M (nv, nv) with inertial parameters moved by ``change`` (10 bodies,); exact, M being linear."""
+    if change is None:
+        return np.array(pin.crba(model.pin, model.data, q))
+    moved = model.pin.copy()
+    # a small step keeps bodies physical; M is linear in it
+    step = 1e-3
+    for k, own in enumerate(change.reshape(-1, SIZE)):
+        if own.any():
+            theta = moved.inertias[k + 1].toDynamicParameters() + step * own
+            moved.inertias[k + 1] = pin.Inertia.FromDynamicParameters(theta)
+    exact = np.array(pin.crba(model.pin, model.data, q))
+    return exact + (np.array(pin.crba(moved, moved.createData(), q)) - exact) / step
+
+
+def _factors(matrix: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return u (m, 1), v (1, m) with matrix = sum u v, from the eigenvalues of a symmetric matrix."""
+    if not matrix.any():
+        return []
+    values, vectors = np.linalg.eigh(matrix)
+    largest = np.abs(values).max()
+    found = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if abs(value) > SMALLEST * largest:
+            size = np.sqrt(abs(value))
+            found.append((size * vector[:, None], np.sign(value) * size * vector[None]))
+    return found
