@@ -22,6 +22,7 @@ derived here from T'.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -44,7 +45,10 @@ AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
 @register
 class GeometricStiffness(Effect):
-    """What a `beam_appendage` gains when it does not stretch; ``factor`` 1 is the inextensible beam."""
+    """What a `beam_appendage` gains when it does not stretch; ``factor`` 1 is the inextensible beam.
+
+    Accelerometers on it see that bending draws them in.
+    """
 
     summary: ClassVar[str] = (
         "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
@@ -64,8 +68,14 @@ class GeometricStiffness(Effect):
                 f"'{self.appendage}' is no beam_appendage, so its slopes are not known.",
                 advice="Leave the effect out, or describe the appendage as a beam.",
             )
-        if self.factor != 0.0:
-            assembly.add_inertia_term(Foreshortening(assembly.model, panel, self.factor))
+        if self.factor == 0.0:
+            return
+        assembly.add_inertia_term(Foreshortening(assembly.model, panel, self.factor))
+        beam = panel.appendage
+        drawn = self.factor / beam.mass * drawn_in(beam.length, beam.modes, beam.stations)
+        place = assembly.appendages.index(panel)
+        before = 0.0 if panel.drawn is None else panel.drawn
+        assembly.appendages[place] = replace(panel, drawn=before + drawn)
 
 
 class Foreshortening:
@@ -136,3 +146,16 @@ def foreshortening_matrices(length: float, modes: int) -> tuple[np.ndarray, np.n
     a.setflags(write=False)
     b.setflags(write=False)
     return a, b
+
+
+@cache
+def drawn_in(length: float, modes: int, stations: tuple[float, ...]) -> np.ndarray:
+    """Return ``int_0^x phi_i' phi_j' dx`` at stations x [m]: (stations, modes, modes) [1/m]."""
+    beam = Cantilever.with_modes(length, modes)
+    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
+    found = np.empty((len(stations), modes, modes))
+    for k, station in enumerate(stations):
+        slope = beam.slope(0.5 * station * (nodes + 1.0))
+        found[k] = np.einsum("x,xi,xj->ij", 0.5 * station * weights, slope, slope)
+    found.setflags(write=False)
+    return found

@@ -19,13 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AppendageJoints:
-    """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate."""
+    """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate.
+
+    ``drawn`` (stations, modes, modes) [1/(kg m)] says how far bending draws the stations in along the
+    appendage's x axis, ``-1/2 delta' drawn delta`` [m]; ``None``: not at all.
+    """
 
     appendage: Appendage
     parent: int
     placement: pin.SE3  # root axes in the parent joint's frame
     joints: tuple[int, ...]
     scale: np.ndarray
+    drawn: np.ndarray | None = None
 
 
 @dataclass

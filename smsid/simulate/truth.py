@@ -194,9 +194,14 @@ def _panel_acceleration(
         shape = (
             np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T
         )  # (modes, 3) bus axes
-        r = rest + delta @ shape
-        out[:, k] = _specific_force(model, rotation, v, a, r)
-        out[:, k] += acc @ shape + 2 * np.cross(omega, rate @ shape)
+        r, dr, ddr = rest + delta @ shape, rate @ shape, acc @ shape
+        if panel.drawn is not None:
+            axis, drawn = panel.placement.rotation[:, 0], panel.drawn[station]
+            pull = delta @ drawn
+            r = r - 0.5 * np.outer(np.sum(pull * delta, axis=1), axis)
+            dr = dr - np.outer(np.sum(pull * rate, axis=1), axis)
+            ddr = ddr - np.outer(np.sum(pull * acc + (rate @ drawn) * rate, axis=1), axis)
+        out[:, k] = _specific_force(model, rotation, v, a, r) + ddr + 2 * np.cross(omega, dr)
     return out
 
 
