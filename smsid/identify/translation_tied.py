@@ -34,6 +34,7 @@ from smsid.identify.whitening import Section, sections_of, whiten, whiten_transp
 
 STEPS = 40  # at most; a good record takes about six
 SETTLED = 1e-3  # of a standard deviation: a smaller step ends the iteration
+ROUND_OFF = 1e-7  # of an unknown: as far as integrated columns determine it
 LARGEST_STEP = 0.5  # relative change of a stiffness over mass or of m_r allowed in one step
 SIGNIFICANT = 3.0  # standard deviations by which a mass may come out below zero
 FIRST_PASSES = 4  # linear passes before the products are tied
@@ -51,9 +52,8 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
     ``pi`` are (24) or (27) at the estimate.
 
     Raises `NotIdentifiableError` as there, when no slosh can be seen to start from, when the iteration does
-    not settle (noise hides the slosh, or two tanks are alike) or ends at no oscillation or
-    a mass clearly below zero; `SmsidError` for a
-    noise that is not positive.
+    not settle (noise hides the slosh, or two tanks are alike) or ends at no oscillation or a mass clearly
+    below zero; `SmsidError` for a noise that is not positive.
     """
     check_axis(data, tanks)
     problem = _Problem.of(data, tanks)
@@ -63,7 +63,7 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
         sigma = np.linalg.norm(influence, axis=1)
         limit = _limit(unknowns, step, tanks)
         unknowns = unknowns + limit * step
-        if limit == 1.0 and np.all(np.abs(step) <= SETTLED * sigma):
+        if limit == 1.0 and np.all(np.abs(step) <= SETTLED * sigma + ROUND_OFF * np.abs(unknowns)):
             break
     else:
         raise NotIdentifiableError(
@@ -175,7 +175,8 @@ class _Problem:
         moved = unknowns[None, :] + 1e-30j * np.eye(n)
         slope = np.array([tied_parameters(row, self.kinds, self.tanks).imag / 1e-30 for row in moved]).T
         through = errors_through(self.kinds, pi, 2 * self.tanks)
-        biases = [through["a"] - self._weight() * through["p"]] + ([through["p"]] if self.panel else [])
+        biases = [through["a"] - self._weight() * through["p"]]
+        biases += [through["p"]] if self.panel and self.tanks else []  # without slosh both are a constant
         rows = np.column_stack(
             [
                 self.columns @ slope,
