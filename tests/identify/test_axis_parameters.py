@@ -13,6 +13,7 @@ from smsid.identify.axis_parameters import (
     physical,
     regression_parameters,
     sensitivity,
+    tied_parameters,
     without_tanks,
 )
 
@@ -100,3 +101,22 @@ def test_physical_parameters(tanks: int, panel: bool):
         (physical(theta + h, tanks, panel)[0] - physical(theta - h, tanks, panel)[0]) / 2e-6 for h in step
     ]
     np.testing.assert_allclose(jacobian, np.array(numeric).T, atol=1e-7)
+
+
+@GRID
+def test_tied_parameters_are_the_products(tanks: int, panel: bool):
+    """(24) and (27) with c_i = m_i beta_i and the panel's force beside the thrust at every degree."""
+    kinds = kinds_of(tanks, panel)
+    rng = np.random.default_rng(1)
+    own = [[(i + 1.0) ** 2, *rng.uniform(0.1, 2, 2)] for i in range(tanks)]
+    rho = 1.3
+    unknowns = np.array([7.0, *np.ravel(own), *([rho / 7.0] if panel else [])])
+    pi = dict(zip(kinds, tied_parameters(unknowns, kinds, tanks), strict=True))
+    for j in range(2 * tanks + 1):
+        if panel:
+            assert pi["p", j] == pytest.approx(rho * pi["f", j], rel=1e-12)
+    s = 0.3 + 0.7j  # the transfer function at some point, from the masses themselves
+    apparent = 7.0 + sum(m * (beta * s + kappa) / (s * s + beta * s + kappa) for kappa, beta, m in own)
+    top = sum(pi["f", j] * s**-j for j in range(2 * tanks + 1))
+    bottom = 1.0 + sum(pi["a", j] * s**-j for j in range(1, 2 * tanks + 1))
+    assert bottom / top == pytest.approx(apparent, rel=1e-12)

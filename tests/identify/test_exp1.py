@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
@@ -9,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.exp1 import excited_axes, identify_translation
+from smsid.identify.exp1_result import assemble
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -118,6 +121,46 @@ def test_thrust_held_on_a_slow_clock(model):
     found = identify_translation(model, [own])
     # at the steps a sample is now the right limit, not the mean: half a sample late, of second order in M
     assert found.mass == pytest.approx(M, rel=1e-3)
+
+
+def test_a_described_delay_of_the_imu_is_taken_out():
+    """30 ms late: as without delay, and M is off by far more when the description does not know."""
+    d = paper()
+    sensor = Sensor(
+        name="imu",
+        kind="imu",
+        rate=100.0,
+        position=(0.5, 1.5, 0.6),
+        errors={"acceleration": {"delay": 0.03}, "angular_rate": {"delay": 0.03}},
+    )
+    told = build_model(d.with_sensors(sensor, *(s for s in d.sensor if s.name != "imu")))
+    exact = recording("x")
+    late = np.concatenate(
+        [np.repeat(exact["imu.acceleration"][:1], 3, axis=0), exact["imu.acceleration"][:-3]]
+    )
+    own = exact.with_channels({"imu.acceleration": late})
+    right, wrong = (identify_translation(m, [own]).combined for m in (told, build_model(d)))
+    true = {"M": M, "m_s": TANK[0], "k_s.x": TANK[1]}
+    for name, value in true.items():
+        assert right[name][0] == pytest.approx(value, rel=2e-3)
+    errors = [max(abs(r[n][0] / v - 1.0) for n, v in true.items()) for r in (right, wrong)]
+    assert errors[1] > 5 * errors[0]
+
+
+def test_what_nothing_can_have_is_not_identifiable(model):
+    """A tank whose mass comes out negative, however small its sigma, is refused and stays as described."""
+    exact = identify_translation(model, [recording("x")])
+    axis = exact.axes[0]
+    values = axis.values.copy()
+    values[axis.names.index("m_s")] = -5.0
+    values[axis.names.index("k_s")] = -0.1
+    found = assemble(model, [replace(axis, values=values)], {}, [])
+    by_name = {p.name: p for p in found.parameters}
+    for name in ("tank.mass", "tank.stiffness.x"):
+        assert by_name[name].status == "not_identifiable"
+        assert "impossible" in by_name[name].note
+    assert found.values() == {}
+    assert any("tank.mass comes out as -5 kg" in n for n in found.notes)
 
 
 def test_panel_on_another_clock(model):

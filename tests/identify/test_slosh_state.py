@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smsid.errors import NotIdentifiableError
 from smsid.identify.motion import Motion, prepare
 from smsid.identify.slosh_state import estimate_slosh
 
@@ -86,3 +87,20 @@ def test_at_rest_it_stays(model, twin_flight):
     rho, rate = estimate_slosh(still, CENTRE, *TANK[:1], np.full(3, TANK[1]), np.full(3, TANK[2]))
     assert np.abs(rho).max() == pytest.approx(0.0, abs=1e-12)
     assert np.abs(rate).max() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 1e-3}, r"0\.001 kg swings at 3\.22 Hz and is damped by 20 1/s: too fast .* at 20 Hz"),
+        ({"mass": -3.0}, "slosh mass of -3 kg cannot be followed"),
+        ({"mass": np.nan}, "slosh mass of nan kg cannot be followed"),
+        ({"stiffness": 1e6}, "too fast to be followed"),
+        ({"damping": 1e4}, "too fast to be followed"),
+    ],
+)
+def test_slosh_that_cannot_be_followed_is_refused(model, twin_flight, change, message: str):
+    """What an Exp. 1 that saw no slosh leaves: no overflow later on."""
+    motion = prepare(model, twin_flight)
+    with pytest.raises(NotIdentifiableError, match=message):
+        errors(motion, twin_flight, **change)
