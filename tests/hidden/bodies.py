@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 Array = np.ndarray
 SYMBOLS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -22,19 +23,19 @@ def six(m: Array) -> Array:
     return m[_ROWS, _COLUMNS]
 
 
-def steiner(mass: float, r: Array) -> Array:
+def steiner(mass: float, r: ArrayLike) -> Array:
     """(3, 3) inertia of a point mass at r (3,) about the origin [kg m2]."""
     r = np.asarray(r, dtype=float)
     return mass * (r @ r * np.eye(3) - np.outer(r, r))
 
 
-def theta(mass: float, centre: Array, about_centre: Array) -> Array:
+def theta(mass: float, centre: ArrayLike, about_centre: Array) -> Array:
     """Parameters (10,) from mass, centre of mass (3,) and inertia about it (3, 3)."""
     c = np.asarray(centre, dtype=float)
     return np.concatenate([[mass], mass * c, six(np.asarray(about_centre) + steiner(mass, c))])
 
 
-def point(mass: float, at: Array) -> Array:
+def point(mass: float, at: ArrayLike) -> Array:
     """Parameters (10,) of a point mass at (3,) [m]."""
     return theta(mass, at, np.zeros((3, 3)))
 

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import bodies
 from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Nominal, Numbers, nominal
@@ -116,7 +117,7 @@ def write_estimate(n: Numbers, path: Path) -> Path:
     return path
 
 
-def _text(values: object) -> str:
+def _text(values: ArrayLike) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
 
 

@@ -36,6 +36,7 @@ SEPARATION = 3.29
 
 CACHE = Path(__file__).resolve().parents[2] / "build" / "hidden"
 STEP = 0.05  # of a nominal sigma, for central differences
+LINEAR = 30.0  # raw distance of a step that counts as small
 SEED = 20  # of the chance in an effect, for its limit
 
 
@@ -74,7 +75,9 @@ class Experiment:
         self.world, self.number, self.duration = world, number, duration
         self.numbers = WORLDS[world]
         self.commands: Commands = commands(world, number, duration)
-        self.nominal = fly(self.numbers, self.commands)
+        c = self.commands
+        self._motion = simulate(self.numbers, c.time, c.values, c.columns)
+        self.nominal = channels(self._motion)
         self._directions: Array | None = None
         self._limits: dict[str, Limit] | None = None
 
@@ -95,11 +98,10 @@ class Experiment:
         """Orthonormal directions (rows, k) that nuisances explain, shrunk by their priors; cached."""
         if self._directions is None:
             path = CACHE / f"{self.key}.npy"
-            if path.is_file():
-                self._directions = np.load(path)
-            else:
-                self._directions = _shrunk(*self._nuisances())
-                _save(path, self._directions)
+            found = np.load(path) if path.is_file() else _shrunk(*self._nuisances())
+            if not path.is_file():
+                _save(path, found)
+            self._directions = found
         return self._directions
 
     def project(self, vector: Array) -> Array:
@@ -113,8 +115,13 @@ class Experiment:
 
     def signal(self, effect: Hidden, value: float) -> Array:
         """What a hidden value changes, projected, (rows,)."""
+        return self.project(self._raw(effect, value))
+
+    def _raw(self, effect: Hidden, value: float) -> Array:
         change = effect.make(value, None, np.random.default_rng(SEED))
-        return self.project(self.distance_vector(fly(self.numbers, self.commands, [change])))
+        if change.only_sensors:
+            return self.distance_vector(channels(self._motion, [change]))
+        return self.distance_vector(fly(self.numbers, self.commands, [change]))
 
     def limit(self, name: str) -> Limit:
         """The value of strength 1 of an effect; cached."""
@@ -135,17 +142,20 @@ class Experiment:
             return Limit(effect.name, effect.rule, sigma, effect.unit, DETECTION, 0, "counted")
         value, runs = min(effect.guess, effect.cap), 0
         while True:
-            change = effect.make(value, None, np.random.default_rng(SEED))
-            raw = self.distance_vector(fly(self.numbers, self.commands, [change]))
-            distance, runs = float(np.linalg.norm(self.project(raw))), runs + 1
-            if not distance > 0.0:
+            vector = self._raw(effect, value)
+            raw, left, runs = (
+                float(np.linalg.norm(vector)),
+                float(np.linalg.norm(self.project(vector))),
+                runs + 1,
+            )
+            if not left > 0.0:
                 return Limit(effect.name, np.inf, np.inf, effect.unit, 0.0, runs, "no trace")
-            found = value * (DETECTION / distance) ** (1 / effect.power)
-            near = 0.5 < distance / DETECTION < 2.0
-            if near or runs == 4 or (value >= effect.cap and found > effect.cap):
-                share = float(np.linalg.norm(raw)) * DETECTION / distance
+            # what is projected out must stay linear: the nearer to all of it, the smaller the step
+            if runs == 2 or (raw < 500.0 and left > 0.02 * raw):
+                found = value * (DETECTION / left) ** (1 / effect.power)
+                share = raw * DETECTION / left
                 return Limit(effect.name, found, found / DETECTION, effect.unit, share, runs, "distance")
-            value = min(found, effect.cap)
+            value = min(value * (LINEAR / raw) ** (1 / effect.power), effect.cap)
 
     def _nuisances(self) -> tuple[Array, Array]:
         """Derivatives (rows, k) of the channels in sigmas; prior standard deviations (k,)."""

@@ -39,7 +39,7 @@ def recording(
 ) -> Recording:
     """What the sensors record of a world; `noise` replaces levels by channel."""
     found = measured(fly(numbers, c, changes), c.time, rng, changes, noise)
-    groups = {"command.joint_torque": JOINTS}
+    groups: dict[str, tuple[str, ...]] = {"command.joint_torque": JOINTS}
     if numbers.free:
         groups["command.force"] = ("thruster",)
     if numbers.wheel_inertia is not None:

@@ -32,11 +32,11 @@ def joint_effects(n: Numbers) -> list[Hidden]:
     found: list[Hidden] = []
     for joint in JOINTS:
         found += [
-            _friction(joint, "viscous", "N m s/rad", 0.02, viscous, cap=8.0),
-            _friction(joint, "coulomb", "N m", 0.005, coulomb, cap=2.0),
-            _friction(joint, "stribeck", "N m", 0.02, stribeck, cap=2.0),
-            _friction(joint, "load", "1", 0.002, load, cap=0.2),
-            _friction(joint, "position_cos", "N m", 0.01, position, cap=2.0, signed=True),
+            _friction(joint, "viscous", "N m s/rad", 6e-4, viscous, cap=8.0),
+            _friction(joint, "coulomb", "N m", 7e-5, coulomb, cap=2.0),
+            _friction(joint, "stribeck", "N m", 5e-5, stribeck, cap=2.0),
+            _friction(joint, "load", "1", 3e-6, load, cap=0.2),
+            _friction(joint, "position_cos", "N m", 7e-5, position, cap=2.0, signed=True),
             Hidden(
                 "motor_inertia",
                 ("drivetrain",),
@@ -44,7 +44,7 @@ def joint_effects(n: Numbers) -> list[Hidden]:
                 "inertia",
                 "kg m^2",
                 plain(lambda x, j=joint: Change(numbers=lambda n: _armature(n, j, x))),
-                0.05,
+                0.02,
                 cap=20.0,
             ),
             Hidden(
@@ -54,11 +54,11 @@ def joint_effects(n: Numbers) -> list[Hidden]:
                 "gap",
                 "rad",
                 plain(lambda x, j=joint: _backlash(j, x)),
-                2e-6,
+                4e-6,
                 cap=0.02,
             ),
-            _outside(joint, "torque_ripple", 0.02, _ripple, ("friction", "drivetrain", "actuator")),
-            _outside(joint, "dahl", 0.02, None, ("friction", "drivetrain")),
+            _outside(joint, "torque_ripple", 5e-5, _ripple, ("friction", "drivetrain", "actuator")),
+            _outside(joint, "dahl", 6e-5, None, ("friction", "drivetrain")),
         ]
         if joint != "joint1":  # whose link is too light to spare a rotor
             found.append(
@@ -69,7 +69,7 @@ def joint_effects(n: Numbers) -> list[Hidden]:
                     "compliance",
                     "rad/(N m)",
                     plain(lambda x, j=joint: _gear(j, x)),
-                    1e-6,
+                    5e-8,
                     cap=1e-3,
                 )
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import bodies
 from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Drivetrain, Mode, Numbers
@@ -26,7 +27,7 @@ FRAME = """<mujoco>
 """
 
 
-def text(values: object) -> str:
+def text(values: ArrayLike) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
 
 

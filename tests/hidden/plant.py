@@ -153,6 +153,12 @@ class Change:
     shift: Mapping[str, float] = field(default_factory=dict)
     step: float = STEP
 
+    @property
+    def only_sensors(self) -> bool:
+        """Whether it leaves the motion alone, and the times it is sampled at."""
+        moving = (self.numbers, self.force, self.hook, self.command, self.mass)
+        return all(x is None for x in moving) and not self.delay and not self.shift
+
 
 @dataclass(frozen=True)
 class States:

@@ -1,0 +1,123 @@
+"""Effects hidden in MuJoCo worlds, and what the diagnosis says: rates with exact intervals, confusion matrix.
+
+    python benchmarks/hidden_effects.py --seeds-from 1000 [--runs 500] [--minutes 60] [--family sensor]
+                                        [--strengths 1 3 10 100]
+
+Every run draws its world, what it hides, how strong and when from one seed, and the judge reads nothing but
+diagnosis.json. Runs are kept in ``build/hidden_effects.jsonl`` and reused for the same sources of the
+diagnosis, so the study can be stopped and started again; whatever is there is summed up in
+``results/hidden_effects.json`` and ``.md``. Thresholds are frozen by committing ``smsid/diagnose`` before a
+block of seeds (``--seeds-from``) is used for the first time: rows carry the digest of its sources.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from _common import RESULTS, ROOT, environment, write_result
+from _hidden_summary import markdown, summary
+from rich.console import Console
+
+from smsid._files import atomic_write
+from tests.hidden.plan import CATEGORIES, Run, draw_run
+from tests.hidden.study import run_and_judge
+
+NAME = "hidden_effects"
+STORE = ROOT / "build" / f"{NAME}.jsonl"
+
+
+def digest() -> str:
+    """Digest of the sources that decide a verdict: diagnosis, effects, model, simulation."""
+    found = hashlib.sha256()
+    for package in ("diagnose", "effects", "model", "simulate", "sensing"):
+        for path in sorted((ROOT / "smsid" / package).rglob("*.py")):
+            found.update(path.name.encode() + path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def stored(fingerprint: str) -> dict[str, dict[str, Any]]:
+    """Return the runs made with the same sources, by key."""
+    if not STORE.is_file():
+        return {}
+    rows = {}
+    for line in STORE.read_text(encoding="utf-8").splitlines():
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:  # cut short by an interruption
+            continue
+        if row["digest"] == fingerprint:
+            rows[row["key"]] = row
+    return rows
+
+
+def planned(arguments: argparse.Namespace) -> Iterator[Run]:
+    """Give the runs of the study, as drawn from consecutive seeds."""
+    for seed in range(arguments.seeds_from, arguments.seeds_from + arguments.runs):
+        run = draw_run(seed, strengths=tuple(arguments.strengths))
+        families = {f for i in run.hidden for f in i.effect.family}
+        if arguments.family is None or arguments.family == run.category or arguments.family in families:
+            yield run
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seeds-from", type=int, required=True, help="first seed; one run a seed")
+    parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--strengths", type=float, nargs="+", default=[1.0, 3.0, 10.0, 100.0])
+    parser.add_argument("--family", help=f"a family, or one of {', '.join(CATEGORIES)}")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many")
+    parser.add_argument("--show", action="store_true", help="only sum up what is stored")
+    arguments = parser.parse_args()
+    console = Console()
+    fingerprint = digest()
+    rows = stored(fingerprint)
+    STORE.parent.mkdir(exist_ok=True)
+    until = time.monotonic() + 60.0 * arguments.minutes
+    if not arguments.show:
+        for run in planned(arguments):
+            if run.key in rows or time.monotonic() > until:
+                continue
+            with tempfile.TemporaryDirectory(prefix="hidden-") as folder:
+                row = {"key": run.key, "digest": fingerprint, **run_and_judge(run, Path(folder))}
+            rows[run.key] = row
+            with STORE.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+            what = ", ".join(f"{h['effect']} x{h['strength']:g}" for h in row["hidden"]) or "nothing"
+            console.print(
+                f"{run.key} {row['world']}: {what}: [bold]{row['outcome']}[/bold] "
+                f"{row['named']} {row['seconds']['diagnose']:.1f} s"
+            )
+    if digest() != fingerprint:
+        console.print("the sources changed during the study: rows belong to what was loaded")
+    result = {
+        "environment": environment("smsid", "pin", "mujoco", "numpy", "scipy"),
+        "digest": fingerprint,
+        "seeds": sorted({int(r["seed"]) for r in rows.values()}),
+        "levels": _levels(),
+        **summary(list(rows.values())),
+    }
+    if not rows:
+        console.print("no runs yet with these sources")
+        return
+    write_result(NAME, result)
+    atomic_write(RESULTS / f"{NAME}.md", markdown(result))
+    console.print(f"{len(rows)} runs; wrote {RESULTS / NAME}.json and .md")
+
+
+def _levels() -> dict[str, Any]:
+    from smsid.diagnose import Levels
+
+    return asdict(Levels())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""A run from its draw to its judgement: simulate, write files, diagnose, read diagnosis.json."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .fisher import cannot_separate, experiment
+from .flight import Files, write_run
+from .judge import Injected, Judgement, judge
+from .plan import Run
+
+
+def files_of(run: Run, folder: Path) -> Files:
+    """Simulate a run and write what the diagnosis gets."""
+    rng = np.random.default_rng([run.seed, 78])
+    changes = [i.effect.make(i.value, i.onset, rng) for i in run.hidden]
+    return write_run(run.world, folder, [run.seed, 79], changes, noise_factor=run.noise_factor)
+
+
+def diagnosis_of(files: Files, folder: Path) -> dict[str, Any]:
+    """Diagnose the files; the document is what stands in diagnosis.json."""
+    from smsid.description import load_description
+    from smsid.diagnose import diagnose, save_diagnosis
+    from smsid.identify.estimate import load_estimate
+    from smsid.recording import load_recording
+
+    found = diagnose(
+        load_description(files.description),
+        [load_recording(files.recording)],
+        estimate=load_estimate(files.estimate),
+        validation=[load_recording(files.validation)],
+    )
+    path = folder / "diagnosis.json"
+    save_diagnosis(found.diagnosis, path)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def judged(run: Run, document: dict[str, Any]) -> Judgement:
+    """Judge a document; aliases are confirmed by the run's own experiment."""
+
+    def confirm(injected: Injected, kind: str, location: str) -> bool:
+        return cannot_separate(experiment(run.world), injected.effect, injected.value, kind, location)
+
+    return judge(document, run.hidden, confirm)
+
+
+def run_and_judge(run: Run, folder: Path) -> dict[str, Any]:
+    """One row of the study."""
+    marks = [time.process_time()]
+    files = files_of(run, folder)
+    marks.append(time.process_time())
+    document = diagnosis_of(files, folder)
+    marks.append(time.process_time())
+    found = judged(run, document)
+    gain = document.get("gain") or {}
+    explained = gain.get("explained")
+    return {
+        "seed": run.seed,
+        "category": run.category,
+        "world": run.world,
+        "noise_factor": run.noise_factor,
+        "hidden": [
+            {
+                "effect": i.effect.name,
+                "family": list(i.effect.family),
+                "value": i.value,
+                "unit": i.effect.unit,
+                "strength": i.strength,
+                "onset": i.onset,
+            }
+            for i in run.hidden
+        ],
+        "verdict": document["verdict"],
+        "outcome": found.outcome,
+        "alone": found.alone,
+        "deviation": found.deviation,
+        "equation": found.equation,
+        "named": list(found.named),
+        "families": sorted({c["family"] for c in document.get("causes", ())}),
+        "notes": list(found.notes),
+        "gain_explained": explained,
+        "sentence": document.get("sentence", ""),
+        "seconds": {"simulate": marks[1] - marks[0], "diagnose": marks[2] - marks[1]},
+    }
