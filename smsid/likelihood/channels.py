@@ -30,7 +30,8 @@ class Channel:
 
     ``covariance`` (k, k) of the noise of a sample, an attitude's as rotation vector (3, 3); panel
     accelerometers come station after station. ``weights`` W (N, nodes) takes predictions from the nodes to
-    the samples, ``root`` R (nodes, nodes) is upper banded with R^T R = W^T W.
+    the samples, ``coarse_weights`` those at the nodes of the coarse grid; ``root`` R (coarse nodes, coarse
+    nodes) is upper banded with R^T R = W^T W.
     """
 
     sensor: Sensor
@@ -39,6 +40,7 @@ class Channel:
     values: np.ndarray
     covariance: np.ndarray
     weights: csr_array
+    coarse_weights: csr_array
     root: csr_array
 
     @property
@@ -103,7 +105,7 @@ def measured_channels(
     Raises `RecordingError` when a panel's columns do not fit.
     """
     found = []
-    shared: dict[bytes, tuple[csr_array, csr_array]] = {}
+    shared: dict[bytes, tuple[csr_array, csr_array, csr_array]] = {}
     for sensor, quantity in present(model, recording):
         name = f"{sensor.name}.{quantity}"
         values = recording[name]
@@ -114,8 +116,8 @@ def measured_channels(
         times = event_times(recording, sensor, quantity)
         key = times.tobytes()
         if key not in shared:
-            weights = timeline.interpolation(times)
-            shared[key] = weights, gram_root(weights)
+            coarse = timeline.coarse.interpolation(times)
+            shared[key] = timeline.interpolation(times), coarse, gram_root(coarse)
         found.append(Channel(sensor, quantity, times, values, np.diag(size**2), *shared[key]))
     return tuple(found)
 

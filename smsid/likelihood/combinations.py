@@ -77,7 +77,7 @@ def inertial(
     total = float(theta[::SIZE].sum())
     rows, spins, known = [], [], []
     for prediction in predictions:
-        q, v, _ = prediction.at_nodes()
+        q, v = prediction.q, prediction.v
         chosen = np.unique(np.linspace(0, len(q) - 1, SAMPLES).astype(int))
         y = regressor.momentum(q[chosen], v[chosen])
         moments = first_moments(model, regressor, q[chosen])

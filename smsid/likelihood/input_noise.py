@@ -42,7 +42,7 @@ def with_input_noise(
     if drive.held or (joints is None and drive.wheels is None):
         return channels
     model = parameters.layout.model
-    q, _, _ = prediction.at_nodes()
+    q = prediction.q
     chosen = np.unique(np.linspace(0, len(q) - 1, LOOKS).astype(int))
     index, rate, angle = [], [], []
     for group, motion in ((model.arm_joints, joints), (model.wheels, drive.wheels)):

@@ -32,6 +32,7 @@ def normal(
     residuals: Sequence[np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return information (n, n) and gradient (n,) by (parameters, local ones), the latter with data."""
+    prediction = prediction.coarse
     moves = variation(
         parameters, piece.driven(local), prediction, piece.unit_thrust(parameters), motion=piece.follows
     )
@@ -59,7 +60,8 @@ def normal(
 
 
 def columns(piece: Piece, parameters: Parameters, local: Local, prediction: Prediction) -> list[np.ndarray]:
-    """Return, channel by channel, derivatives at the nodes (nodes, k, n), not whitened."""
+    """Return, channel by channel, derivatives at the coarse nodes (nodes, k, n), not whitened."""
+    prediction = prediction.coarse
     moves = variation(
         parameters, piece.driven(local), prediction, piece.unit_thrust(parameters), motion=piece.follows
     )
@@ -206,7 +208,7 @@ def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray] | Non
     """Whitened residuals taken back to the nodes (nodes, k)."""
     if residuals is None:
         return None
-    parts = [c.weights.T @ (r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
+    parts = [c.coarse_weights.T @ (r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
     return np.concatenate(parts, axis=1)
 
 

@@ -48,7 +48,7 @@ def linearised(
     rest, rest_v = prediction.rest_q, prediction.rest_v
     n_rest, n_free, size = len(rest), len(free), parameters.size
     p, joints = size + (0 if thrust is None else 3), len(follow)
-    q, v, a = prediction.at_nodes()
+    q, v, a = prediction.q, prediction.v, prediction.a
     chain = parameters.theta_jacobian()
     used = np.flatnonzero(chain.any(axis=1))
     chain = chain[used]

@@ -32,8 +32,8 @@ class Kinematics:
     @classmethod
     def of(cls, model: SpacecraftModel, prediction: Prediction) -> Kinematics:
         """Return what the outputs need of a prediction."""
-        q, v, a = prediction.at_nodes()
-        return cls(model, q, v, a, rotation_matrices(q[:, 3:7]))
+        rotation = rotation_matrices(prediction.q[:, 3:7])
+        return cls(model, prediction.q, prediction.v, prediction.a, rotation)
 
     def output(self, sensor: Sensor, quantity: str) -> np.ndarray:
         """Return what a sensor reads, (nodes, k); an attitude as quaternion (nodes, 4).

@@ -1,4 +1,4 @@
-"""Predicted motion: hybrid forward dynamics from rest on a fixed grid, with every evaluation kept.
+"""Predicted motion: hybrid forward dynamics from rest on a fixed grid.
 
 Equations (10)-(15) for what is free - bus, slosh, modes, any other unmeasured joint - with the rest
 prescribed. Without gravity nothing depends on where the bus is and how it points, so its pose is integrated
@@ -7,7 +7,8 @@ afterwards.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -22,11 +23,11 @@ from smsid.likelihood.timeline import Timeline
 
 @dataclass(frozen=True)
 class Prediction:
-    """States at every evaluation of the timeline.
+    """A motion at the nodes of a timeline.
 
-    ``q`` (E, nq), ``v``, ``a`` (E, nv); base position and attitude in q are not filled in. At the nodes:
-    ``position`` of the bus origin (nodes, 3) [m, inertial] and ``quaternion`` (nodes, 4), x y z w, from the
-    given start; ``rotation_stages`` (E, 3, 3). ``model`` carries the inertias used.
+    ``q`` (nodes, nq), ``v``, ``a`` (nodes, nv), in the model's order: base position [m, inertial] and
+    attitude from the given start. ``rest_q``, ``rest_v``: where free joints other than the base are.
+    ``model`` carries the inertias used.
     """
 
     model: pin.Model
@@ -36,15 +37,12 @@ class Prediction:
     a: np.ndarray
     rest_q: np.ndarray
     rest_v: np.ndarray
-    position: np.ndarray
-    quaternion: np.ndarray
 
-    def at_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q (nodes, nq), v, a (nodes, nv), base pose filled in."""
-        index = self.timeline.node_evaluation
-        q = self.q[index].copy()
-        q[:, :3], q[:, 3:7] = self.position, self.quaternion
-        return q, self.v[index], self.a[index]
+    @cached_property
+    def coarse(self) -> Prediction:
+        """The same motion at every other node, for derivatives."""
+        kept = self.timeline.kept
+        return replace(self, timeline=self.timeline.coarse, q=self.q[kept], v=self.v[kept], a=self.a[kept])
 
 
 def rest_joints(model: pin.Model, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,7 +115,10 @@ def predict(
                 step += 1
             accelerate(timeline.steps * STAGES + segment, y)
     positions, quaternions = _pose(timeline, v, position, quaternion)
-    return Prediction(model, timeline, q, v, a, rest_q, rest_v, positions, quaternions)
+    nodes = timeline.node_evaluation
+    q, v, a = q[nodes], v[nodes], a[nodes]
+    q[:, :3], q[:, 3:7] = positions, quaternions
+    return Prediction(model, timeline, q, v, a, rest_q, rest_v)
 
 
 def _only_translates(model: pin.Model, free: np.ndarray) -> bool:

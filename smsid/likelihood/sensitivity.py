@@ -168,11 +168,11 @@ def _rates(prediction: Prediction, linear: Linear, free: np.ndarray) -> list[np.
     velocity = POSE + n_rest
     n = velocity + len(free)
     base = [int(i) for i in free if i < 6]
-    stage_v = prediction.v[: steps * STAGES, :6].reshape(steps, STAGES, 6)
+    stage_v = timeline.at_stages(prediction.v[:, :6])
     out = []
-    for j, by_state in enumerate(timeline.at_stages(linear.by_state)):
+    for base_v, by_state in zip(stage_v, timeline.at_stages(linear.by_state), strict=True):
         rate = np.zeros((steps, n, n))
-        rate[:, :POSE, :POSE] = -small_adjoint(stage_v[:, j])
+        rate[:, :POSE, :POSE] = -small_adjoint(base_v)
         rate[:, base, [velocity + k for k in range(len(base))]] = 1.0
         rate[:, POSE + np.arange(n_rest), velocity + len(base) + np.arange(n_rest)] = 1.0
         rate[:, velocity:] = by_state

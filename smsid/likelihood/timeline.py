@@ -20,9 +20,9 @@ SLACK = 1e-9  # [s] by which a sample may precede a jump and still count as afte
 class Timeline:
     """Uniform steps within segments; a jump of an input is the end of one segment and the start of the next.
 
-    ``edges`` (segments + 1,) [s], ``counts`` (segments,) steps in each. Evaluations are numbered: seven
-    stages of every step in order, then the end of every segment. Nodes are the ends of steps, those at an
-    edge twice: before and after the jump.
+    ``edges`` (segments + 1,) [s], ``counts`` (segments,) steps in each, even unless it is a coarse one.
+    Evaluations are numbered: seven stages of every step in order, then the end of every segment. Nodes are
+    the ends of steps, those at an edge twice: before and after the jump.
     """
 
     edges: np.ndarray
@@ -33,8 +33,19 @@ class Timeline:
         """Return the grid from start to stop [s] with steps of at most ``longest`` [s]."""
         inner = [t for t in sorted(set(jumps)) if start + SLACK < t < stop - SLACK]
         edges = np.array([start, *inner, stop])
-        counts = np.maximum(np.ceil(np.diff(edges) / longest - 1e-9).astype(int), POINTS - 1)
+        counts = 2 * np.maximum(np.ceil(np.diff(edges) / (2.0 * longest) - 1e-9).astype(int), POINTS - 1)
         return cls(edges, counts)
+
+    @cached_property
+    def coarse(self) -> Timeline:
+        """The grid with steps twice as long."""
+        return Timeline(self.edges, self.counts // 2)
+
+    @cached_property
+    def kept(self) -> np.ndarray:
+        """Nodes (coarse nodes,) that are those of the coarse grid."""
+        first = np.concatenate([[0], np.cumsum(self.counts + 1)[:-1]])
+        return np.concatenate([f + np.arange(0, n + 1, 2) for f, n in zip(first, self.counts, strict=True)])
 
     @property
     def steps(self) -> int:

@@ -71,10 +71,10 @@ def test_jacobian_of_every_channel(case: tuple[Piece, Local, Parameters]):
                 difference = attitude_difference(piece, parameters, local, step, size)[chosen] / (2 * h)
             else:
                 difference = (up - down)[chosen] / (2 * h)
-            found = (c.weights @ own[:, :, i])[chosen]
+            found = (c.coarse_weights @ own[:, :, i])[chosen]
             scale = max(np.abs(difference).max(), 1e-3 * np.abs(up).max() + 1e-9)
-            # rounding of the difference and the interpolation's error bound it
-            np.testing.assert_allclose(found, difference, atol=2e-5 * scale, err_msg=f"{c.name} by {i}")
+            # derivatives are carried on steps of 0.6 rad of the fastest mode: a phase error that grows with time
+            np.testing.assert_allclose(found, difference, atol=1e-3 * scale, err_msg=f"{c.name} by {i}")
 
 
 def attitude_difference(
