@@ -176,7 +176,10 @@ def _marks(model: SpacecraftModel, axis: int) -> list[str]:
 
 
 def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    return values[np.clip(np.searchsorted(source, time, side="right") - 1, 0, len(values) - 1)]
+    """Return commands held between their samples; none more than half a step of ``time`` before the first."""
+    step = float(time[1] - time[0])  # a clock shifted by a delay may miss the command's by rounding
+    held = values[np.clip(np.searchsorted(source, time + 1e-6 * step, side="right") - 1, 0, len(values) - 1)]
+    return np.where(time < source[0] - 0.5 * step, 0.0, held)
 
 
 def _with_panel(
