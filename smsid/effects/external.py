@@ -54,7 +54,7 @@ class ExternalWrench(Starting):
                 to_body = pin.Quaternion(q[3:7]).toRotationMatrix().T
                 f, n = to_body @ f, to_body @ n
             tau[:3] += f
-            tau[3:6] += n + np.cross(point, f)
+            tau[3:6] += n + pin.skew(point) @ f
 
         assembly.add_force(term, self.onset)
 
@@ -127,7 +127,7 @@ class GravityGradient(Effect):
                 r = place.rotation.T @ vertical
                 d = place.rotation.T @ (place.translation + place.rotation @ body.lever - com)
                 force = gradient * body.mass * (3.0 * (d @ r) * r - d)
-                moment = 3.0 * gradient * np.cross(r, body.inertia @ r) + np.cross(body.lever, force)
+                moment = 3.0 * gradient * (pin.skew(r) @ (body.inertia @ r)) + pin.skew(body.lever) @ force
                 jacobian = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
                 tau += jacobian.T @ np.concatenate([force, moment])
 

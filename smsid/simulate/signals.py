@@ -265,6 +265,8 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
     """Return the signal at times (N,): (N, size)."""
     if isinstance(signal, Sampled):
         return np.asarray(signal.spline(times))
+    if isinstance(signal, Sum):
+        return np.sum([sample(part, times) for part in signal.parts], axis=0)
     sampled = getattr(signal, "sampled", None)
     if sampled is not None:
         return sampled(np.asarray(times, dtype=float))
