@@ -32,10 +32,11 @@ def markdown(result: dict[str, Any]) -> str:
     """Return the whole report."""
     cases, seeds = result["cases"], len(result["seeds"])
     reference, machine = cases["reference"], result["environment"]
+    beside = len(result["seeds_of_cases_beside_the_reference"])
     lines = [
         "# Accuracy of the paper's method on another engine's recordings",
         "",
-        f"{seeds} noise seeds ({(seeds + 1) // 2} for cases beside the reference) on MuJoCo's noise-free "
+        f"{seeds} noise seeds ({beside} for cases beside the reference) on MuJoCo's noise-free "
         "`exp1_xyz_modal3` and `exp2_modal3` (200 s), "
         "`reference` sensors unless a table says otherwise. Errors are relative to the parameter, in %; a "
         "parameter that is zero, or whose column times value is below 1 % of the measured momentum, is "

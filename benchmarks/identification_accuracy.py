@@ -1,10 +1,11 @@
 """Accuracy of the paper's method on recordings of another engine, over noise seeds, beside Tables 2 and 3.
 
-    SMSID_ORACLE=<reference recordings> python benchmarks/identification_accuracy.py [--seeds 40] [--quick]
+    SMSID_ORACLE=<recordings> python benchmarks/identification_accuracy.py [--seeds 40] [--beside 20]
 
 Runs are kept in ``build/identification_accuracy.jsonl`` and reused as long as code and inputs are the same,
 so the script can be stopped and started again. It writes ``results/identification_accuracy.json`` and
-``.md``; with ``--quick`` (3 seeds) it only prints the tables.
+``.md``; with ``--quick`` (3 seeds) it only prints the tables. ``--beside``: seeds of the cases beside the
+reference sensors, half as many by default.
 """
 
 from __future__ import annotations
@@ -44,19 +45,21 @@ def stored(fingerprint: str) -> dict[tuple[str, int], dict[str, Any]]:
     return {(r["case"], r["seed"]): r for r in records if r["fingerprint"] == fingerprint}
 
 
-def seeds_of(case: Case, seeds: int) -> int:
-    """Return how many seeds a case gets: those beside the reference sensors half as many."""
-    return seeds if case.name.startswith("reference") else (seeds + 1) // 2
+def seeds_of(case: Case, seeds: int, beside: int) -> int:
+    """Return how many seeds a case gets: ``beside`` without the reference sensors."""
+    return seeds if case.name.startswith("reference") else beside
 
 
-def collect(data: Data, seeds: int) -> tuple[dict[str, list[dict[str, Any]]], dict[str, dict[str, Any]]]:
+def collect(
+    data: Data, seeds: int, beside: int
+) -> tuple[dict[str, list[dict[str, Any]]], dict[str, dict[str, Any]]]:
     """Return the runs of every case, made or reused, and the true values."""
     fingerprint = data.fingerprint()
     have = stored(fingerprint)
     STORE.parent.mkdir(exist_ok=True)
     wanted: list[tuple[Case, int]] = [(case, 0) for case in NOISE_FREE]
     for seed in range(seeds):
-        wanted += [(case, seed) for case in CASES if seed < seeds_of(case, seeds)]
+        wanted += [(case, seed) for case in CASES if seed < seeds_of(case, seeds, beside)]
     runs: dict[str, list[dict[str, Any]]] = {}
     columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
     with tempfile.TemporaryDirectory() as folder, STORE.open("a", encoding="utf-8") as file:
@@ -83,12 +86,14 @@ def collect(data: Data, seeds: int) -> tuple[dict[str, list[dict[str, Any]]], di
 def main() -> None:
     """Run every case and write the result."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=40, help="noise realisations, half as many aside")
+    parser.add_argument("--seeds", type=int, default=40, help="noise realisations")
+    parser.add_argument("--beside", type=int, help="those of cases beside the reference sensors")
     parser.add_argument("--quick", action="store_true", help="3 seeds, print only")
     options = parser.parse_args()
     seeds = 3 if options.quick else options.seeds
+    beside = min(seeds, options.beside or (seeds + 1) // 2)
     data = Data()
-    runs, true = collect(data, seeds)
+    runs, true = collect(data, seeds, beside)
     load, repeats = [os.getloadavg()[0]], 3 if options.quick else 11
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -98,7 +103,7 @@ def main() -> None:
     result = {
         "what": "accuracy of smsid's linear (paper's) method on recordings of MuJoCo, noise added per seed",
         "seeds": list(range(seeds)),
-        "seeds_of_cases_beside_the_reference": list(range((seeds + 1) // 2)),
+        "seeds_of_cases_beside_the_reference": list(range(beside)),
         "environment": environment("pin", "numpy", "scipy"),
         "blas_threads": os.environ.get("OPENBLAS_NUM_THREADS", "not set; smsid limits itself to 1"),
         "inputs_sha256": data.sums(),
