@@ -1,0 +1,64 @@
+"""An effect is hidden in MuJoCo; the diagnosis has to find it. Nothing but diagnosis.json is read.
+
+Seeds and strengths are fixed here; the study over many is benchmarks/hidden_effects.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from .catalogue import hidden_effects
+from .plan import Run, inject
+from .study import run_and_judge
+
+pytest.importorskip("smsid.diagnose")
+
+RIGHT = ("right", "right_by_alias")
+OPEN = ("unexplained", "right_family")
+
+
+def hide(seed, category, world, *effects):
+    rng = np.random.default_rng([seed, 80])
+    hidden = tuple(inject(world, hidden_effects(world)[name], strength, rng) for name, strength in effects)
+    return Run(seed, category, world, hidden)
+
+
+QUICK = [
+    (hide(1, "nothing", "arm"), RIGHT),
+    (hide(2, "single", "arm", ("torque_gain:error@joint2", 10.0)), RIGHT),
+    (hide(3, "single", "rigid", ("joint_friction:viscous@joint2", 10.0)), RIGHT),
+]
+SLOW = [
+    (hide(4, "nothing", "sms"), RIGHT),
+    (hide(5, "nothing", "panel"), RIGHT),
+    (hide(6, "single", "sms", ("joint_friction:coulomb@joint3", 10.0)), RIGHT),
+    (hide(7, "single", "sms", ("motor_inertia:inertia@joint2", 10.0)), RIGHT),
+    (hide(8, "single", "sms", ("payload:mass@tool", 10.0)), RIGHT),
+    (hide(9, "single", "sms", ("slosh_nonlinearity:cubic@tank", 10.0)), RIGHT),
+    (hide(10, "single", "panel", ("geometric_stiffness:factor@panel", 10.0)), RIGHT),
+    (hide(11, "single", "rigid", ("thruster_gain:gain.y@thruster", 10.0)), RIGHT),
+    (hide(12, "single", "rigid", ("external_wrench:force@bus_inertial", 10.0)), RIGHT),
+    (hide(13, "single", "sms", ("sensor_bias:bias.z@imu.angular_rate", 10.0)), RIGHT),
+    (hide(14, "single", "arm", ("joint_friction:coulomb@joint2", 10.0)), RIGHT),
+    (hide(15, "outside", "sms", ("outside:torque_ripple@joint2", 10.0)), OPEN),
+    (hide(16, "pair", "sms", ("torque_gain:error@wheel_y", 20.0), ("lever_arm:offset.x@imu", 20.0)), RIGHT),
+]
+
+
+def named(case):
+    run, _ = case
+    return f"{run.world}-{'+'.join(i.effect.name for i in run.hidden) or 'nothing'}"
+
+
+@pytest.mark.parametrize(("run", "wanted"), QUICK, ids=map(named, QUICK))
+def test_hidden(run, wanted, tmp_path):
+    row = run_and_judge(run, tmp_path)
+    assert row["outcome"] in wanted, f"{row['outcome']}: named {row['named']}; {row['sentence']}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("run", "wanted"), SLOW, ids=map(named, SLOW))
+def test_hidden_slow(run, wanted, tmp_path):
+    row = run_and_judge(run, tmp_path)
+    assert row["outcome"] in wanted, f"{row['outcome']}: named {row['named']}; {row['sentence']}"
