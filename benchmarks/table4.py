@@ -9,9 +9,11 @@ delete it and set SMSID_ORACLE).
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
 
@@ -25,6 +27,7 @@ from _table4_identified import identified, identify_up_to, stored  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.table4 import (  # noqa: E402
     CONTROLLERS,
+    Case,
     Run,
     Study,
     Variant,
@@ -52,6 +55,7 @@ VARIANTS = {
     )
 }
 IDENTIFIED = 100  # models
+TOGETHER = 20  # flights side by side
 
 
 @cache
@@ -60,9 +64,9 @@ def study(variant: str) -> Study:
     return Study(model, VARIANTS[variant], identified=identified(ReducedDynamics(model)))
 
 
-def fly(variant: str, case: str, controller: str, draw: int) -> Run:
+def fly(variant: str, case: str, controller: str, draws: list[int]) -> list[Run]:
     chosen = next(c for c in cases() if c.name == case)
-    return study(variant).fly(chosen, controller, draw)
+    return study(variant).fly_many(chosen, controller, draws)
 
 
 def known() -> list[Run]:
@@ -88,31 +92,31 @@ def main() -> None:
     first = ["main", "no noise"]
     draws = {v: options.draws if v in first else options.other_draws for v in VARIANTS}
     printed = [c for c in cases() if c.paper]
-    few = {v: min(draws[v], 5) for v in VARIANTS}
-    wanted = [(MAIN.name, c.name, k, d) for d in range(few["main"]) for c in cases() for k in CONTROLLERS]
-    wanted += [
-        (v, c.name, k, d) for v in VARIANTS for d in range(few[v]) for c in printed for k in CONTROLLERS
-    ]
-    wanted += [
-        (v, c.name, k, d) for v in first for d in range(draws[v]) for c in cases() for k in CONTROLLERS
-    ]
-    wanted += [
-        (v, c.name, k, d) for v in VARIANTS for d in range(draws[v]) for c in printed for k in CONTROLLERS
-    ]
-    wanted = list(dict.fromkeys(wanted))
-    left = [w for w in wanted if w not in done] if not options.summary_only else []
+
+    def flights(variants: Sequence[str], wanted: Sequence[Case], begin: int) -> list[tuple]:
+        found = []
+        for v, c, k in itertools.product(variants, wanted, CONTROLLERS):
+            left = [d for d in range(begin, min(begin + TOGETHER, draws[v])) if (v, c.name, k, d) not in done]
+            if left:
+                found.append((v, c.name, k, left))
+        return found
+
+    jobs = flights([MAIN.name], cases(), 0) + flights(list(VARIANTS), printed, 0)
+    for variant in first:
+        for begin in range(0, draws[variant], TOGETHER):
+            jobs += flights([variant], cases(), begin)
+    jobs = list({(v, c, k, d[0]): (v, c, k, d) for v, c, k, d in jobs}.values())
+    jobs = [] if options.summary_only else jobs
     begin = time.monotonic()
     with ProcessPoolExecutor(options.workers) as pool, LINES.open("a", encoding="utf-8") as file:
-        for at in range(0, len(left), 4 * options.workers):
+        for at in range(0, len(jobs), options.workers):
             if time.monotonic() - begin > 60.0 * options.minutes:
                 break
-            jobs = [pool.submit(fly, *w) for w in left[at : at + 4 * options.workers]]
-            for job in as_completed(jobs):
-                file.write(json.dumps(job.result().to_table()) + "\n")
+            for job in as_completed([pool.submit(fly, *w) for w in jobs[at : at + options.workers]]):
+                file.writelines(json.dumps(run.to_table()) + "\n" for run in job.result())
                 file.flush()
-            spent = time.monotonic() - begin
-            count = min(at + 4 * options.workers, len(left))
-            print(f"{count}/{len(left)} flights, {spent:.0f} s", flush=True)
+            done_jobs = min(at + options.workers, len(jobs))
+            print(f"{done_jobs}/{len(jobs)} jobs, {time.monotonic() - begin:.0f} s", flush=True)
     runs = known()
     result = {
         "environment": environment("pin", "numpy", "scipy"),

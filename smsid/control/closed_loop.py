@@ -147,7 +147,7 @@ def track(
         audit=False,
     )
     every = (len(flown.time) - 1) // len(commands)
-    return _tracking(
+    return tracking_of(
         model,
         controller,
         flown.time[::every],
@@ -198,7 +198,7 @@ def track_continuously(
             raise SimulationError(f"The closed loop blew up at t = {t:.6g} s.", advice="Try a smaller `dt`.")
         rows.append((t + dt, q, v, force(t + dt, q, v)))
     time, qs, vs, tau = (np.array(x) for x in zip(*rows, strict=True))
-    return _tracking(model, controller, time, qs, vs, tau, Actuators(model, dt))
+    return tracking_of(model, controller, time, qs, vs, tau, Actuators(model, dt))
 
 
 def starting_point(model: SpacecraftModel, controller: ModelBasedController) -> np.ndarray:
@@ -209,7 +209,7 @@ def starting_point(model: SpacecraftModel, controller: ModelBasedController) -> 
     return q
 
 
-def _tracking(
+def tracking_of(
     model: SpacecraftModel,
     controller: ModelBasedController,
     time: np.ndarray,
@@ -218,6 +218,7 @@ def _tracking(
     tau: np.ndarray,
     actuators: Actuators,
 ) -> Tracking:
+    """Return a run from times (N,), states q, v and generalised forces tau (N, nv)."""
     wanted = [controller.reference.at(float(t)) for t in time]
     position, rate = np.array([w[0] for w in wanted]), np.array([w[1] for w in wanted])
     base, base_rate = attitude_errors(

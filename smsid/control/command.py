@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from smsid.control.robust_term import RobustTerm
 from smsid.errors import ControlError
+
+if TYPE_CHECKING:
+    from smsid.control.design import Design
 
 console = Console()
 
@@ -23,6 +24,9 @@ def control_command(
         Path | None, typer.Argument(help="estimate (JSON) that `smsid identify` wrote")
     ] = None,
     gains: Annotated[str, typer.Option(help="K_P,K_D, the same for all coordinates [1/s^2, 1/s]")] = "4,4",
+    tune: Annotated[
+        bool, typer.Option("--tune", help="choose gains that keep clear of the identified frequencies")
+    ] = False,
     uncertainty: Annotated[
         float | None, typer.Option(help="stated uncertainty level, 0.05 for 5 %, instead of the estimate's")
     ] = None,
@@ -30,6 +34,10 @@ def control_command(
         float, typer.Option(help="where delay and unmodelled dynamics take over [rad/s]")
     ] = 10.0,
     rate: Annotated[float, typer.Option(help="of the controller [Hz]")] = 100.0,
+    samples: Annotated[
+        int, typer.Option(help="plants drawn from the estimate for the robust analysis")
+    ] = 1000,
+    seed: Annotated[int, typer.Option(help="of what is drawn")] = 0,
     output: Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")] = Path(
         "controller.json"
     ),
@@ -39,43 +47,42 @@ def control_command(
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
 ) -> None:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
-    if study is not None:
-        if study != "table4":
-            raise ControlError(f"There is no study '{study}'.", advice="Use --study table4.")
-        _study(description, estimate, draws, output)
-        return
-    from smsid.control.controller_file import save_controller
-    from smsid.control.disturbance import left_out, sensor_noise
-    from smsid.control.gains import gains as make_gains
-    from smsid.control.reduced import ReducedDynamics
-    from smsid.control.robust_term import design_robust_term
-    from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
-    from smsid.control.weights import weights_from_level
     from smsid.description import load_description
-    from smsid.model import build_model
+    from smsid.identify.estimate import load_estimate
 
-    proportional, derivative = _pair(gains)
-    level = _level(estimate, uncertainty)
-    model = build_model(load_description(description))
-    size = ReducedDynamics(model).size
-    k = make_gains(size, proportional, derivative)
-    motion = trapezoid(model.joint_angles(model.home))
-    check_joints(motion, model)
-    angle, speed = sensor_noise(model.description.sensor, size - 3, rate, crossover)
-    weights = weights_from_level(
-        level,
-        np.concatenate([np.zeros(3), np.full(size - 3, PAPER_ACCELERATION)]),
-        left_out=left_out(model, k, Reference(motion), rate=rate),
-        angle_noise=angle,
-        rate_noise=speed,
-        crossover=crossover,
-    )
-    term = design_robust_term(k, weights)
-    names = ("roll", "pitch", "yaw", *model.arm_joints.names)
-    save_controller(term, output, model.description.name, names)
-    console.print(_report(term, names))
-    for line in weights.origin:
-        console.print(line)
+    if study is not None and study != "table4":
+        raise ControlError(f"There is no study '{study}'.", advice="Use --study table4.")
+    described = load_description(description)
+    found = None if estimate is None else load_estimate(estimate)
+    if study is not None:
+        from smsid.control.study_command import fly_study
+
+        fly_study(described, found, draws, output, console)
+        return
+    if found is None and uncertainty is None:
+        raise ControlError(
+            "Neither an estimate nor an uncertainty is given.",
+            advice="Pass the JSON that `smsid identify` wrote, or --uncertainty 0.05.",
+        )
+    if tune and found is None:
+        raise ControlError(
+            "Gains are tuned to identified natural frequencies, and no estimate is given.",
+            advice="Pass the JSON that `smsid identify` wrote.",
+        )
+    from smsid.control.controller_file import save_controller
+    from smsid.control.design import DesignRequest, design
+
+    pair = None if tune else _pair(gains)
+    with console.status("designing and examining the loop"):
+        made = design(
+            described,
+            found,
+            DesignRequest(pair, uncertainty, crossover, rate, samples),
+            np.random.default_rng(seed),
+        )
+    save_controller(made, output)
+    for part in _report(made):
+        console.print(part)
     console.print(f"wrote {output}")
 
 
@@ -89,98 +96,65 @@ def _pair(text: str) -> tuple[float, float]:
     return proportional, derivative
 
 
-def _level(estimate: Path | None, stated: float | None) -> float:
-    """Return the stated uncertainty level, or that of the estimate."""
-    from smsid.control.weights import level_of_estimate
-    from smsid.identify.estimate import load_estimate
-
-    if stated is not None:
-        return stated
-    if estimate is None:
-        raise ControlError(
-            "Neither an estimate nor an uncertainty is given.",
-            advice="Pass the JSON that `smsid identify` wrote, or --uncertainty 0.05.",
+def _report(made: Design) -> list[Table | str]:
+    parts: list[Table | str] = []
+    if made.identified is not None:
+        left = f"; as described: {', '.join(made.identified.left)}" if made.identified.left else ""
+        parts.append(f"controller's model: {len(made.identified.applied)} parameters of the estimate{left}")
+    if made.tuning is not None:
+        bands = Table(
+            "mode", "base and joints", "rad/s", "95 %", "gains keep out of", title="natural frequencies"
         )
-    return level_of_estimate(load_estimate(estimate))
+        for m in made.tuning.modes:
+            bands.add_row(
+                m.name,
+                "held" if m.held else "free",
+                f"{m.frequency:.4g}",
+                f"{m.low:.4g} .. {m.high:.4g}",
+                f"{m.band[0]:.3g} .. {m.band[1]:.3g}",
+            )
+        joints = "" if np.isnan(made.tuning.joints) else f", joints {made.tuning.joints:.3g} rad/s"
+        parts += [bands, f"gains: K_P = w^2, K_D = 2 w, attitude {made.tuning.attitude:.3g} rad/s{joints}"]
+    parts.append(_blocks(made))
+    parts += list(made.term.weights.origin)
+    poles = Table("mode", "rad/s", "damping ratio", "", title="poles of the loop, slosh and panel inside")
+    for p in made.poles:
+        poles.add_row(p.name, f"{abs(p.value):.4g}", f"{p.damping:.4g}", p.flag)
+    parts.append(poles)
+    r = made.robustness
+    if r is not None:
+        worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:5]
+        verdict = "robustly stable" if r.stable else "robust stability over the intervals is not shown"
+        parts += [
+            f"mu between {r.mu_lower:.3g} and {r.mu_upper:.3g} (at {r.frequency:.3g} rad/s): {verdict}",
+            f"worst parameters found leave a damping ratio of {r.damping:.2g}: "
+            + ", ".join(f"{name} {value:+.2f}" for name, value in worst),
+            f"{r.unstable} of {r.samples} sampled plants unstable, least damping {r.sampled_damping:.2g}",
+        ]
+    return parts
 
 
-def _report(term: RobustTerm, names: tuple[str, ...]) -> Table:
+def _blocks(made: Design) -> Table:
     table = Table(
-        "coordinates", "gamma", "bound on e [rad]", "S peak", "T peak", "gain margin", "phase margin"
+        "coordinates",
+        "gamma",
+        "bound on e [rad]",
+        "crossover",
+        "S peak",
+        "T peak",
+        "gain margin",
+        "phase margin",
     )
-    for b in term.blocks:
+    for b in made.term.blocks:
         low, high = b.gain_margin
         table.add_row(
-            ", ".join(names[k] for k in b.coordinates),
+            ", ".join(made.coordinates[k] for k in b.coordinates),
             f"{b.synthesis.norm:.4f}",
             f"{b.error.max():.2e}",
+            f"{b.crossover:.2g}",
             f"{b.sensitivity:.2f}",
             f"{b.complementary:.2f}",
             f"{low:.2f} to {high:.2f}",
             f"{b.phase_margin:.0f} deg",
         )
     return table
-
-
-def _study(description: Path, estimate: Path | None, draws: int, output: Path) -> None:
-    from smsid._files import atomic_write
-    from smsid.control.table4 import (
-        CONTROLLERS,
-        IDENTIFIED_LEVEL,
-        Study,
-        Variant,
-        cases,
-        improvements,
-        orderings,
-        summarise,
-    )
-    from smsid.description import load_description
-    from smsid.model import build_model
-
-    if draws < 1:
-        raise ControlError(f"{draws} draws are no study.", advice="Give at least one.")
-    level = IDENTIFIED_LEVEL if estimate is None else _level(estimate, None)
-    chosen = cases(level)
-    study = Study(build_model(load_description(description)), Variant())
-    runs = []
-    with console.status("flying") as status:
-        for draw in range(draws):
-            for case in chosen:
-                for controller in CONTROLLERS:
-                    status.update(f"draw {draw + 1} of {draws}, case {case.name}, {controller}")
-                    runs.append(study.fly(case, controller, draw))
-    rows = summarise(runs, chosen)
-    table = Table("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
-    for row in rows:
-        cells = [str(row["case"]), str(row["controller"])]
-        for name in ("base", "joints"):
-            found = row[f"e_{name}"]
-            assert isinstance(found, dict)
-            low, high = found["interval"]
-            printed = row.get(f"e_{name}_paper")
-            cells += [
-                f"{found['median']:.2e}",
-                f"{low:.1e} .. {high:.1e}",
-                f"{printed:.2e}" if printed else "-",
-            ]
-        table.add_row(*cells)
-    console.print(table)
-    for claim in orderings(runs):
-        console.print(
-            f"{claim['smaller']} < {claim['larger']}: e_b {_verdict(claim['e_base'])}, "
-            f"e_i {_verdict(claim['e_joints'])}"
-        )
-    result = {
-        "identified_level": level,
-        "rows": rows,
-        "orderings": orderings(runs),
-        "improvements": improvements(runs),
-    }
-    atomic_write(output, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    console.print(f"wrote {output}")
-
-
-def _verdict(found: object) -> str:
-    assert isinstance(found, dict)
-    share, ratio = 100.0 * found["share"], found["median_ratio"]
-    return f"{found['verdict']} ({share:.0f} % of draws, median ratio {ratio:.2f})"

@@ -5,29 +5,34 @@ from __future__ import annotations
 import json
 import math
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import smsid
 from smsid._files import atomic_write
+from smsid.control.design import Design
 from smsid.control.gains import Gains
-from smsid.control.robust_term import RobustTerm
+from smsid.control.reduced import ReducedDynamics
 from smsid.control.statespace import StateSpace
 from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
 
 SCHEMA_VERSION = 1
 
 
-def controller_document(term: RobustTerm, description: str, coordinates: tuple[str, ...]) -> dict[str, Any]:
-    """Return the document of a design; ``coordinates`` (3 + n) name what the gains act on, in order."""
+def controller_document(made: Design) -> dict[str, Any]:
+    """Return the document of a design."""
+    term, coordinates = made.term, made.coordinates
     w = term.weights
-    return {
+    document: dict[str, Any] = {
         "schema": SCHEMA_VERSION,
         "kind": "controller",
         "smsid": smsid.__version__,
-        "description": description,
+        "description": made.description,
         "law": "Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c)",
         "coordinates": list(coordinates),
         "K_P": {"value": term.gains.proportional.tolist(), "unit": "1/s^2"},
@@ -52,6 +57,7 @@ def controller_document(term: RobustTerm, description: str, coordinates: tuple[s
                 "coordinates": [coordinates[k] for k in b.coordinates],
                 "gamma": b.synthesis.norm,
                 "error_bound": {"value": b.error.tolist(), "unit": "rad"},
+                "crossover": {"value": b.crossover, "unit": "rad/s"},
                 "sensitivity_peak": b.sensitivity,
                 "complementary_peak": b.complementary,
                 "gain_margin": [x if math.isfinite(x) else None for x in b.gain_margin],
@@ -61,13 +67,37 @@ def controller_document(term: RobustTerm, description: str, coordinates: tuple[s
             for b in term.blocks
         ],
     }
+    document["model"] = {
+        "bodies": {
+            name: [float(x) for x in inertia.toDynamicParameters()]
+            for name, inertia in zip(
+                list(made.dynamics.pin.names)[1:], list(made.dynamics.pin.inertias)[1:], strict=True
+            )
+        },
+        "unit": "m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz in the joint's frame, slosh and appendages at rest: SI",
+        "identified": list(made.identified.applied) if made.identified else [],
+        "as_described": list(made.identified.left) if made.identified else [],
+    }
+    document["poles"] = [
+        {
+            "mode": p.name,
+            "value": [p.value.real, p.value.imag],
+            "unit": "rad/s",
+            "damping": p.damping,
+            "flag": p.flag,
+        }
+        for p in made.poles
+    ]
+    if made.robustness is not None:
+        document["robustness"] = asdict(made.robustness)
+    if made.tuning is not None:
+        document["natural_frequencies"] = [{**asdict(m), "unit": "rad/s"} for m in made.tuning.modes]
+    return document
 
 
-def save_controller(
-    term: RobustTerm, path: str | os.PathLike[str], description: str, coordinates: tuple[str, ...]
-) -> None:
+def save_controller(made: Design, path: str | os.PathLike[str]) -> None:
     """Write a design as JSON, whole or not at all."""
-    document = controller_document(term, description, coordinates)
+    document = controller_document(made)
     atomic_write(Path(path), json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
@@ -87,3 +117,24 @@ def load_controller(path: str | os.PathLike[str]) -> tuple[Gains, StateSpace]:
         raise ControlError(
             f"'{file}' cannot be read as a controller: {error}.", advice="Is it cut short?"
         ) from error
+
+
+def load_dynamics(path: str | os.PathLike[str], model: SpacecraftModel) -> ReducedDynamics:
+    """Return the controller's model of a saved design, for the spacecraft it was designed for.
+
+    Raises `ControlError` when the file is none or its bodies are not the spacecraft's.
+    """
+    load_controller(path)
+    found = json.loads(Path(path).read_text(encoding="utf-8")).get("model", {}).get("bodies", {})
+    exact = ReducedDynamics(model)
+    names = list(exact.pin.names)[1:]
+    if sorted(found) != sorted(names):
+        raise ControlError(
+            f"The controller of '{path}' knows the bodies {sorted(found)}, not {sorted(names)}.",
+            advice="Give the description it was designed for.",
+        )
+    inertias = []
+    for name, inertia in zip(names, list(exact.pin.inertias)[1:], strict=True):
+        theta = np.array(found[name])
+        inertias.append(pin.Inertia.FromDynamicParameters(theta) if theta[0] > 0.0 else inertia.copy())
+    return exact.with_inertias(inertias)

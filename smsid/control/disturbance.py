@@ -40,6 +40,15 @@ def sensor_noise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return one sigma of noise on angles and rates, (3 + n,) each [rad, rad/s], in the band of the loop.
 
+    As `sensor_sigma`, sampled at ``rate`` [Hz], below ``crossover`` [rad/s].
+    """
+    angle, speed = sensor_sigma(sensors, joints)
+    return in_band(angle, rate, crossover), in_band(speed, rate, crossover)
+
+
+def sensor_sigma(sensors: Sequence[Sensor], joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return one sigma of a sample's noise on angles and rates, (3 + n,) each [rad, rad/s].
+
     White noise of the first sensor that measures the quantity; biases are no noise and not counted. Raises
     `ControlError` when a quantity is not measured.
     """
@@ -52,8 +61,7 @@ def sensor_noise(
                 f"No sensor measures {quantity.replace('_', ' ')}, so its noise is not known.",
                 advice="Add a sensor to the description.",
             )
-        white = owner.error(quantity).white_sigma(owner.rate)
-        sigma[quantity] = in_band(np.broadcast_to(white, size), rate, crossover)
+        sigma[quantity] = np.broadcast_to(owner.error(quantity).white_sigma(owner.rate), size)
     return (
         np.concatenate([sigma["attitude"], sigma["joint_position"]]),
         np.concatenate([sigma["angular_rate"], sigma["joint_velocity"]]),

@@ -78,8 +78,8 @@ class ReducedDynamics:
         self._v = np.zeros(self.pin.nv)
         self._plain = all(self.pin.joints[int(j)].nq == 1 for j in self.arm.joints)
         n = len(self.arm)
-        self._left = np.array([*(self.wheels.v - 3), *range(3), *(self.arm.v - 3)])
-        self._left_rows = self._left[:, None]
+        self.left = np.array([*(self.wheels.v - 3), *range(3), *(self.arm.v - 3)])
+        self._left_rows = self.left[:, None]
         self._input = np.hstack([np.zeros((3 + n, len(self.wheels))), np.eye(3 + n)[:, 3:]])
         self._to_wheels = -self.layout.inverse
 
@@ -128,11 +128,10 @@ class ReducedDynamics:
         """
         self._check(omega, angles, rates, wheel_rates)
         w = len(self.wheels)
-        q, v = self._configuration(angles), self._v
-        v[3:6], v[self.arm.v] = omega, rates
+        q, v = self.configuration(angles), self.velocity(omega, rates, 0.0)
         mass = pin.crba(self.pin, self.data, q)
         coupling = mass[:3, 3:]
-        schur = (mass[3:, 3:] - coupling.T @ coupling / self.mass)[self._left_rows, self._left]
+        schur = (mass[3:, 3:] - coupling.T @ coupling / self.mass)[self._left_rows, self.left]
         if wheel_rates is None:
             spin = -schur[w : w + 3, w:] @ np.concatenate([omega, rates])
             wheel_rates = np.linalg.pinv(schur[w : w + 3, :w]) @ (
@@ -140,7 +139,7 @@ class ReducedDynamics:
             )
         v[self.wheels.v] = wheel_rates
         force = pin.nonLinearEffects(self.pin, self.data, q, v)
-        bias = (force[3:] - coupling.T @ force[:3] / self.mass)[self._left]
+        bias = (force[3:] - coupling.T @ force[:3] / self.mass)[self.left]
         given = np.empty((w, self.size + 1))
         given[:, :-1], given[:, -1] = schur[:w, w:], bias[:w]
         _, _, spun, info = lapack.dgesv(schur[:w, :w], given)
@@ -190,11 +189,18 @@ class ReducedDynamics:
             chart.T @ self.base_input(terms),
         )
 
-    def _configuration(self, angles: np.ndarray) -> np.ndarray:
+    def configuration(self, angles: np.ndarray) -> np.ndarray:
+        """Return q of ``pin`` with the arm joints at ``angles`` (n,) [rad]; overwritten by the next call."""
         if self._plain:
             self._q[self.arm.q] = angles
             return self._q
         return set_group_angles(self.pin, self.arm, self._q, angles)
+
+    def velocity(self, omega: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | float) -> np.ndarray:
+        """Return v of ``pin``, linear velocity left out; overwritten by the next call."""
+        v = self._v
+        v[3:6], v[self.arm.v], v[self.wheels.v] = omega, rates, wheel_rates
+        return v
 
     def _check(
         self, omega: np.ndarray, angles: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None

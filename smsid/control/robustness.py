@@ -111,8 +111,8 @@ def worst_parameters(
     """Return the least damping ratio found within ``scale`` times the intervals, and where (changes,).
 
     Scalars go to the end of their intervals that the derivative of the damping points to, the bodies' inertia
-    along it as far as ``level``; repeated, from the centre and from random ends. A lower bound of the harm,
-    not a guarantee.
+    along it as far as ``level`` and the intervals allow; repeated, from the centre and from random ends. A
+    lower bound of the harm, not a guarantee.
     """
     rigid = np.array([c.rigid for c in plant.changes], dtype=bool)
 
@@ -120,7 +120,9 @@ def worst_parameters(
         delta = np.where(rigid, 0.0, scale * np.sign(direction))
         bodies = np.where(rigid, direction, 0.0)
         size = plant.rigid_size(bodies)
-        return delta + bodies * (scale * level / size) if size > 0.0 else delta
+        if size > 0.0:
+            bodies = np.clip(bodies * (scale * level / size), -scale, scale)
+        return delta + bodies
 
     best, at = np.inf, np.zeros(len(plant.changes))
     for start in range(STARTS):

@@ -4,7 +4,8 @@ Each group, attitude and joints, gets K_P = w^2, K_D = 2 w (critically damped, a
 with w = 2 rad/s). Allowed are w outside every mode's band: its frequency over the 95 % intervals, coupled
 (base and joints free) and held, widened by `CLEARANCE`. Among those w is best whose error, the steady one
 under the disturbance plus three standard deviations of noise, is least; noise may not ask for more than the
-actuators have, nor the gains be too fast for the controller's rate. The loop with slosh and panel inside is examined before the gains are handed out.
+actuators have, nor the gains be too fast for the controller's rate. The loop with slosh and panel inside is
+examined before the gains are handed out.
 """
 
 from __future__ import annotations
@@ -111,8 +112,8 @@ def tuned_gains(
         raise ControlError(f"Demands or inertia do not fit a spacecraft of {size} coordinates.")
     clear = [
         w
-        for w in CANDIDATES[CANDIDATES <= FASTEST * demands.rate]
-        if not any(m.band[0] <= w <= m.band[1] for m in modes)
+        for w in CANDIDATES
+        if w <= FASTEST * demands.rate and not any(m.band[0] <= w <= m.band[1] for m in modes)
     ]
     chosen, errors = [], np.zeros(size)
     for group in (np.arange(3), np.arange(3, size)):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate
 
 logger = logging.getLogger(__name__)
 ROLL_OFF = 4.0
@@ -81,6 +80,7 @@ def weights_from_level(
     rate_noise: np.ndarray,
     crossover: float,
     integral: float = 0.05,
+    source: str = "stated",
 ) -> Weights:
     """Return weights for a stated parametric uncertainty.
 
@@ -95,6 +95,7 @@ def weights_from_level(
             (3 + n,); see `smsid.control.disturbance`.
         angle_noise, rate_noise: (3 + n,) in the band of the loop [rad, rad/s]; see `in_band`.
         crossover, integral: see `Weights` [rad/s].
+        source: where the level comes from, for ``origin``.
 
     Raises:
         ControlError: as `Weights`.
@@ -105,45 +106,10 @@ def weights_from_level(
     )
     shares = level * largest.max(initial=0.0), float(np.max(left_out))
     origin = (
-        f"uncertainty: stated, {100 * level:.3g} %",
+        f"uncertainty: {source}, {100 * level:.3g} %",
         f"disturbance: up to {shares[0]:.2e} rad/s^2 from parameters, {shares[1]:.2e} from what is left out",
     )
     logger.info("weights: %s", "; ".join(origin))
     return Weights(
         disturbance, np.asarray(angle_noise), np.asarray(rate_noise), level, crossover, integral, origin
     )
-
-
-def level_of_estimate(estimate: Estimate, *, quantile: float = 1.959964) -> float:
-    """Return the uncertainty level of an identified model: the largest 95 % half-width of what enters H.
-
-    Base parameters of Exp. 2 that carry inertia (masses, first moments, inertias; each relative to the
-    largest of its kind and body, so that a parameter near zero does not count) and the total mass of Exp. 1.
-
-    Raises `ControlError` when the estimate has no intervals for them: weights cannot be made up.
-    """
-    found = [p for p in estimate.parameters if p.group == "exp2.step_b" or p.name == "M"]
-    if not any(p.group == "exp2.step_b" for p in found):
-        raise ControlError(
-            f"The estimate of '{estimate.description}' holds no inertial parameters of Exp. 2.",
-            advice="Identify with a recording of Exp. 2, or state a level with --uncertainty.",
-            groups=sorted({p.group for p in estimate.parameters}),
-        )
-    without = [p.name for p in found if not np.isfinite(p.sigma) or p.sigma <= 0.0]
-    if without:
-        raise ControlError(
-            f"{len(without)} parameters have no interval, the first is '{without[0]}'; weights "
-            "need one for each.",
-            advice="Identify again with intervals, or state a level with --uncertainty.",
-            parameters=without,
-        )
-    size: dict[tuple[str, str], float] = {}
-    for p in found:
-        size[_kind(p.name)] = max(size.get(_kind(p.name), 0.0), abs(p.value))
-    return float(max(quantile * p.sigma / size[_kind(p.name)] for p in found))
-
-
-def _kind(name: str) -> tuple[str, str]:
-    """Body and kind of a base parameter, from its leading term."""
-    body, _, symbol = name.split(" ", 1)[0].rpartition(".")
-    return body, "inertia" if symbol.startswith("I") else "mass" if symbol in ("m", "M") else "moment"

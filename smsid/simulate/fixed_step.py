@@ -90,6 +90,32 @@ def simulate_closed_loop(
     return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained) if audit else None)
 
 
+def runge_kutta_step(
+    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return q (nq,), v (nv,) after a step of ``h`` [s] under held generalised forces tau (nv,).
+
+    A step of `simulate_closed_loop`, without what its audit needs.
+    """
+    m, free, integrate = model.pin, model.free, pin.integrate
+
+    def slope(at: float, xi: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        moved = rate
+        if free:
+            moved = rate.copy()
+            moved[:6] = pin.Jlog6(pin.exp6(xi[:6])) @ rate[:6]
+        return moved, model.acceleration(at, integrate(m, q, xi), rate, tau)
+
+    a1 = model.acceleration(t, q, v, tau)
+    v2 = v + (h / 2) * a1
+    x2, a2 = slope(t + h / 2, (h / 2) * v, v2)
+    v3 = v + (h / 2) * a2
+    x3, a3 = slope(t + h / 2, (h / 2) * x2, v3)
+    v4 = v + h * a3
+    x4, a4 = slope(t + h, h * x3, v4)
+    return integrate(m, q, h / 6 * (v + 2 * (x2 + x3) + x4)), v + h / 6 * (a1 + 2 * (a2 + a3) + a4)
+
+
 def _step(
     model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, audit: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,9 +9,8 @@ from control_cases import slicot_norm
 from smsid.control.gains import Gains, gains
 from smsid.control.robust_term import design_robust_term, error_plant, rigid_loop
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft
-from smsid.control.weights import Weights, in_band, level_of_estimate, weights_from_level
+from smsid.control.weights import Weights, in_band, weights_from_level
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, judged
 
 CROSSOVER = 10.0
 
@@ -141,28 +140,6 @@ def test_the_more_uncertain_the_less_is_promised():
         for x in (0.01, 0.2, 0.6)
     ]
     assert bounds[0] < bounds[1] < bounds[2]
-
-
-def estimate(sigma: float) -> Estimate:
-    found = (
-        judged("M", 2256.8, "kg", 0.5, "exp1"),
-        judged("link1.Iyy + bus.Iyy", 100.0, "kg m^2", sigma, "exp2.step_b"),
-        judged("link1.mx", 1e-3, "kg m", 0.02, "exp2.step_b"),
-        judged("link1.my", 10.0, "kg m", 0.02, "exp2.step_b"),
-    )
-    return Estimate("x", "paper", found)
-
-
-def test_the_level_of_an_estimate_is_its_widest_interval():
-    np.testing.assert_allclose(level_of_estimate(estimate(2.0)), 1.959964 * 0.02)
-    np.testing.assert_allclose(level_of_estimate(estimate(1e-3)), 1.959964 * 0.002)
-
-
-def test_an_estimate_without_intervals_is_refused():
-    with pytest.raises(ControlError, match=r"1 parameters have no interval, the first is 'link1.Iyy"):
-        level_of_estimate(estimate(np.nan))
-    with pytest.raises(ControlError, match=r"no inertial parameters of Exp. 2"):
-        level_of_estimate(Estimate("x", "paper", (judged("M", 1.0, "kg", 0.1, "exp1"),)))
 
 
 @pytest.mark.parametrize(

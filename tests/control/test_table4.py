@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 import typer
@@ -12,11 +10,10 @@ from typer.testing import CliRunner
 
 from smsid.control.command import control_command
 from smsid.control.controller_file import load_controller
-from smsid.control.robust_term import rigid_loop
-from smsid.control.statespace import hinf_norm
+from smsid.control.reduced import ReducedDynamics
 from smsid.control.table4 import Run, Study, Variant, cases, improvements, orderings, summarise
+from smsid.control.uncertainty import perturbed
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, judged, save_estimate
 
 APP = typer.Typer()
 APP.command()(control_command)
@@ -71,23 +68,30 @@ def test_a_study_flies_and_repeats_itself():
         Study(paper(), Variant(start=(3.0, 0.0, 0.0)))
 
 
+@pytest.mark.parametrize("controller", ["pd", "hinf"])
+def test_flights_side_by_side_are_those_flown_alone(controller):
+    """With noise, delay and wheels at their limit."""
+    study = Study(paper(), Variant(rate=10.0, noise=20.0, delay=1))
+    case = cases()[2]
+    alone = [study.fly(case, controller, d) for d in (0, 1)]
+    together = study.fly_many(case, controller, (0, 1))
+    assert any(r.saturated for r in alone) or controller == "hinf"
+    for a, b in zip(alone, together, strict=True):
+        assert a.saturated == b.saturated
+        np.testing.assert_allclose([a.base, a.joints], [b.base, b.joints], rtol=1e-9)
+
+
+def test_case_d_flies_with_the_models_given():
+    exact = ReducedDynamics(paper())
+    wrong = perturbed(exact, 0.2, np.random.default_rng(0))
+    study = Study(paper(), Variant(rate=10.0, noise=0.0), identified=(exact, wrong))
+    good, bad = study.fly_many(cases()[0], "pd", (0, 1))
+    assert bad.joints > 5.0 * good.joints
+    assert study.fly(cases()[0], "pd", 2).joints == pytest.approx(good.joints, rel=1e-9)
+
+
 def invoke(*arguments: str):
     return CliRunner().invoke(APP, [str(a) for a in arguments])
-
-
-def test_the_command_designs_from_an_estimate(tmp_path):
-    found = (judged("bus.Ixx", 1500.0, "kg m^2", 5.0, "exp2.step_b"), judged("M", 2256.8, "kg", 1.0, "exp1"))
-    save_estimate(Estimate("paper_sms", "paper", found), tmp_path / "estimate.json")
-    output = tmp_path / "controller.json"
-    result = invoke(DESCRIPTION, tmp_path / "estimate.json", "--gains", "1,2", "--rate", "10", "-o", output)
-    assert result.exit_code == 0, result.exception
-    document = json.loads(output.read_text())
-    np.testing.assert_allclose(document["weights"]["uncertainty"]["value"], 1.959964 * 5.0 / 1500.0)
-    assert document["gamma"] <= 1.0 + 1e-6 and document["coordinates"][3:] == ["joint1", "joint2", "joint3"]
-    gains, term = load_controller(output)
-    loop = rigid_loop(gains.proportional, gains.derivative, term)
-    assert loop.stable and hinf_norm(loop)[0] < np.inf
-    np.testing.assert_allclose(np.diag(gains.derivative), 2.0)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +100,7 @@ def test_the_command_designs_from_an_estimate(tmp_path):
         ((), "Neither an estimate nor an uncertainty"),
         (("--uncertainty", "0.05", "--gains", "4"), "no pair of gains"),
         (("--uncertainty", "0.05", "--gains", "4,-4"), "K_D is not positive definite"),
+        (("--tune", "--uncertainty", "0.05"), "no estimate is given"),
         (("--study", "table5"), "no study 'table5'"),
         (("--study", "table4", "--draws", "0"), "0 draws"),
     ],

@@ -1,0 +1,80 @@
+"""``smsid control --study table4``: the paper's cases flown, its numbers beside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from smsid._files import atomic_write
+from smsid.control.identified_model import identified_model
+from smsid.control.table4 import CONTROLLERS, Study, Variant, cases, improvements, orderings, summarise
+from smsid.description.schema import Description
+from smsid.errors import ControlError
+from smsid.identify.estimate import Estimate
+from smsid.model import build_model
+
+
+def fly_study(
+    description: Description, estimate: Estimate | None, draws: int, output: Path, console: Console
+) -> None:
+    """Fly every case ``draws`` times on the described spacecraft; with an estimate case D has its model.
+
+    Raises `ControlError` for less than one draw, and as `Study` and `identified_model` do.
+    """
+    if draws < 1:
+        raise ControlError(f"{draws} draws are no study.", advice="Give at least one.")
+    models = () if estimate is None else (identified_model(description, estimate).dynamics(),)
+    chosen = cases()
+    study = Study(build_model(description), Variant(), identified=models)
+    runs = []
+    with console.status("flying") as status:
+        for draw in range(draws):
+            for case in chosen:
+                for controller in CONTROLLERS:
+                    status.update(f"draw {draw + 1} of {draws}, case {case.name}, {controller}")
+                    runs.append(study.fly(case, controller, draw))
+    rows = summarise(runs, chosen)
+    table = Table("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
+    for row in rows:
+        cells = [str(row["case"]), str(row["controller"])]
+        for name in ("base", "joints"):
+            found = row[f"e_{name}"]
+            assert isinstance(found, dict)
+            low, high = found["interval"]
+            printed = row.get(f"e_{name}_paper")
+            cells += [
+                f"{found['median']:.2e}",
+                f"{low:.1e} .. {high:.1e}",
+                f"{printed:.2e}" if printed else "-",
+            ]
+        table.add_row(*cells)
+    console.print(table)
+    for claim in orderings(runs):
+        console.print(
+            f"{claim['smaller']} < {claim['larger']}: e_b {_verdict(claim['e_base'])}, "
+            f"e_i {_verdict(claim['e_joints'])}"
+        )
+    for r in improvements(runs):
+        ours, paper = r["lower_percent"], r["paper"]
+        assert isinstance(ours, list) and isinstance(paper, tuple)
+        console.print(
+            f"(D) against ({r['against']}), {r['controller']}: e_b {ours[0]:.1f} %, e_i {ours[1]:.1f} % "
+            f"lower; paper {paper[0]} and {paper[1]} %"
+        )
+    result = {
+        "case_D": "a drawn error" if estimate is None else "the estimate's model",
+        "rows": rows,
+        "orderings": orderings(runs),
+        "improvements": improvements(runs),
+    }
+    atomic_write(output, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    console.print(f"wrote {output}")
+
+
+def _verdict(found: object) -> str:
+    assert isinstance(found, dict)
+    share, ratio = 100.0 * found["share"], found["median_ratio"]
+    return f"{found['verdict']} ({share:.0f} % of draws, median ratio {ratio:.2f})"
