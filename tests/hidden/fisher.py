@@ -36,6 +36,7 @@ SEPARATION = 3.29
 
 CACHE = Path(__file__).resolve().parents[2] / "build" / "hidden"
 STEP = 0.05  # of a nominal sigma, for central differences
+FLAT = 1e3  # prior of the start [m, rad, m/s, rad/s]: none to speak of
 LINEAR = 30.0  # raw distance of a step that counts as small
 SEED = 20  # of the chance in an effect, for its limit
 
@@ -169,7 +170,7 @@ class Experiment:
         for direction in _initial_directions(self.numbers):
             pair = [self._started(sign * 1e-4 * direction) for sign in (1, -1)]
             columns.append((self.distance_vector(pair[0]) - self.distance_vector(pair[1])) / 2e-4)
-            sigmas.append(1.0)
+            sigmas.append(FLAT)
         return np.array(columns).T, np.array(sigmas)
 
     def _started(self, offset: Array) -> dict[str, Array]:

@@ -53,7 +53,7 @@ def recording(
         c.time,
         found,
         labels=labels,
-        provenance={"inputs": "held", "simulated_by": "MuJoCo", "acceleration": "limit from the right"},
+        provenance={"inputs": "held", "simulated_by": "MuJoCo", "acceleration": "limit from the left"},
         role=role,
         name=name,
     )

@@ -191,7 +191,7 @@ def simulate(
 
     `phases` [s], within a sampling time: states are also recorded that much after every sample. `initial`:
     displacement and velocity (nv,) at the start, else at rest at home.
-    The acceleration at a sample is the limit from the right.
+    The acceleration at a sample is the limit from the left: sensors are read before the command changes.
     """
     for change in changes:
         if change.numbers:
@@ -214,6 +214,7 @@ def simulate(
     cuts = sorted({0.0, *wanted, *(float(r) for r in rest)})
     out: dict[float, list[tuple[Array, Array, Array]]] = {p: [] for p in wanted}
     plant.reset()
+    acting = np.zeros(len(columns))
     if initial is not None:
         mujoco.mj_integratePos(plant.model, plant.qpos, initial[0], 1.0)
         plant.qvel[:] = initial[1]
@@ -222,13 +223,13 @@ def simulate(
             for body, theta in loss(float(time[k]) + period / 2).items():
                 plant.set_body(body, theta)
         for begin, end in zip(cuts, [*cuts[1:], period], strict=True):
-            index = k - late - (rest > begin)
-            command = np.where(index >= 0, arriving[np.maximum(index, 0), np.arange(len(columns))], 0.0)
             if begin in out:
-                acceleration = plant.acceleration(command)
+                acceleration = plant.acceleration(acting)
                 out[begin].append((plant.qpos.copy(), plant.qvel.copy(), acceleration))
+            index = k - late - (rest > begin)
+            acting = np.where(index >= 0, arriving[np.maximum(index, 0), np.arange(len(columns))], 0.0)
             if k + 1 < len(time) or end < period:
-                plant.advance(command, end - begin)
+                plant.advance(acting, end - begin)
     states = {
         p: States(time + p, *(np.array([row[i] for row in rows]) for i in range(3)))
         for p, rows in out.items()

@@ -30,8 +30,8 @@ def actuator_effects(n: Numbers) -> list[Hidden]:
     for g in groups:
         found.append(
             Hidden(
-                "actuator_delay", ACTUATOR, g, "delay", "s", plain(lambda x, g=g: Change(delay={g: x})), 2e-3,
-                cap=0.2,
+                "actuator_delay", ACTUATOR, g, "delay", "s", plain(lambda x, g=g: Change(delay={g: x})), 2e-4,
+                cap=0.04,
             )
         )  # fmt: skip
     if n.free:
@@ -165,7 +165,7 @@ def sensor_effects(n: Numbers) -> list[Hidden]:
                 Hidden(
                     "sensor_delay", SENSOR, channel, "delay", "s",
                     plain(lambda x, c=channel: Change(shift={c: x}) if x else Change()), 5e-4,
-                    cap=0.1, also=also,
+                    cap=0.04, also=also,
                     others=("time_offset",),
                 )
             )  # fmt: skip
@@ -213,7 +213,8 @@ def sensor_effects(n: Numbers) -> list[Hidden]:
 def _time_offset(source: str) -> Hidden:
     return Hidden(
         "time_offset", SENSOR, source, "offset", "s",
-        plain(lambda x, s=source: Change(shift={s: x}) if x else Change()), 5e-4, cap=0.1, signed=True,
+        plain(lambda x, s=source: Change(shift={s: x}) if x else Change()), 5e-4, cap=0.04,
+        signed=source != "imu",  # read early, it would be read after the command has changed
         others=("sensor_delay",),
     )  # fmt: skip
 

@@ -141,31 +141,41 @@ def _wrench(what: str, frame: str, size: Array, onset: float | None) -> Change:
 
 
 def _gradient(rate: float) -> Change:
-    """Tidal acceleration on every body about the centre of the whole; the nadir turns about z."""
+    """Tidal acceleration on every body about the centre of the whole; the nadir turns about z.
 
-    def make(plant: Plant) -> Force:
+    It varies slowly and is held for 20 ms.
+    """
+
+    def make(plant: Plant) -> Callable[[float], None]:
         m, d = plant.model, plant.data
         mass = m.body_mass[1:, None]
         jacobian = np.zeros((3, m.nv))
+        held = 0.0
 
-        def force() -> None:
+        def hook(step: float) -> None:
+            nonlocal held
+            held -= step
+            if held > 0.0:
+                return
+            held = 0.02 - 1e-9
             angle = 0.8 - rate * d.time
             nadir = np.array([np.cos(angle), np.sin(angle), 0.3]) / np.sqrt(1.09)
             place = d.xipos[1:]
             lever = place - (mass * place).sum(axis=0) / mass.sum()
             pull = rate**2 * mass * (3 * np.outer(lever @ nadir, nadir) - lever)
+            d.qfrc_applied[:] = 0.0
             for b, f in enumerate(pull, start=1):
                 mujoco.mj_jacBodyCom(m, d, jacobian, None, b)
-                plant.passive += jacobian.T @ f
+                d.qfrc_applied += jacobian.T @ f
             # the bus is long enough for its own inertia to count; other bodies are near points
             axes = d.ximat[1].reshape(3, 3)
             inertia = axes @ np.diag(m.body_inertia[1]) @ axes.T
             turn = 3 * rate**2 * np.cross(nadir, inertia @ nadir)
-            plant.passive[3:6] += d.xmat[1].reshape(3, 3).T @ turn
+            d.qfrc_applied[3:6] += d.xmat[1].reshape(3, 3).T @ turn
 
-        return force
+        return hook
 
-    return Change(force=make, step=0.0125) if rate else Change()
+    return Change(hook=make) if rate else Change()
 
 
 def _slosh(tank: Tank) -> list[Hidden]:
