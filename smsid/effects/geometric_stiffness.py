@@ -89,6 +89,7 @@ class Foreshortening:
         self.a, self.b = factor * a, factor * b
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
+        self.rows = 6 + np.arange(len(panel.joints))
         self.scale = panel.scale
         self.motion = Motion(model, panel.parent)
         self.to_root = panel.placement.toActionMatrixInverse()
@@ -97,11 +98,12 @@ class Foreshortening:
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
-        jacobian, velocity, drift = (self.to_root @ x for x in self.motion.at(q, v))
+        jacobian, velocity, drift = self.motion.at(q, v)
+        velocity, drift = self.to_root @ velocity, self.to_root @ drift
         n = len(self.v)
         chain = np.zeros((6 + n, len(v)))  # from v to root velocity and modal rates
-        chain[:6] = jacobian
-        chain[6 + np.arange(n), self.v] = self.scale
+        chain[:6] = self.to_root @ jacobian
+        chain[self.rows, self.v] = self.scale
         eta, rate = self.scale * q[self.q], self.scale * v[self.v]
         linear, omega = velocity[:3], velocity[3:]
         a_eta, b_eta = self.a @ eta, self.b @ eta
@@ -112,21 +114,15 @@ class Foreshortening:
         mass[:3, 3:6] = s * self.cross
         mass[3:6, :3] = -s * self.cross
         mass[3:6, 3:6] = -2.0 * r * self.across
-        mass[:3, 6:] = -np.outer(AXIS, a_eta)
-        mass[6:, :3] = mass[:3, 6:].T
+        mass[0, 6:] = mass[6:, 0] = -a_eta  # the axis is the first
 
-        turned = np.cross(omega, AXIS)
-        drawn = np.cross(omega, linear)
-        flat = self.across @ omega
-        bias = np.concatenate(
-            [
-                -(rate @ self.a @ rate) * AXIS - 2.0 * s_dot * turned - s * np.cross(omega, turned),
-                -s * np.cross(AXIS, drawn) - 2.0 * r_dot * flat - 2.0 * r * np.cross(omega, flat),
-                -(AXIS @ drawn) * a_eta + (turned @ turned) * b_eta,
-            ]
-        )
-        # the root's acceleration where vdot is zero; it holds the weight, as gravity acts like -acceleration
-        bias += mass[:, :6] @ drift
+        turning = skew(omega)
+        turned, drawn, flat = turning[:, 0], turning @ linear, self.across @ omega
+        bias = mass[:, :6] @ drift  # that holds the weight: gravity acts like the opposite acceleration
+        bias[:3] -= 2.0 * s_dot * turned + s * (turning @ turned)
+        bias[0] -= rate @ self.a @ rate
+        bias[3:6] -= s * (self.cross @ drawn) + 2.0 * r_dot * flat + 2.0 * r * (turning @ flat)
+        bias[6:] += (turned @ turned) * b_eta - drawn[0] * a_eta
         return chain.T @ mass @ chain, chain.T @ bias
 
 

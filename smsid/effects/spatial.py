@@ -32,12 +32,22 @@ class Motion:
 
     def __init__(self, model: pin.Model, joint: int) -> None:
         self.pin, self.joint = model, joint
+        self.still = not model.gravity.linear.any()
+        # a free-flyer root's velocity is the first six of v
+        self.root = joint == 1 and model.joints[1].nv == 6 and model.jointPlacements[1].isIdentity()
         self._data: pin.Data | None = None
+        self._jacobian = np.zeros((0, 0))
 
     def at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return J (6, nv), the velocity (6,), and the acceleration less gravity (6,) where vdot is zero."""
         if self._data is None:  # joints may have been added since
             self._data = self.pin.createData()
+            self._jacobian = np.eye(6, self.pin.nv)
+        if self.root:
+            drift = np.zeros(6)
+            if not self.still:
+                drift[:3] = -pin.Quaternion(q[3:7]).toRotationMatrix().T @ self.pin.gravity.linear
+            return self._jacobian, v[:6], drift
         data: Any = self._data
         joint = self.joint
         pin.forwardKinematics(self.pin, data, q, v, np.zeros(self.pin.nv))

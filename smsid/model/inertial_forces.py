@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from smsid.effects.base import InertiaTerm
+from smsid.errors import SimulationError
 
 
 class InertialForces:
@@ -23,14 +25,22 @@ class InertialForces:
         self._data: pin.Data | None = None
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-        """Add the force to tau (nv,), which must hold all other forces."""
+        """Add the force to tau (nv,), which must hold all other forces.
+
+        Raises `SimulationError` when the terms leave a motion without inertia.
+        """
         if self._data is None:  # joints may have been added since
             self._data = self.pin.createData()
-        mass = pin.crba(self.pin, self._data, q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
+        mass = pin.crba(self.pin, self._data, q)  # its upper triangle
         bias = pin.nonLinearEffects(self.pin, self._data, q, v)
         more, extra = self.mass_and_bias(t, q, v)
-        a = np.linalg.solve(mass + more, tau - bias - extra)
+        _, a, info = lapack.dposv(mass + more, tau - bias - extra)
+        if info != 0:
+            raise SimulationError(
+                f"At t = {t:.6g} s effects take more inertia away than there is.",
+                advice="Look at effects that take mass away, and at how far appendages bend.",
+                time=t,
+            )
         tau -= more @ a + extra
 
     def using(self, model: pin.Model) -> InertialForces:
