@@ -21,6 +21,7 @@ from smsid.errors import SimulationError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.inputs import Inputs
+from smsid.simulate.short_step import ShortPiece, short_step
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
@@ -29,6 +30,7 @@ STAGES = 12
 STAGE_ROWS = tuple(np.ascontiguousarray(DOP853.A[s, :s]) for s in range(1, STAGES))
 STAGE_TIMES = tuple(float(c) for c in DOP853.C[1:STAGES])
 ERRORS = np.ascontiguousarray(np.vstack([DOP853.E5, DOP853.E3])[:, :STAGES])
+SHORT = 0.25  # of the planned step: an end nearer than that is reached by a lighter method
 SAFETY, SHRINK, GROW = 0.75, 0.2, 10.0  # of the step size; 0.75 rejects less than the usual 0.9
 
 
@@ -132,7 +134,7 @@ def _run_chart(
             turning = float(np.sqrt(y[nv + 3 : nv + 6] @ y[nv + 3 : nv + 6])) if free else 0.0
             longest = min(max_step, STEP_ANGLE / turning) if turning > 0.0 else max_step
             piece, step = _step(derivative, t, y, rate, t1, min(step, longest), tol)
-            t, y, rate = piece.t, piece.y, piece.stages[STAGES]
+            t, y, rate = piece.t, piece.y, piece.end_rate
             times.append(t)
             pieces.append(piece)
             if progress is not None:
@@ -189,6 +191,11 @@ class _Piece(DenseOutput):
         self.stages = np.empty((STAGES + 4, len(y)))  # rates at the stages, the end and three points more
         self._polynomial: np.ndarray | None = None
 
+    @property
+    def end_rate(self) -> np.ndarray:
+        """Rate of the state at the end (n,)."""
+        return self.stages[STAGES]
+
     def _call_impl(self, t: np.ndarray) -> np.ndarray:
         if self._polynomial is None:
             self._polynomial = self._fit()
@@ -217,8 +224,12 @@ def _step(
     t_end: float,
     h: float,
     tol: Tolerance,
-) -> tuple[_Piece, float]:
+) -> tuple[_Piece | ShortPiece, float]:
     """Take a step of at most ``h`` [s] that holds the tolerance; return it and the step size to try next."""
+    if t_end - t < SHORT * h:
+        short = short_step(derivative, t, y, rate, t_end, tol.relative, tol.absolute)
+        if short is not None:
+            return short, h
     size, rejected, error = np.abs(y), False, 0.0
     smallest = 10.0 * (np.nextafter(t, np.inf) - t)
     piece = _Piece(derivative, t, t, y, y)

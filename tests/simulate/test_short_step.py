@@ -1,0 +1,102 @@
+"""The light step against SciPy's own RK45 and against the matrix exponential."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import RK45
+from scipy.linalg import expm
+
+from smsid.description import load_description
+from smsid.model import build_model
+from smsid.simulate import Inputs, Tolerance, simulate
+from smsid.simulate.short_step import ShortPiece, short_step
+from smsid.simulate.signals import Sampled, merge
+
+A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 0.5], [0.0, -0.3, -0.2]])
+START = np.array([1.0, -0.5, 0.3])
+
+
+def rate(t: float, y: np.ndarray, out: np.ndarray) -> np.ndarray:
+    out[:] = A @ y + np.cos(t)
+    return out
+
+
+def step(h: float, tolerance: float = 1e-3) -> ShortPiece | None:
+    first = rate(0.0, START, np.empty(3))
+    return short_step(rate, 0.0, START, first, h, tolerance, tolerance)
+
+
+def test_is_scipys_step():
+    """Same step, same end, same polynomial."""
+    theirs = RK45(
+        lambda t, y: A @ y + np.cos(t), 0.0, START, 0.05, first_step=0.05, max_step=0.05, rtol=1e-3, atol=1e-3
+    )
+    theirs.step()
+    found = step(0.05)
+    assert found is not None
+    np.testing.assert_allclose(found.y, theirs.y, rtol=1e-14)
+    times = np.linspace(0.0, 0.05, 7)
+    np.testing.assert_allclose(found(times), theirs.dense_output()(times), rtol=1e-13)
+    np.testing.assert_allclose(found(0.02), theirs.dense_output()(0.02), rtol=1e-13)
+    np.testing.assert_allclose(found.end_rate, rate(0.05, found.y, np.empty(3)))
+
+
+def test_order():
+    """The error over one step falls by 2^6 when the step is halved."""
+
+    def error(h: float) -> float:
+        still = short_step(lambda t, y, out: np.copyto(out, A @ y) or out, 0.0, START, A @ START, h, 1.0, 1.0)
+        assert still is not None
+        return float(np.abs(still.y - expm(A * h) @ START).max())
+
+    assert error(0.4) / error(0.2) == pytest.approx(2.0**6, rel=0.3)
+
+
+def test_a_miss_is_left_to_the_eighth_order():
+    assert step(0.5, 1e-9) is None
+    assert step(0.5, 1e-1) is not None
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_not_a_number_is_no_step():
+    bad = short_step(lambda t, y, out: np.copyto(out, np.nan) or out, 0.0, START, A @ START, 0.1, 1.0, 1.0)
+    assert bad is None
+
+
+def test_held_torque_equals_restarts_one_by_one(urdf):
+    """Joint torque held at 20 Hz against separate simulations of constant torque, to the tolerance."""
+    model = build_model(load_description(urdf / "paper_sms.toml"))
+    rng = np.random.default_rng(0)
+    times = np.arange(11) / 20.0
+    values = rng.uniform(-2.0, 2.0, (11, len(model.arm_joints)))
+    tight = Tolerance(1e-11, 1e-13)
+    held = simulate(
+        model, Inputs(joint_torque=Sampled.from_samples(times, values, degree=0)), 0.5, tolerance=tight
+    )
+    q, v = None, None
+    for k in range(10):
+        alone = Sampled.from_samples(np.array([0.0, 1.0]), np.tile(values[k], (2, 1)), degree=0)
+        piece = simulate(model, Inputs(joint_torque=alone), 0.05, q0=q, v0=v, tolerance=tight)
+        end = piece.states(np.array([0.05]))
+        q, v = end.q[0], end.v[0]
+    found = held.states(np.array([0.5]))
+    np.testing.assert_allclose(found.q[0], q, atol=1e-10)
+    np.testing.assert_allclose(found.v[0], v, atol=1e-10)
+    loose = simulate(model, held.inputs, 0.5, tolerance=Tolerance(1e-4, 1e-6))
+    assert any(isinstance(p, ShortPiece) for c in loose.charts for p in c.pieces)
+    np.testing.assert_allclose(loose.states(np.array([0.5])).v[0], v, atol=1e-5)
+
+
+def test_held_values_and_their_sum():
+    """Looked up as the spline has them, at samples, between, before and after; equal clocks merge."""
+    times = np.array([0.0, 0.1, 0.25, 0.3])
+    one, two = (Sampled.from_samples(times, np.arange(8.0).reshape(4, 2) * k, degree=0) for k in (1.0, 3.0))
+    for t in (-0.2, 0.0, 0.05, 0.1, 0.2, 0.25, 0.299, 0.3, 0.35):
+        np.testing.assert_array_equal(one(t), one.spline(t), err_msg=str(t))
+    both = merge([one, two])
+    assert isinstance(both, Sampled)
+    np.testing.assert_array_equal(both(0.26), one(0.26) + two(0.26))
+    assert both.breakpoints == one.breakpoints
+    with pytest.raises(ValueError, match="read-only"):
+        one(0.1)[0] = 1.0
