@@ -35,8 +35,8 @@ from smsid.model.spacecraft import SpacecraftModel
 logger = logging.getLogger(__name__)
 SKIPPED_GROUPS = ("exp2.step_a", "exp2.step_b_printed", "exp2.pose_point", "nuisance")
 """Other views of the same parameters, or nothing of the spacecraft's."""
-SHARPEST = 1e-6
-"""Smallest standard deviation, relative to the body's size, that a combination is weighed with."""
+SHARPEST = 1e-4
+"""Smallest standard deviation, relative to the body's size, that a combination is weighed with: rounding."""
 _TERM = re.compile(r"(?:^|\s)([+-]?)\s*(?:(\d[\d.e+-]*)\s+)?([^\s+-]\S*)")
 
 

@@ -1,0 +1,191 @@
+"""The estimate's values in the controller's model: exact where the estimate is, whatever the description."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from control_cases import URDF, paper
+
+from smsid.control.identified_model import (
+    combinations,
+    identified_level,
+    identified_model,
+    inertia_at,
+    parsed,
+)
+from smsid.control.reduced import ReducedDynamics
+from smsid.description import load_description
+from smsid.effects.appendage import BeamAppendage
+from smsid.effects.slosh import Slosh
+from smsid.errors import ControlError
+from smsid.identify.estimate import Estimate, judged
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.model.regressor import Regressor
+
+ARM = [np.array(x) for x in ([0.4, -0.6, 0.9], [0.0, 0.0, 0.0], [1.2, 0.7, -1.5])]
+COMBINATIONS = """bus.mx - link1.m - link2.m - link3.m
+bus.my - link1.m - link2.m - link3.m
+bus.mz + link1.m + link1.mz + 1.5 link2.m + 1.5 link3.m
+bus.Ixx + 2 link1.m + 2 link1.mz + link1.Iyy + 3.25 link2.m + 3.25 link3.m
+bus.Ixy - link1.m - link2.m - link3.m
+bus.Iyy + 2 link1.m + 2 link1.mz + link1.Iyy + 3.25 link2.m + 3.25 link3.m
+bus.Ixz + link1.m + link1.mz + 1.5 link2.m + 1.5 link3.m
+bus.Iyz + link1.m + link1.mz + 1.5 link2.m + 1.5 link3.m
+bus.Izz + 2 link1.m + 2 link2.m + 2 link3.m
+link1.mx
+link1.my + link2.my + link3.my
+link1.Ixx - link1.Iyy + link2.Izz + 4 link3.m + link3.Izz
+link1.Ixy
+link1.Ixz
+link1.Iyz - 0.5 link2.my - 0.5 link3.my
+link1.Izz + link2.Izz + 4 link3.m + link3.Izz
+link2.mx + 2 link3.m
+link2.mz
+link2.Ixx - link2.Izz - 4 link3.m
+link2.Ixy - 2 link3.my
+link2.Iyy + 4 link3.m
+link2.Ixz
+link2.Iyz
+link3.mx
+link3.mz
+link3.Ixx - link3.Izz
+link3.Ixy
+link3.Iyy
+link3.Ixz
+link3.Iyz""".splitlines()
+"""What Exp. 2 identifies of the paper's spacecraft, as an estimate's file names it."""
+
+
+def true_estimate(sigma: float = 1e-6, **changes: float) -> Estimate:
+    """The paper's spacecraft as an estimate without error, every sigma relative."""
+    model = paper()
+    regressor = Regressor(model)
+    theta = regressor.parameters + carried_by_bus(model, regressor)
+    index = {n: k for k, n in enumerate(regressor.names)}
+    found = [judged("total.mass", model.mass, "kg", sigma * model.mass, "exp1")]
+    tank = next(e for e in model.description.effect if isinstance(e, Slosh))
+    panel = next(e for e in model.description.effect if isinstance(e, BeamAppendage))
+    scalars = {p.name: (p.value, p.unit) for p in tank.parameters()}
+    scalars["panel.linear_density"] = panel.linear_density, "kg/m"
+    for k, mode in enumerate(panel.modal_data(), start=1):
+        scalars[f"panel.mode{k}.frequency"] = mode.frequency, "Hz"
+        scalars[f"panel.mode{k}.damping"] = mode.damping, "1"
+    for name, (value, unit) in scalars.items():
+        found.append(judged(name, changes.get(name, value), unit, sigma * value, "exp1"))
+    for name in COMBINATIONS:
+        row = parsed(name, index)
+        assert row is not None
+        value = float(row @ theta)
+        size = max(abs(value), 50.0 if ".I" in name.split(" ")[0] else 10.0)
+        found.append(judged(name, value, "SI", sigma * size, "exp2.step_b", reference=size))
+    return Estimate("paper_sms", "paper", tuple(found))
+
+
+def wrong_description(folder):
+    """Bus and links, slosh and panel 20 to 30 % off; geometry as it is."""
+    tree = ElementTree.parse(URDF / "paper_sms.urdf")
+    for k, inertial in enumerate(tree.getroot().iter("inertial")):
+        for tag in ("mass", "inertia"):
+            node = inertial.find(tag)
+            for key, text in node.attrib.items():
+                node.set(key, repr(float(text) * (1.3 if k % 2 else 0.75)))
+    tree.write(folder / "wrong.urdf")
+    described = load_description(URDF / "paper_sms.toml")
+    effects = []
+    for e in described.effect:
+        if isinstance(e, Slosh):
+            effects.append(e.model_copy(update={"mass": 1.3 * e.mass, "stiffness": (0.3, 0.5, 0.33)}))
+        else:
+            effects.append(e.model_copy(update={"density": 0.8 * e.density, "damping": 0.006}))
+    return described.model_copy(update={"folder": folder, "urdf": "wrong.urdf"}).with_effects(*effects)
+
+
+def test_a_wrong_description_with_a_true_estimate_is_the_true_spacecraft(tmp_path):
+    """H of (40) at any arm angles, slosh, springs, modes; what the data do not see does not matter."""
+    wrong = wrong_description(tmp_path)
+    found = identified_model(wrong, true_estimate())
+    assert found.left == () and found.misfit < 0.5
+    exact, ours = ReducedDynamics(paper()), found.dynamics()
+    before = ReducedDynamics(identified_model(wrong, true_estimate()).model)
+    for angles in ARM:
+        h = inertia_at(exact, angles)
+        np.testing.assert_allclose(inertia_at(ours, angles), h, atol=2e-5 * np.abs(h).max())
+        np.testing.assert_allclose(inertia_at(before, angles), inertia_at(ours, angles), rtol=1e-12)
+    np.testing.assert_allclose(found.model.stiffness, paper().stiffness, rtol=1e-6)
+    np.testing.assert_allclose(found.model.damping, paper().damping, rtol=1e-6)
+    np.testing.assert_allclose(found.model.mass, paper().mass, rtol=1e-6)
+    q, v = paper().home.copy(), np.zeros(paper().nv)
+    v[3:] = np.random.default_rng(0).standard_normal(paper().nv - 3)
+    np.testing.assert_allclose(
+        found.model.acceleration(0.0, q, v, np.zeros(paper().nv)),
+        paper().acceleration(0.0, q, v, np.zeros(paper().nv)),
+        atol=1e-4 * np.abs(v).max(),
+    )
+
+
+def test_bias_of_the_controller_s_model_is_the_true_one_too(tmp_path):
+    found = identified_model(wrong_description(tmp_path), true_estimate()).dynamics()
+    rng = np.random.default_rng(3)
+    omega, rates, spins = (
+        0.1 * rng.standard_normal(3),
+        0.2 * rng.standard_normal(3),
+        30.0 * rng.standard_normal(3),
+    )
+    exact = ReducedDynamics(paper()).body_terms(omega, ARM[0], rates, spins).bias
+    ours = found.body_terms(omega, ARM[0], rates, spins).bias
+    np.testing.assert_allclose(ours, exact, atol=1e-4 * np.abs(exact).max())
+
+
+def test_names_are_read_as_they_are_written():
+    index = {"a.m": 0, "b.mx": 1, "b.Ixx": 2}
+    np.testing.assert_array_equal(parsed("a.m - 1.5 b.mx + 2e-05 b.Ixx", index), [1.0, -1.5, 2e-5])
+    for other in ("tank.mass", "(a.m)*(a.m)/m_s", "a.m + c.m", "step A: b.mx", ""):
+        assert parsed(other, index) is None
+
+
+def test_combinations_leave_out_other_views_of_the_same():
+    p = judged("link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
+    q = judged("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
+    rows, found = combinations(Estimate("x", "paper", (p, q)), ("link3.mx",))
+    assert found == (q,) and rows.shape == (1, 1)
+
+
+def test_the_level_follows_the_intervals():
+    """Twice the standard deviations, twice the level; and it covers the deviation they stand for."""
+    rng = np.random.default_rng
+    levels = [
+        identified_level(identified_model(paper().description, true_estimate(s)), rng(0), draws=50)
+        for s in (1e-3, 2e-3)
+    ]
+    assert levels[1] == pytest.approx(2.0 * levels[0], rel=0.02)
+    assert 3e-4 < levels[0] < 2e-2
+
+
+def test_what_is_not_identifiable_stays_as_described():
+    estimate = true_estimate()
+    unseen = [
+        judged(p.name, 7.0 * p.value, p.unit, 10.0 * p.value, p.group) if p.name == "tank.damping.x" else p
+        for p in estimate.parameters
+    ]
+    found = identified_model(paper().description, Estimate("paper_sms", "paper", tuple(unseen)))
+    assert found.left == ("tank.damping.x",)
+    np.testing.assert_allclose(found.model.damping, paper().damping, rtol=1e-6)
+
+
+def test_bad_estimates_are_refused():
+    described = paper().description
+    with pytest.raises(ControlError, match="The estimate is of 'other'"):
+        identified_model(described, Estimate("other", "paper", ()))
+    with pytest.raises(ControlError, match=r"no inertial parameters of Exp\. 2"):
+        identified_model(
+            described, Estimate("paper_sms", "paper", (judged("total.mass", 1.0, "kg", 0.1, "exp1"),))
+        )
+    without = [
+        judged(p.name, p.value, p.unit, np.nan, p.group) if p.name == "link3.mx" else p
+        for p in true_estimate().parameters
+    ]
+    found = identified_model(described, Estimate("paper_sms", "paper", tuple(without)))
+    with pytest.raises(ControlError, match=r"1 parameters have no interval, the first is 'link3.mx'"):
+        identified_level(found, np.random.default_rng(0))
