@@ -22,7 +22,10 @@ Method = Callable[..., Findings]
 """Called as ``method(case, **options)`` with a `Case`; must be a pure function of ``case`` and options."""
 
 # References, not functions: workers import what they need, and `import smsid.campaign` stays light.
-_REGISTRY: dict[str, str] = {"paper": "smsid.campaign.paper:run_paper"}
+_REGISTRY: dict[str, str] = {
+    "ml": "smsid.campaign.ml:run_ml",
+    "paper": "smsid.campaign.paper:run_paper",
+}
 
 
 def register(name: str, method: Method | str) -> None:

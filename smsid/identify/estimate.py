@@ -27,7 +27,8 @@ class ParameterEstimate:
 
     ``sigma`` is one predicted standard deviation; ``reference`` what it is judged against: the value itself,
     or for a parameter near zero the largest of its kind on the same body (then ``small`` is true).
-    ``nominal`` is the description's value. ``group`` names the step it comes from.
+    ``nominal`` is the description's value. ``group`` names the step it comes from. ``profile``: the 95 %
+    interval of the profile likelihood, where the Gaussian one does not hold.
     """
 
     name: str
@@ -40,10 +41,13 @@ class ParameterEstimate:
     reference: float | None = None
     small: bool = False
     note: str = ""
+    profile: tuple[float, float] | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval, Gaussian."""
+        """The 95 % interval: that of the profile likelihood if there is one, else Gaussian."""
+        if self.profile is not None:
+            return self.profile
         return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
 
     @property
@@ -167,6 +171,9 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             values = {k: v for k, v in table.items() if k in fields}
             for key in ("value", "sigma"):
                 values[key] = math.nan if values[key] is None else values[key]
+            if values.get("profile") is not None:
+                low, high = values["profile"]
+                values["profile"] = (-math.inf if low is None else low, math.inf if high is None else high)
             parameters.append(ParameterEstimate(**values))
         return Estimate(
             description=document["description"],

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.errors import NotIdentifiableError
-from smsid.likelihood.fit import minimised
+from smsid.errors import NotIdentifiableError, SimulationError
+from smsid.likelihood.fit import Fit, evaluate, minimised
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import Point, moved
 from smsid.likelihood.prior import Prior
-from smsid.likelihood.refine import Refinement
+
+if TYPE_CHECKING:
+    from smsid.likelihood.refine import Refinement
 
 TIGHT = 0.01  # of the threshold to which the ends are found
 LOOKS = 12
+BENT = 0.1  # relative difference of an interval's half from the Gaussian one
 
 
 @dataclass(frozen=True)
@@ -43,14 +47,19 @@ def profile_interval(
 
     Raises `NotIdentifiableError` for a parameter it cannot hold, or when the likelihood does not fall.
     """
-    fit, prior = refinement.fit, Prior(refinement.described)
-    at = fit.point.parameters
-    scalars = {s.name: s for s in at.scalars}
+    return profile_of(refinement.fit, Prior(refinement.described), name, level=level, bound=bound)
+
+
+def profile_of(
+    fit: Fit, prior: Prior, name: str, *, level: float = 0.95, bound: float = 0.0
+) -> ProfileInterval:
+    """Return the interval of a fit; see `profile_interval`."""
+    scalars = {s.name: s for s in fit.point.parameters.scalars}
     if name not in scalars:
         raise NotIdentifiableError(
             f"'{name}' has no profile.", advice=f"Profiles: {', '.join(sorted(scalars))}.", name=name
         )
-    index = at.index(name)
+    index = fit.point.parameters.index(name)
     # at the maximum itself: the search stops within a hundredth of sigma of it
     best = minimised(fit.pieces, fit.point, prior, None)
     sigma = float(np.sqrt(np.linalg.inv(best.normal.information)[index, index])) * scalars[name].slope
@@ -70,6 +79,32 @@ def profile_interval(
     else:
         lower = bound
     return ProfileInterval(name, float(lower), float(upper), level, bool(lower == bound))
+
+
+def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> bool:
+    """Return whether the likelihood falls otherwise than a Gaussian at the ends of a parameter's interval.
+
+    At 1.96 sigma to both sides, all else moved along as the covariance (n, n) of the step has it, the sum of
+    squares rises by 3.84 if the likelihood is Gaussian; a tenth more or less in sigma counts as not. So does
+    an interval that reaches below zero, where none of these parameters can be.
+    """
+    at = fit.point.parameters
+    index = at.index(name)
+    sigma = float(np.sqrt(covariance[index, index]))
+    scalar = next(s for s in at.scalars if s.name == name)
+    if scalar.value - 1.959964 * sigma * scalar.slope < 0.0:
+        return True
+    rise = float(chi2.ppf(0.95, 1))
+    here = fit.seen.cost(fit.pieces, prior)
+    for side in (1.0, -1.0):
+        step = side * np.sqrt(rise) * covariance[index] / sigma
+        try:
+            there = evaluate(fit.pieces, moved(fit.pieces, fit.point, step), prior)
+        except SimulationError:
+            return True
+        if not (1.0 - BENT) ** 2 * rise < there - here < (1.0 + BENT) ** 2 * rise:
+            return True
+    return False
 
 
 def _end(excess, near: Point, centre: float, sigma: float, rise: float, bound: float) -> float:

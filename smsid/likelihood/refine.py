@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, RecordingError
+from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
 from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
@@ -23,11 +23,16 @@ from smsid.likelihood.piece import Piece, piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.profile import not_gaussian, profile_of
 from smsid.likelihood.starting import best_start, candidates
+from smsid.likelihood.unseen import UnseenDirection, unseen_directions
+from smsid.likelihood.unseen import notes as unseen_notes
 from smsid.model import build_model
 from smsid.recording import Recording
 
 METHOD = "maximum_likelihood"
+UNSEEN = "the data do not see it"
+WIDE = 0.05  # relative standard deviation above which the Gaussian interval is put to the test
 HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
 
 
@@ -38,14 +43,15 @@ class Refinement:
     ``estimate`` holds every parameter with status and Gaussian interval; ``covariance`` (n, n) is that of its
     parameters, in order. ``description`` carries slosh and appendages as found; ``inertias`` are the rigid
     bodies' parameters (10,) by name, physically consistent (wheels included, appendages not; see
-    `consistent`), of which only the combinations in the estimate are determined by the data. ``described``
-    and ``fit`` are what profiles need.
+    `consistent`), of which only the combinations in the estimate are determined by the data; ``unseen`` names
+    the directions that are not. ``described`` and ``fit`` are what profiles need.
     """
 
     estimate: Estimate
     covariance: np.ndarray
     description: Description
     inertias: dict[str, np.ndarray]
+    unseen: tuple[UnseenDirection, ...]
     described: Parameters
     fit: Fit
 
@@ -123,8 +129,10 @@ def _refine(
         _judged(c, float(np.sqrt(v)), share)
         for c, v, share in zip(combinations, np.diag(reported_covariance), held, strict=False)
     ]
+    parameters = _with_profiles(parameters, found, prior, covariance)
     parameters += _nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
     n = at.inertias.size
+    unseen = unseen_directions(at, found.normal)
     bodies = consistent_inertias(at, described, covariance[:n, :n])
     done = time.perf_counter()
     estimate = Estimate(
@@ -138,14 +146,14 @@ def _refine(
             "report": done - searched,
             "total": done - began,
         },
-        notes=tuple(notes + _fit_notes(found)),
+        notes=tuple(notes + unseen_notes(unseen) + _fit_notes(found)),
         conditions={
             "iterations": float(found.iterations),
             "sum of squares / samples": found.cost / found.samples,
         },
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
-    return Refinement(estimate, reported_covariance, at.description(), inertias, described, found)
+    return Refinement(estimate, reported_covariance, at.description(), inertias, unseen, described, found)
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:
@@ -210,9 +218,7 @@ def _judged(c: Combination, sigma: float, share: float) -> ParameterEstimate:
     found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
     if share <= HELD:
         return found
-    note = (
-        f"{100 * share:.0f} % of its variance is the prior's, around the description: the data do not see it"
-    )
+    note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
     return ParameterEstimate(
         found.name,
         found.value,
@@ -225,6 +231,27 @@ def _judged(c: Combination, sigma: float, share: float) -> ParameterEstimate:
         found.small,
         note,
     )
+
+
+def _with_profiles(
+    parameters: Sequence[ParameterEstimate], found: Fit, prior: Prior, covariance: np.ndarray
+) -> list[ParameterEstimate]:
+    """Profile intervals for what is seen, not well known, and not Gaussian."""
+    scalars = {s.name for s in found.point.parameters.scalars}
+    out = []
+    for p in parameters:
+        wide = p.name in scalars and p.relative_sigma > WIDE and UNSEEN not in p.note
+        if wide and not_gaussian(found, prior, p.name, covariance):
+            try:
+                interval = profile_of(found, prior, p.name)
+            except NotIdentifiableError as error:
+                note = f"{p.note}; not Gaussian, and its profile has no end: {error}".lstrip("; ")
+                out.append(replace(p, status="not_identifiable", note=note))
+                continue
+            note = f"{p.note}; the likelihood is not Gaussian: interval from its profile".lstrip("; ")
+            p = replace(p, profile=(interval.lower, interval.upper), note=note)
+        out.append(p)
+    return out
 
 
 def _nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
+from smsid.identify.estimate import load_estimate, save_estimate
 from smsid.likelihood import Nuisance, Refinement, profile_interval, refine
 from smsid.likelihood.pseudo_inertia import is_body
 
@@ -137,6 +140,22 @@ def test_profile_ends_at_the_bound_when_damping_is_not_seen():
     assert interval.at_bound
     assert interval.lower == 0.0
     assert interval.upper > 0.02
+
+
+def test_profile_takes_the_place_of_a_gaussian_interval_that_does_not_hold(tmp_path: Path):
+    """A minute on an accelerometer: the Gaussian interval of its damping reaches below zero."""
+    d = twin.description()
+    d = d.with_sensors(*(s for s in d.sensor if s.kind == "imu"))
+    found = refine(d, [twin.noisy(twin.exp1((1, 0, 0), 60.0), 0)])
+    p = found.estimate["tank.damping.x"]
+    assert p.profile is not None
+    assert p.interval == p.profile
+    assert p.interval[0] >= 0.0
+    assert p.interval[0] < 0.02 < p.interval[1]
+    assert "not Gaussian" in p.note
+    assert found.estimate["tank.mass"].profile is None
+    save_estimate(found.estimate, tmp_path / "estimate.json")
+    assert load_estimate(tmp_path / "estimate.json")["tank.damping.x"] == p
 
 
 def test_bodies_handed_out_can_exist(first: Refinement):
