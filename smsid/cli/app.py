@@ -15,9 +15,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import smsid
 from smsid.campaign.command import campaign_command
+from smsid.cli.diagnose import diagnose_command
 from smsid.control.command import control_command
 from smsid.errors import SmsidError
 from smsid.export.command import export_command
+from smsid.lab.command import lab_app
 from smsid.recording.inspect import inspect_command
 
 app = typer.Typer(
@@ -227,7 +229,9 @@ def view(
 app.command(name="inspect")(inspect_command)
 app.command(name="campaign")(campaign_command)
 app.command(name="control")(control_command)
+app.command(name="diagnose")(diagnose_command)
 app.command(name="export")(export_command)
+app.add_typer(lab_app, name="lab")
 
 
 @contextmanager

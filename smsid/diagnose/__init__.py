@@ -1,1 +1,35 @@
 """Diagnosis: what the simulation gets wrong, the cause by name, the extended model and what it gains."""
+
+from smsid.diagnose.candidates import Candidate
+from smsid.diagnose.diagnose import Diagnosed, diagnose
+from smsid.diagnose.filter import Noise
+from smsid.diagnose.gain import ChannelGain, Gain
+from smsid.diagnose.result import (
+    Alias,
+    Diagnosis,
+    FoundCause,
+    Limit,
+    Remaining,
+    Value,
+    load_diagnosis,
+    save_diagnosis,
+)
+from smsid.diagnose.search import Levels
+
+__all__ = [
+    "Alias",
+    "Candidate",
+    "ChannelGain",
+    "Diagnosed",
+    "Diagnosis",
+    "FoundCause",
+    "Gain",
+    "Levels",
+    "Limit",
+    "Noise",
+    "Remaining",
+    "Value",
+    "diagnose",
+    "load_diagnosis",
+    "save_diagnosis",
+]

@@ -48,18 +48,15 @@ def adequacy(found: Fit) -> list[Block]:
     changes = [c for _, _, own in named for c in own]
     whitened = propagate(found.run, changes).reshape(-1, len(changes))
     blocks, start = [], 0
-    own = found.whitened.reshape(-1, len(found.unknowns))
-    gram = found.gram + 1e-12 * np.diag(np.diag(found.gram))
-    mixed = own.T @ whitened
-    solved = np.linalg.solve(gram, mixed)
-    slope = whitened.T @ found.run.innovations.ravel() - solved.T @ found.slope
+    left = found.left(whitened)
+    slope = left.T @ found.residual
     for where, dependence, part in named:
         index = slice(start, start + len(part))
         start = index.stop
-        inner = whitened[:, index].T @ whitened[:, index]
-        left = inner - mixed[:, index].T @ solved[:, index]
-        size = np.sqrt(np.where(np.diag(inner) > 0.0, np.diag(inner), 1.0))
-        values, vectors = np.linalg.eigh(left / np.outer(size, size))
+        own = left[:, index]
+        raw = np.einsum("ij,ij->j", whitened[:, index], whitened[:, index])
+        size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
+        values, vectors = np.linalg.eigh((own.T @ own) / np.outer(size, size))
         keep = values > EXCITED
         scaled = (vectors[:, keep] / np.sqrt(values[keep])).T @ (slope[index] / size)
         blocks.append(Block(where, dependence, float(scaled @ scaled), int(keep.sum())))

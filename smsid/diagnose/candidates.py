@@ -14,8 +14,7 @@ from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
 
-EXCITED = 1e-4  # share of a column's information that must be left beside the nominal parameters
-UNSEEN = 0.02  # share of what is known of a nominal parameter that must come from the recording
+EXCITED = 1e-12  # share of a column's information that rounding may leave beside the fitted parameters
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,8 @@ class Score:
     """How a candidate does on a fit: likelihood ratio on ``freedom`` degrees, and its linear estimate.
 
     ``estimate`` and ``covariance`` are in units of the candidate's steps. ``excited`` is the smallest share
-    of a column's information left beside the nominal parameters; ``columns`` (N rows, freedom) are whitened.
+    of a column's information left beside the nominal parameters; ``columns`` (N rows + m, d) are what
+    the fitted parameters leave of the whitened columns.
     """
 
     candidate: Candidate
@@ -124,18 +124,11 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
 
 def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
     """Return the score of a candidate, the fitted parameters free to move within their priors."""
-    if candidate.effect is None:
-        return _score_shift(found, candidate, columns)
-    own = found.whitened.reshape(-1, len(found.unknowns))
-    residual = found.run.innovations.ravel()
-    mixed = own.T @ columns
-    inner = columns.T @ columns
-    solved = np.linalg.solve(found.gram + 1e-12 * np.diag(np.diag(found.gram)), mixed)
-    left = inner - mixed.T @ solved
-    slope = columns.T @ residual - solved.T @ found.slope
-    raw = np.diag(inner)
+    left = found.left(columns)
+    slope = left.T @ found.residual
+    raw = np.einsum("ij,ij->j", columns, columns)
     size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
-    values, vectors = np.linalg.eigh(left / np.outer(size, size))
+    values, vectors = np.linalg.eigh((left.T @ left) / np.outer(size, size))
     keep = values > EXCITED
     excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
     directions = vectors[:, keep] / np.sqrt(values[keep])
@@ -145,37 +138,7 @@ def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
     ratio = float(scaled @ scaled)
     if len(estimate) == 1 and not _allowed(candidate, estimate):
         ratio = 0.0
-    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, columns)
-
-
-def _score_shift(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
-    """Score nominal parameters that may be wrong by more than their priors: what the data alone say of them
-    against the prior, both with their covariance.
-    """
-    names = [u.name for u in found.unknowns]
-    index = np.array([names.index(n) for n in candidate.free])
-    steps = np.array(candidate.steps)
-    scale, sigma = found.scales[index] / steps, np.array([found.unknowns[i].sigma for i in index]) / steps
-    nothing = np.zeros((len(index), len(index)))
-    if not np.isfinite(sigma).all():  # freed already
-        return Score(candidate, 0.0, 0, np.zeros(len(index)), nothing, 0.0, columns)
-    gram = found.gram.copy()
-    gram[index, index] -= (scale / sigma) ** 2
-    size = np.sqrt(np.diag(found.gram))
-    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(size, size)
-    shift = (
-        np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index]) / steps
-    )
-    pull = np.zeros(len(names))
-    pull[index] = scale / sigma * (shift / sigma)
-    free = inverse[np.ix_(index, index)] * np.outer(scale, scale)
-    away = shift + (inverse @ (found.slope + pull))[index] * scale
-    seen = float(np.min(sigma**2 / (sigma**2 + np.diag(free))))
-    if seen < UNSEEN:
-        return Score(candidate, 0.0, 0, away, free, seen, columns)
-    ratio = float(away @ np.linalg.solve(np.diag(sigma**2) + free, away))
-    return Score(candidate, ratio, len(index), away - shift, free, seen, columns)
+    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, left)
 
 
 def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:
@@ -185,29 +148,14 @@ def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:
     return p.lower <= p.value + candidate.steps[0] * float(estimate[0])
 
 
-def correlation(found: Fit, first: Score, second: Score) -> float:
-    """Return the largest canonical correlation of two candidates, nominal parameters projected out."""
-    own = found.whitened.reshape(-1, len(found.unknowns))
-    gram = found.gram + 1e-12 * np.diag(np.diag(found.gram))
-
-    def left(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return a.T @ b - (own.T @ a).T @ np.linalg.solve(gram, own.T @ b)
-
-    aa, bb, ab = (
-        left(x, y)
-        for x, y in (
-            (first.columns, first.columns),
-            (second.columns, second.columns),
-            (first.columns, second.columns),
-        )
-    )
-    whiten = [np.linalg.pinv(_root(m)) for m in (aa, bb)]
-    return float(np.linalg.svd(whiten[0] @ ab @ whiten[1].T, compute_uv=False).max(initial=0.0))
-
-
-def _root(matrix: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+def correlation(first: Score, second: Score) -> float:
+    """Return the largest canonical correlation of two candidates, the fitted parameters projected out."""
+    bases = []
+    for s in (first, second):
+        size = np.linalg.norm(s.columns, axis=0)
+        u, values, _ = np.linalg.svd(s.columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
+        bases.append(u[:, values > 1e-6])
+    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False).max(initial=0.0))
 
 
 def _times(change: Change, factor: float) -> Change:

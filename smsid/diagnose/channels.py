@@ -180,10 +180,8 @@ def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, widt
 def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tuple[str, ...]) -> Block:
     errors = sensor.error(quantity)
     width = 3 if quantity in WIDTH else rows.stop - rows.start
-    delay = float(errors.delay) + float(getattr(errors, "time_offset", 0.0))
-    still = errors.model_copy(update={"delay": 0.0})
-    if hasattr(errors, "time_offset"):
-        still = still.model_copy(update={"time_offset": 0.0})
+    delay = float(errors.delay) + float(errors.time_offset)
+    still = errors
     gain, bias = np.eye(width), np.zeros(width)
     if quantity == "attitude":
         bias = np.asarray(errors.bias, dtype=float) + np.asarray(errors.misalignment, dtype=float)
@@ -195,7 +193,11 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
         gain = turn_by.T
     scale = np.broadcast_to(np.asarray(still.scale_error, dtype=float), (width,))
     gain = (1.0 + scale)[:, None] * gain
-    bias = np.broadcast_to(np.asarray(still.bias, dtype=float), (width,))
+    bias = np.broadcast_to(np.asarray(still.bias, dtype=float), (width,)).copy()
+    for key, own in errors.components.items():
+        if key.isdigit():  # of one axis, joint or wheel
+            gain[int(key)] *= 1.0 + own.scale_error
+            bias[int(key)] += own.bias
     gain, bias = turn @ gain @ turn.T, turn @ bias
     plain = not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
     return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain)

@@ -42,22 +42,30 @@ class Changes:
         self.inputs = problem.inputs(model)
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
+        self._regressors: dict[str, np.ndarray] = {}
+        self._own_passive = {w: self._passive(model, self._states(w)) for w in ("middle", "at")}
 
     def inertial(self, columns: Sequence[int]) -> list[Change]:
         """Return the changes by inertial parameters, ten per body: -M^-1 Y."""
-        out = []
-        for states, inverse in (
-            (self.run.middle, self.run.middle_inverse),
-            (self.run.states, self.run.inverse),
-        ):
-            data = self.model.pin.createData()
-            by = np.empty((len(states.time), len(columns), self.model.nv))
-            index = np.asarray(columns)
+        index = np.asarray(columns)
+        middle, at = (
+            -np.matmul(inverse, self._regressor(where)[:, :, index])
+            for where, inverse in (("middle", self.run.middle_inverse), ("at", self.run.inverse))
+        )
+        return [Change(middle[:, :, i], at[:, :, i]) for i in range(len(columns))]
+
+    def _regressor(self, where: str) -> np.ndarray:
+        """Return Y (N, nv, 10 bodies) along the run; computed once."""
+        if where not in self._regressors:
+            states, data = self._states(where), self.model.pin.createData()
+            y = np.empty((len(states.time), self.model.nv, 10 * (self.model.pin.njoints - 1)))
             for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
-                y = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a)
-                by[k] = -(inverse[k] @ y[:, index]).T
-            out.append(by)
-        return [Change(out[0][:, i], out[1][:, i]) for i in range(len(columns))]
+                y[k] = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a)
+            self._regressors[where] = y
+        return self._regressors[where]
+
+    def _states(self, where: str) -> States:
+        return self.run.middle if where == "middle" else self.run.states
 
     def effect(self, plain: Effect, changed: Effect, step: float) -> Change:
         """Return the change from one instance of an effect to another, per unit of the step.
@@ -74,18 +82,18 @@ class Changes:
             raise NotIdentifiableError(
                 f"'{changed.name}' adds joints.", advice="Fit it through simulation.", effect=changed.name
             )
-        forces = [self._force(where, origin, model) for where in ("middle", "at")]
-        if type(changed).drive is not Effect.drive:
-            new, old = self._applied(model), self._applied(origin) if known else self.applied
-            forces[0] += new.middle - old.middle
-            forces[1] += new.at - old.at
-        middle = np.einsum("nij,nj->ni", self.run.middle_inverse, forces[0]) / step
-        at = np.einsum("nij,nj->ni", self.run.inverse, forces[1]) / step
+        middle = at = None
+        if type(changed).attach is not Effect.attach or type(changed).drive is not Effect.drive:
+            forces = [self._force(where, origin, model) for where in ("middle", "at")]
+            if type(changed).drive is not Effect.drive:
+                new, old = self._applied(model), self._applied(origin) if known else self.applied
+                forces[0] += new.middle - old.middle
+                forces[1] += new.at - old.at
+            if np.any(forces[0]) or np.any(forces[1]):
+                middle = np.matmul(self.run.middle_inverse, forces[0][:, :, None])[:, :, 0] / step
+                at = np.matmul(self.run.inverse, forces[1][:, :, None])[:, :, 0] / step
         reading = self._reading(base, other, origin, model)
-        moves = bool(np.any(middle)) or bool(np.any(at))
-        return Change(
-            middle if moves else None, at if moves else None, None if reading is None else reading / step
-        )
+        return Change(middle, at, None if reading is None else reading / step)
 
     def _applied(self, model: SpacecraftModel) -> Applied:
         return applied(Plant(model, self.problem.locked), self.problem, self.inputs)
@@ -129,15 +137,13 @@ class Changes:
         return self._rates
 
     def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
-        states = self.run.middle if where == "middle" else self.run.states
-        out = self._passive(model, states) - self._passive(origin, states)
+        states = self._states(where)
+        known = self._own_passive[where] if origin is self.model else self._passive(origin, states)
+        out = self._passive(model, states) - known
         theta = _inertial(model) - _inertial(origin)
         changed = np.flatnonzero(theta)
         if len(changed):
-            data = origin.pin.createData()
-            for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
-                y = pin.computeJointTorqueRegressor(origin.pin, data, q, v, a)
-                out[k] -= y[:, changed] @ theta[changed]
+            out -= self._regressor(where)[:, :, changed] @ theta[changed]
         armature = np.asarray(model.pin.armature) - np.asarray(origin.pin.armature)
         if armature.any():
             out -= armature * states.a

@@ -52,8 +52,9 @@ class Run:
     errors of the prediction to them; ``gain`` (N, 2 nv, rows), ``sensitivity`` H (N, rows, 2 nv) and
     ``transition`` F (N - 1, 2 nv, 2 nv), ``forcing`` Psi[:, nv:] (N - 1, 2 nv, nv) propagate a small change.
     ``by_a`` (N, rows, nv): measurement by acceleration. ``states`` are the predictions at the samples,
-    ``normalised`` (N, rows) are errors of the
-    prediction in their own standard deviations, not decorrelated; ``middle`` the states between samples; ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass matrices.
+    ``middle`` the states between them; ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass
+    matrices. ``errors`` (N, rows) are measured minus ``predicted``; ``normalised`` the same in their own
+    standard deviations, not decorrelated. ``used`` (N, rows): what took part.
     """
 
     innovations: np.ndarray
@@ -69,6 +70,7 @@ class Run:
     inverse: np.ndarray
     middle_inverse: np.ndarray
     predicted: np.ndarray
+    errors: np.ndarray
     normalised: np.ndarray
     used: np.ndarray
 
@@ -95,8 +97,8 @@ class Problem:
 
 @dataclass(frozen=True)
 class Applied:
-    """Applied generalised forces: means over the substeps (N - 1, substeps, nv) and over the intervals between
-    samples (N - 1, nv), and values at the samples (N, nv).
+    """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
+    between samples (N - 1, nv), and values at the samples (N, nv).
     """
 
     means: np.ndarray
@@ -116,8 +118,8 @@ def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
     return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side))
 
 
-def run_filter(model: SpacecraftModel, problem: Problem) -> Run:
-    """Run the filter over a recording.
+def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> Run:
+    """Run the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
 
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
@@ -132,12 +134,12 @@ def run_filter(model: SpacecraftModel, problem: Problem) -> Run:
     input_noise = _input_covariance(model, problem)
     late = np.array([b.delay for b in data.blocks])
 
-    e, used = np.zeros((n, rows)), present.copy()
+    e, used = np.zeros((n, rows)), present & (times <= until)[:, None]
     whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, 2 * nv, rows))
     sensitivity, by_a = np.zeros((n, rows, 2 * nv)), np.zeros((n, rows, nv))
     transition, forcing = np.zeros((n - 1, 2 * nv, 2 * nv)), np.zeros((n - 1, 2 * nv, nv))
     at, mid = _Store(n, model), _Store(n - 1, model)
-    predicted, normalised = np.zeros((2, n, rows))
+    predicted, normalised, errors = np.zeros((3, n, rows))
     variance = data.sigma**2
     log_likelihood = 0.0
     for k in range(n):
@@ -150,8 +152,8 @@ def run_filter(model: SpacecraftModel, problem: Problem) -> Run:
         big_h = np.hstack([cq + ca @ lin.by_q, cv + ca @ lin.by_v])
         predicted[k] = h
         residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
-        sensitivity[k], by_a[k] = big_h, ca
-        there = np.flatnonzero(present[k])
+        sensitivity[k], by_a[k], errors[k] = big_h, ca, residual
+        there = np.flatnonzero(present[k]) if times[k] <= until else ()
         if len(there):
             hk = big_h[there]
             ph = p @ hk.T
@@ -192,7 +194,7 @@ def run_filter(model: SpacecraftModel, problem: Problem) -> Run:
     middle_times = 0.5 * (times[1:] + times[:-1])
     return Run(
         e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
-        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, normalised, used,
+        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised, used,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
-ENOUGH = 0.05  # predicted gain of the log-posterior below which the search stops
+ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 HALVINGS = 6
 
 
@@ -35,6 +36,27 @@ class Fit:
     slope: np.ndarray
     objective: float
     changes: Changes
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """Orthonormal columns (N rows + m, m) that span what the fitted parameters can do, priors included."""
+        flat = self.whitened.reshape(-1, len(self.unknowns))
+        weight = np.array([u.scale / u.sigma for u in self.unknowns])
+        return np.linalg.qr(np.vstack([flat, np.diag(weight)]))[0]
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Innovations and the priors' residuals (N rows + m,)."""
+        return np.concatenate([self.run.innovations.ravel(), -_prior(self.point, self.unknowns)])
+
+    def left(self, columns: np.ndarray) -> np.ndarray:
+        """Return what of whitened columns (N rows, d) the fitted parameters cannot do: (N rows + m, d).
+
+        By projection, not by differences of Gram matrices, which lose what a tight prior leaves.
+        """
+        whole = np.vstack([columns, np.zeros((len(self.unknowns), columns.shape[1]))])
+        whole -= self.basis @ (self.basis.T @ whole)
+        return whole - self.basis @ (self.basis.T @ whole)
 
     @property
     def scales(self) -> np.ndarray:
@@ -63,16 +85,24 @@ def fit(point: Point, unknowns: Sequence[Unknown], problem: Problem, *, iteratio
         step = np.linalg.solve(found.gram + 1e-12 * np.diag(np.diag(found.gram)), found.slope)
         gain = 0.5 * float(found.slope @ step)
         if gain < ENOUGH:
-            break
+            last = found.point.moved(unknowns, step * found.scales)
+            return _last_step(found, last, step) if last.physical() else found
         better = _descend(found, step, unknowns, problem)
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
-        done = found.objective - better.objective < ENOUGH
         found = better
-        if done:
-            break
     return found
+
+
+def _last_step(found: Fit, point: Point, step: np.ndarray) -> Fit:
+    """Return the fit a small step on, its innovations moved along their derivatives."""
+    innovations = found.run.innovations - found.whitened @ step
+    run = replace(found.run, innovations=innovations)
+    gain = 0.5 * float(found.slope @ step)
+    return replace(
+        found, point=point, run=run, slope=np.zeros_like(found.slope), objective=found.objective - gain
+    )
 
 
 def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:

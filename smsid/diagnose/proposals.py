@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from pydantic import ValidationError
 
 from smsid.diagnose.candidates import Candidate
@@ -19,6 +21,7 @@ from smsid.model.regressor import INERTIAL_NAMES
 
 LOGGER = logging.getLogger(__name__)
 AXES = ("x", "y", "z")
+COM = ("com.x", "com.y", "com.z")
 
 
 def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[Candidate]:
@@ -63,7 +66,7 @@ def _one(
     also: Sequence[str] = (),
 ) -> Iterator[Candidate]:
     """Yield a candidate; ``free`` gives the step of each parameter, vectors as ``key.x``."""
-    name = f"{kind}_{location}".replace("/", "_").replace(".", "_")
+    name = re.sub(r"\W+", "_", f"{kind}_{location}").strip("_")
     effect = _instance(kind, name, **fields)
     if effect is None:
         return
@@ -124,14 +127,12 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
             steps = tuple(u.scale for u in unknowns if u.name in free)
             yield Candidate("body_error", body, "inertia", shape, None, free, steps)
     for arm in model.arms.values():
-        last = model.pin.names[int(arm.joints[-1])]
-        frames = [f.name for f in model.pin.frames if f.parentJoint == int(arm.joints[-1])]
-        for frame in (*[n for n in frames if "tool" in n or "ee" in n or "tip" in n][:1], last):
-            payload = {"frame": frame, "mass": 0.0}
-            yield from _one(
-                "payload", frame, "inertia", "payload", payload, {"mass": 1e-2}, ("com.x", "com.y", "com.z")
-            )
-            break
+        last = int(arm.joints[-1])
+        links = [f.name for f in model.pin.frames if f.parentJoint == last and f.type == pin.FrameType.BODY]
+        frame = links[-1] if links else model.pin.names[last]  # the URDF's last link is the tool
+        yield from _one(
+            "payload", frame, "inertia", "payload", {"frame": frame, "mass": 0.0}, {"mass": 1e-2}, COM
+        )
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
         where = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
@@ -216,7 +217,10 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
         yield from _one(
             "external_wrench", f"bus_{frame}", "external", f"torque, {frame}", at, _vector("torque", 1e-4)
         )
-    yield from _one("gravity_gradient", "bus", "external", "gravity gradient", {"rate": 0.0}, {"rate": 1e-4})
+    for axis, normal in zip(np.eye(3).tolist(), np.roll(np.eye(3), 1, axis=0).tolist(), strict=True):
+        orbit = {"gradient": 0.0, "nadir": axis, "normal": normal}
+        shape = f"gravity gradient along {'xyz'[axis.index(1.0)]}"
+        yield from _one("gravity_gradient", "bus", "external", shape, orbit, {"gradient": 1e-8})
 
 
 def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
@@ -232,7 +236,7 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
             vector = q in ("position", "velocity", "acceleration", "angular_rate")
             if vector:
                 yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
-                yield from _one("sensor_scale", where, "sensor", "scale", at, _vector("scale", 1e-3))
+                yield from _one("sensor_scale", where, "sensor", "scale", at, _vector("error", 1e-3))
                 yield from _one(
                     "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
                 )
@@ -244,8 +248,12 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                 group = point.base.wheels if q == "wheel_rate" else point.base.arm_joints
                 for label in group.names:
                     own, place = at | {"component": label}, f"{where}[{label}]"
-                    yield from _one("sensor_bias", place, "sensor", "bias", own, {"bias": sigma})
-                    yield from _one("sensor_scale", place, "sensor", "scale", own, {"scale": 1e-4})
+                    yield from _one(
+                        "sensor_bias", place, "sensor", "bias", own | {"bias": 0.0}, {"bias": sigma}
+                    )
+                    yield from _one(
+                        "sensor_scale", place, "sensor", "scale", own | {"error": 0.0}, {"error": 1e-4}
+                    )
             yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
         if len(here) > 1:
             yield from _one(

@@ -93,8 +93,9 @@ def search(
     current, causes, taken = nominal, [], []
     clock["search"] = time.process_time()
     rest = list(candidates)
+    columns: dict[tuple[str, str, str], np.ndarray] = {}
     while True:
-        scores = _scores(current, rest)
+        scores = _scores(current, rest, columns)
         best = _best(scores, len(candidates), current.run.samples, levels)
         if best is None or len(causes) == levels.causes:
             break
@@ -104,6 +105,8 @@ def search(
             continue
         cause, current = accepted
         causes.append(cause)
+        if cause.ratio > levels.linear:
+            columns.clear()
         taken.append(best.candidate)
         rest = [c for c in rest if c.key != best.candidate.key]
     causes, current = _pruned(causes, current, nominal, levels, len(candidates))
@@ -161,9 +164,14 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
     return out
 
 
-def _scores(found: Fit, candidates: Sequence[Candidate]) -> list[Score]:
-    columns = signatures(found, candidates)
-    scores = [score(found, candidates[i], c) for i, c in columns.items()]
+def _scores(
+    found: Fit, candidates: Sequence[Candidate], known: dict[tuple[str, str, str], np.ndarray]
+) -> list[Score]:
+    """Score the candidates, the best first; signatures already ``known`` are used again."""
+    missing = [c for c in candidates if c.key not in known]
+    if missing:
+        known.update({missing[i].key: c for i, c in signatures(found, missing).items()})
+    scores = [score(found, c, known[c.key]) for c in candidates if c.key in known]
     return sorted(scores, key=lambda s: -s.information_gain(found.run.samples))
 
 
@@ -181,7 +189,7 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
     near = [s for s in scores if gain - s.information_gain(samples) < levels.alias]
     contenders = [best]
     if best.ratio > levels.linear:
-        others = [s for s in scores if s is not best and s.ratio > 0.5 * best.ratio]
+        others = [s for s in scores if s is not best and s.ratio > 0.9 * best.ratio]
         contenders += others[: levels.contenders - 1]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
@@ -203,7 +211,7 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
         near += [
             s for s in scores if s not in contenders and gain - s.information_gain(samples) < levels.alias
         ]
-    aliases = tuple((s, correlation(current, winner, s)) for s in near if s is not winner)
+    aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio), found
 
 

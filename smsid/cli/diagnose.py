@@ -1,0 +1,123 @@
+"""``smsid diagnose``: does the simulation explain the recording, and if not, why?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from smsid.diagnose import Diagnosis
+
+console = Console()
+EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
+
+
+def diagnose_command(
+    description: Annotated[Path, typer.Argument(help="description of the spacecraft or arm: a TOML")],
+    recordings: Annotated[list[Path], typer.Argument(help="recordings with the commands that drove them")],
+    estimate: Annotated[
+        Path | None, typer.Option(help="estimate (JSON): how well the nominal parameters are known")
+    ] = None,
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="recordings the gain is measured on; may be given repeatedly")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="JSON to write, whole or not at all")] = Path(
+        "diagnosis.json"
+    ),
+    extended: Annotated[
+        Path | None, typer.Option(help="description with the causes in it; by default extended.toml beside")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+) -> None:
+    """Say what the simulation gets wrong, name the cause, extend the model and measure the gain.
+
+    Exit code 0: adequate or explained, 3: unexplained, 4: not evaluated.
+    """
+    from smsid.description import load_description, save_description
+    from smsid.diagnose.diagnose import diagnose
+    from smsid.diagnose.result import save_diagnosis
+    from smsid.identify.estimate import load_estimate
+    from smsid.recording import load_recording
+
+    described = load_description(description)
+    loaded = [load_recording(path) for path in recordings]
+    judged = [load_recording(path) for path in validate or []]
+    known = load_estimate(estimate) if estimate is not None else None
+    if report is not None and find_report() is None:
+        raise SmsidError("Reports are not part of this version.", advice="Leave out --report.")
+    with console.status("diagnosing"):
+        found = diagnose(described, loaded, estimate=known, validation=judged)
+    save_diagnosis(found.diagnosis, output)
+    written = [str(output)]
+    if found.diagnosis.verdict in ("explained", "unexplained") and found.diagnosis.causes:
+        place = extended if extended is not None else output.with_name("extended.toml")
+        save_description(found.extended, place)
+        written.append(str(place))
+    if report is not None:
+        find_report()(found, report)  # type: ignore[misc]
+        written.append(str(report))
+    for part in diagnosis_tables(found.diagnosis):
+        console.print(part)
+    console.print(f"wrote {', '.join(written)}")
+    code = EXIT_CODES[found.diagnosis.verdict]
+    if code:
+        raise typer.Exit(code)
+
+
+def find_report():
+    """Return the function that writes a report of a diagnosis, if there is one."""
+    try:
+        from smsid.report.diagnosis import write_diagnosis_report
+    except ImportError:
+        return None
+    return write_diagnosis_report
+
+
+def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
+    """Return what to print of a diagnosis: the verdict, causes, gain and what remains."""
+    parts: list[Table | str] = [f"{d.verdict.replace('_', ' ')}: {d.sentence}"]
+    if d.causes:
+        table = Table("cause", "where", "parameter", "value", "95 % interval", "unit", "not told from")
+        for c in d.causes:
+            others = "; ".join(f"{a.shape} at {a.location}" for a in c.aliases)
+            for i, p in enumerate(c.parameters):
+                low, high = p.interval
+                table.add_row(
+                    f"{c.effect} ({c.shape or c.family})" if i == 0 else "",
+                    c.location if i == 0 else "",
+                    p.name.partition(".")[2],
+                    f"{p.value:.5g}",
+                    f"{low:.5g} ... {high:.5g}",
+                    p.unit,
+                    others if i == 0 else "",
+                )
+        parts.append(table)
+    if d.gain is not None:
+        g = d.gain
+        table = Table(
+            "channel", "unit", "nominal rms", "extended rms", "noise", title=f"open loop on {g.recording}"
+        )
+        for c in g.channels:
+            row = (f"{x:.3g}" for x in (c.nominal, c.extended, c.noise))
+            table.add_row(c.channel, c.unit, *row)
+        parts.append(table)
+        parts.append(
+            f"whitened rms {g.whitened_nominal:.3f} -> {g.whitened_extended:.3f} (noise floor 1); explained share "
+            f"of the excess: {100 * g.explained:.1f} %"
+        )
+    elif d.gain_reason:
+        parts.append(f"gain not evaluated: {d.gain_reason}")
+    if d.remaining:
+        table = Table("still depends", "on", "chi-squared", "freedom", "p, corrected")
+        for r in d.remaining[:8]:
+            table.add_row(r.where, r.dependence, f"{r.ratio:.0f}", str(r.freedom), f"{r.p_value:.1e}")
+        parts.append(table)
+    if d.priors:
+        parts.append(d.priors)
+    return parts

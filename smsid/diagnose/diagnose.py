@@ -1,0 +1,234 @@
+"""The whole diagnosis: from a description and recordings to a verdict, and the extended description."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.diagnose.channels import Measured, measured
+from smsid.diagnose.faults import Fault, outliers, quantised_channels, stuck_channels
+from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
+from smsid.diagnose.gain import Gain, gain
+from smsid.diagnose.inputs import locked
+from smsid.diagnose.nominal import nominal
+from smsid.diagnose.point import Point
+from smsid.diagnose.proposals import propose
+from smsid.diagnose.result import Diagnosis, FoundCause, Value
+from smsid.diagnose.search import Levels, Search, search
+from smsid.diagnose.verdict import causes, limits, remaining, verdict
+from smsid.errors import RecordingError, SmsidError
+from smsid.identify.estimate import Estimate
+from smsid.recording import Recording
+
+LOGGER = logging.getLogger(__name__)
+SHORTEST = 100  # samples below which nothing is said
+FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.
+
+    ``search`` is ``None`` when the recording was not evaluated.
+    """
+
+    diagnosis: Diagnosis
+    extended: Description
+    search: Search | None = None
+
+
+def diagnose(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    estimate: Estimate | None = None,
+    validation: Sequence[Recording] = (),
+    levels: Levels | None = None,
+    noise: Noise | None = None,
+) -> Diagnosed:
+    """Say whether the simulation explains a recording, and if not, why.
+
+    Args:
+        description: the model, its values as identified.
+        recordings: what was measured, with the commands that drove it. The first is searched; causes must
+            hold on all (the others join the validation).
+        estimate: standard deviations of the nominal parameters; else the description's priors, else defaults.
+        validation: recordings the gain is measured on.
+        levels: levels of significance.
+        noise: process noise of the commands.
+
+    Never raises for a recording that cannot be used: the verdict is then ``not_evaluated`` with the reason.
+    Raises `SmsidError` when no recording is given.
+    """
+    if not recordings:
+        raise SmsidError("No recording was given.", advice="Give at least one.")
+    names = tuple(r.name for r in (*recordings, *validation))
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            return _diagnose(
+                description, recordings, estimate, validation, levels or Levels(), noise or Noise(), names
+            )
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("not evaluated: %s", error)
+            result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
+            return Diagnosed(result, description)
+
+
+def _diagnose(
+    description: Description,
+    recordings: Sequence[Recording],
+    estimate: Estimate | None,
+    validation: Sequence[Recording],
+    levels: Levels,
+    noise: Noise,
+    names: tuple[str, ...],
+) -> Diagnosed:
+    recording = recordings[0]
+    recording.check()
+    point = Point.of(description)
+    known = nominal(point, estimate)
+    data = measured(point.base, recording, description.effective_sensors())
+    if len(data.times) < SHORTEST:
+        raise RecordingError(
+            f"'{recording.name}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
+            advice="Record longer.",
+        )
+    faults = stuck_channels(data) + quantised_channels(data)
+    data = _less(data, faults)
+    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise)
+    problem = replace(problem, timing=timing_of(point, problem))
+    candidates = propose(point, problem, known.unknowns)
+    found = search(point, problem, known.unknowns, candidates, levels)
+    more = outliers(found.last.problem.data, found.last.run)
+    if more:
+        faults += more
+        problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
+        found = search(found.nominal.point, problem, known.unknowns, candidates, levels)
+    named = (*(_fault(f) for f in _per_channel(faults)), *causes(found))
+    decided, sentence = verdict(found, named)
+    extended = extended_description(found)
+    gained, reason = _gain(found, [*validation, *recordings[1:]])
+    foreign = _foreign(found)
+    if foreign:
+        raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=recording.name)
+    if not any(s.freedom for s in found.scores):
+        raise RecordingError(
+            f"'{recording.name}' excites no candidate at all.", advice="Move the arm, the wheels or thrust."
+        )
+    result = Diagnosis(
+        description=description.name,
+        recordings=names,
+        verdict=decided,
+        sentence=sentence,
+        priors=known.stated,
+        causes=named,
+        gain=gained,
+        gain_reason=reason,
+        remaining=remaining(found),
+        limits=limits(found),
+        noise=found.noise,
+        whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
+        timing=found.seconds,
+        notes=(f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}",),
+    )
+    return Diagnosed(result, extended, found)
+
+
+def timing_of(point: Point, problem: Problem) -> Timing:
+    """Return how commands act between samples: as the recording says, else as the likelihood prefers.
+
+    A recording says it by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance.
+    """
+    told = problem.recording.provenance
+    hold = told.get("inputs")
+    holds = (hold,) if hold in ("held", "linear") else ("linear", "held")
+    side = "left" if "left" in str(told.get("acceleration", "")) else "right"
+    sides = (side,) if "acceleration" in told else ("right", "left")
+    choices = [Timing(h, s) for h in holds for s in (sides if h == "held" else sides[:1])]
+    if len(choices) == 1:
+        return choices[0]
+    model = point.model()
+    return max(choices, key=lambda t: run_filter(model, replace(problem, timing=t)).log_likelihood)
+
+
+def extended_description(found: Search) -> Description:
+    """Return the description with every cause in it, and the nominal effects as refitted.
+
+    A cause that is a shift of a body's inertial parameters becomes a ``body_error`` effect, as a URDF is not
+    written again.
+    """
+    from smsid.diagnose.extension import with_inertial_shifts
+
+    return with_inertial_shifts(found)
+
+
+def _gain(found: Search, recordings: Sequence[Recording]) -> tuple[Gain | None, str]:
+    if not recordings:
+        return None, "no validation recording was given"
+    return gain(found.nominal.point, found.last.point, recordings[0], found.last.problem), ""
+
+
+def _foreign(found: Search) -> str:
+    """Return why the recording cannot be of this spacecraft, if so."""
+    problem = found.last.problem
+    data = problem.data
+    until = float(data.times[0]) + 5.0
+    run = run_filter(
+        found.last.point.model(),
+        replace(problem, data=data.with_blocks(found.last.point.sensors())),
+        until=until,
+    )
+    later = data.times > until
+    left = []
+    for block in data.blocks:
+        if block.quantity not in ("joint_velocity", "angular_rate", "velocity"):
+            continue
+        moved = np.nanstd(data.values[later, block.rows], axis=0)
+        off = np.sqrt(np.nanmean(run.errors[later, block.rows] ** 2, axis=0))
+        left += [o / m for o, m, s in zip(off, moved, data.sigma[block.rows], strict=True) if m > 20.0 * s]
+    if left and float(np.median(left)) > FOREIGN:
+        return (
+            f"Even with everything refitted the simulation leaves {100 * float(np.median(left)):.0f} % of the "
+            "motion unexplained."
+        )
+    return ""
+
+
+def _less(data: Measured, faults: Sequence[Fault]) -> Measured:
+    for fault in faults:
+        data = data.without(fault.samples)
+    return data
+
+
+def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
+    """Return one fault for every kind and channel, the strongest component's."""
+    out: dict[tuple[str, str], Fault] = {}
+    for f in faults:
+        key = f.kind, f.channel
+        if key not in out or f.value > out[key].value:
+            out[key] = f
+    return list(out.values())
+
+
+def _fault(fault: Fault) -> FoundCause:
+    names = {"stuck": ("time", "s"), "outliers": ("rate", "1"), "quantisation": ("step", "of the channel")}
+    name, unit = names[fault.kind]
+    value = Value(f"{fault.kind}_{fault.channel}.{name}", fault.value, fault.sigma, unit)
+    return FoundCause(
+        fault.kind,
+        fault.component,
+        "sensor",
+        fault.kind,
+        (value,),
+        (),
+        {"samples": float(fault.samples.sum())},
+    )
+
+
+def _rms(found) -> float:
+    return float(np.sqrt((found.run.innovations**2).sum() / found.run.samples))

@@ -1,0 +1,76 @@
+"""What an extended model gains on data it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.diagnose.channels import measured
+from smsid.diagnose.filter import Problem, Run, run_filter
+from smsid.diagnose.point import Point
+from smsid.recording import Recording
+
+SETTLE = 5.0  # [s] of a validation recording that an open-loop simulation takes its start from
+
+
+@dataclass(frozen=True)
+class ChannelGain:
+    """One channel open loop: rms of measured minus simulated, nominal and extended, and its noise level."""
+
+    channel: str
+    unit: str
+    nominal: float
+    extended: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Nominal against extended model on a validation recording.
+
+    ``whitened_nominal`` and ``whitened_extended`` are the rms of the whitened innovations (noise floor: 1);
+    ``excess_nominal`` and ``excess_extended`` what their sums of squares exceed the expected ones by.
+    """
+
+    recording: str
+    samples: int
+    whitened_nominal: float
+    whitened_extended: float
+    excess_nominal: float
+    excess_extended: float
+    channels: tuple[ChannelGain, ...]
+
+    @property
+    def explained(self) -> float:
+        """Share of the excess that the extension explains; not a number where there is no excess."""
+        floor = 3.0 * np.sqrt(2.0 * self.samples)
+        return 1.0 - self.excess_extended / self.excess_nominal if self.excess_nominal > floor else np.nan
+
+
+def gain(nominal: Point, extended: Point, recording: Recording, like: Problem) -> Gain:
+    """Return what the extension gains on a recording; noise levels and timing are those of ``like``."""
+    closed, opened = [], []
+    data = None
+    for point in (nominal, extended):
+        model = point.model()
+        fresh = measured(model, recording, point.description.effective_sensors())
+        data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
+        problem = replace(like, recording=recording, data=data)
+        closed.append(run_filter(model, problem))
+        opened.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
+    assert data is not None
+    excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
+    rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
+    channels = []
+    later = data.times > data.times[0] + SETTLE
+    for block in data.blocks:
+        errors = [_open_loop(run, later, block.rows) for run in opened]
+        noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
+        channels.append(ChannelGain(block.channel, recording.unit(block.channel), *errors, noise))
+    return Gain(recording.name, closed[0].samples, *rms, *excess, tuple(channels))
+
+
+def _open_loop(run: Run, later: np.ndarray, rows: slice) -> float:
+    x = run.errors[later, rows]
+    return float(np.sqrt(np.nanmean(x**2))) if np.isfinite(x).any() else float("nan")

@@ -1,0 +1,170 @@
+"""The result of a diagnosis: verdict, causes, gain, what remains, and what could have been seen. JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import smsid
+from smsid._files import atomic_write
+from smsid.diagnose.gain import Gain
+from smsid.errors import SmsidError
+
+SCHEMA_VERSION = 1
+Verdict = Literal["adequate", "explained", "unexplained", "not_evaluated"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter of a cause; for a nominal one that is wrong, ``nominal`` is what was believed."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    nominal: float | None = None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval, Gaussian."""
+        return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
+
+
+@dataclass(frozen=True)
+class Alias:
+    """Another effect that this experiment does not tell from the cause.
+
+    ``correlation`` is that of their signatures, nominal parameters projected out; ``separate`` says which
+    experiment would tell.
+    """
+
+    effect: str
+    location: str
+    family: str
+    shape: str
+    correlation: float
+    separate: str
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """A named cause. ``shape`` is ``None`` when its siblings are not rejected; ``onset`` [s] if it began
+    midway. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value.
+    """
+
+    effect: str
+    location: str
+    family: str
+    shape: str | None
+    parameters: tuple[Value, ...]
+    aliases: tuple[Alias, ...]
+    evidence: Mapping[str, float]
+    onset: float | None = None
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """A generic test still significant: equation or channel, what it depends on, corrected p-value."""
+
+    where: str
+    dependence: str
+    ratio: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The least strength of a candidate that this recording would show with 95 % chance."""
+
+    effect: str
+    location: str
+    shape: str
+    parameter: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a recording says of a simulation."""
+
+    description: str
+    recordings: tuple[str, ...]
+    verdict: Verdict
+    sentence: str
+    priors: str = ""
+    causes: tuple[FoundCause, ...] = ()
+    gain: Gain | None = None
+    gain_reason: str = ""
+    remaining: tuple[Remaining, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    whitened_rms: Mapping[str, float] = field(default_factory=dict)
+    timing: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """Return the JSON text; not-a-number is written as null."""
+        causes = []
+        for cause in self.causes:
+            table = asdict(cause)
+            for entry, value in zip(table["parameters"], cause.parameters, strict=True):
+                entry["interval"], entry["interval_level"] = list(value.interval), 0.95
+            causes.append(table)
+        document = {
+            "schema": SCHEMA_VERSION,
+            "kind": "diagnosis",
+            "smsid": smsid.__version__,
+            "description": self.description,
+            "recordings": list(self.recordings),
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "priors": self.priors,
+            "causes": causes,
+            "gain": self._gain(),
+            "remaining": [asdict(r) for r in self.remaining],
+            "limits": [asdict(x) for x in self.limits],
+            "noise": {k: {"value": v, "unit": "of the stated"} for k, v in self.noise.items()},
+            "whitened_rms": {k: {"value": v, "unit": "1"} for k, v in self.whitened_rms.items()},
+            "timing": {k: {"value": v, "unit": "s of CPU"} for k, v in self.timing.items()},
+            "notes": list(self.notes),
+        }
+        return json.dumps(_finite(document), indent=1, allow_nan=False) + "\n"
+
+    def _gain(self) -> dict[str, Any]:
+        if self.gain is None:
+            return {"status": "not_evaluated", "reason": self.gain_reason}
+        return {"status": "evaluated", **asdict(self.gain), "explained": self.gain.explained}
+
+
+def save_diagnosis(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
+    """Write the diagnosis as JSON, whole or not at all."""
+    atomic_write(Path(path), diagnosis.to_json())
+
+
+def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Load a diagnosis as the plain document it is; raises `SmsidError` for what is none."""
+    file = Path(path)
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SmsidError(f"'{file}' cannot be read: {error}.", advice="Is it cut short?") from error
+    if not isinstance(document, dict) or document.get("kind") != "diagnosis":
+        raise SmsidError(f"'{file}' is no diagnosis.", advice="Run `smsid diagnose` to make one.")
+    return document
+
+
+def _finite(x: Any) -> Any:
+    if isinstance(x, float) and not math.isfinite(x):
+        return None
+    if isinstance(x, dict):
+        return {k: _finite(v) for k, v in x.items()}
+    if isinstance(x, list | tuple):
+        return [_finite(v) for v in x]
+    return x

@@ -1,0 +1,157 @@
+"""From a search to a verdict in words: names in levels, aliases with what would separate them, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import norm
+
+from smsid.diagnose.candidates import Candidate, Score
+from smsid.diagnose.point import Unknown
+from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.search import Cause, Search
+
+POWER = 0.95
+WRONG = 0.5  # share of the motion a model must explain open loop to be this spacecraft's
+
+SEPARATE = {
+    frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
+    frozenset(("actuator", "sensor")): "command a step with the sensor at rest, then move with no command",
+    frozenset(("friction", "actuator")): "hold the joint against a torque, then move it at constant rate",
+    frozenset(
+        ("inertia", "actuator")
+    ): "repeat with another pose of the arm: inertia changes, a gain does not",
+    frozenset(
+        ("external", "sensor")
+    ): "coast without commands: a force moves the spacecraft, a bias does not",
+    frozenset(("external", "actuator")): "coast without commands, then repeat with other commands",
+}
+
+
+def causes(found: Search) -> tuple[FoundCause, ...]:
+    """Return the causes of a search with their values at the last fit."""
+    return tuple(_cause(found, cause) for cause in found.causes)
+
+
+def _cause(found: Search, cause: Cause) -> FoundCause:
+    own = cause.score.candidate
+    siblings = [s for s, _ in cause.aliases if _sibling(s.candidate, own)]
+    others = [(s, c) for s, c in cause.aliases if not _sibling(s.candidate, own)]
+    aliases = tuple(
+        Alias(
+            s.candidate.kind,
+            s.candidate.location,
+            s.candidate.family,
+            s.candidate.shape,
+            float(c),
+            separate(own, s.candidate),
+        )
+        for s, c in [*((s, c) for s, c in cause.aliases if s in siblings), *others]
+    )
+    return FoundCause(
+        effect=own.kind,
+        location=own.location,
+        family=own.family,
+        shape=None if siblings else own.shape,
+        parameters=values(found, own),
+        aliases=aliases,
+        evidence={
+            "likelihood_ratio": float(cause.ratio),
+            "freedom": float(cause.score.freedom),
+            "p_value": float(min(1.0, cause.score.p_value * found.candidates)),
+            "information_gain": float(cause.score.information_gain(found.samples)),
+        },
+        onset=getattr(own.effect, "start", None),
+    )
+
+
+def values(found: Search, candidate: Candidate) -> tuple[Value, ...]:
+    """Return a cause's parameters at the last fit."""
+    unknowns: dict[str, Unknown] = {u.name: u for u in found.last.unknowns}
+    covariance = found.last.covariance()
+    names = [u.name for u in found.last.unknowns]
+    out = []
+    for name in (*candidate.free, *(n for n in candidate.also if n in unknowns)):
+        u = unknowns[name]
+        i = names.index(name)
+        sigma = float(np.sqrt(covariance[i, i]))
+        nominal = u.nominal if candidate.effect is None else None
+        out.append(Value(name, float(found.last.point.value(u)), sigma, u.unit, nominal))
+    return tuple(out)
+
+
+def _sibling(a: Candidate, b: Candidate) -> bool:
+    return a.location == b.location and a.family == b.family
+
+
+def separate(a: Candidate, b: Candidate) -> str:
+    """Return in words which experiment would tell two candidates apart."""
+    for pair in (frozenset((a.shape, b.shape)), frozenset((a.family, b.family))):
+        if pair in SEPARATE:
+            return SEPARATE[pair]
+    if a.location != b.location:
+        return f"move {a.location} and {b.location} one after the other"
+    return "a longer recording with more varied motion"
+
+
+def limits(found: Search) -> tuple[Limit, ...]:
+    """Return the detection limit of every candidate: 95 % power at the corrected level, nuisances free."""
+    level = found.levels.candidate / max(found.candidates, 1)
+    needed = float(norm.isf(level / 2) + norm.isf(1.0 - POWER))
+    out = []
+    for s in found.scores:
+        c = s.candidate
+        units = {u.name: u.unit for u in (*found.last.unknowns, *_own(c))}
+        for i, (name, step) in enumerate(zip(c.free, c.steps, strict=True)):
+            sigma = step * float(np.sqrt(max(s.covariance[i, i], 0.0)))
+            value = needed * sigma if s.freedom and sigma > 0.0 else float("nan")
+            out.append(Limit(c.kind, c.location, c.shape, name, value, units.get(name, "")))
+    return tuple(out)
+
+
+def _own(candidate: Candidate) -> tuple[Unknown, ...]:
+    return candidate.unknowns(()) if candidate.effect is not None else ()
+
+
+def remaining(found: Search) -> tuple[Remaining, ...]:
+    """Return the generic tests that are still significant."""
+    n = len(found.blocks)
+    return tuple(
+        Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * n)))
+        for b in found.left
+    )
+
+
+def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]:
+    """Return the verdict and one sentence."""
+    left = found.left
+    words = "; ".join(describe(c) for c in named)
+    if left:
+        worst = left[0]
+        what = f"{worst.where} still depends on {worst.dependence}"
+        if named:
+            return (
+                "unexplained",
+                f"Partly explained by {words}, but {what}: no cause in the catalogue fits it.",
+            )
+        return "unexplained", f"The simulation does not explain the recording: {what}, and no cause fits it."
+    if named:
+        return "explained", f"The simulation lacks {words}."
+    return "adequate", "The simulation explains the recording to its noise."
+
+
+def describe(cause: FoundCause) -> str:
+    """Return a cause in words, with its value and those it is not told from."""
+    what = f"{cause.shape or cause.family} ({cause.effect}) at {cause.location}"
+    if cause.parameters:
+        p = max(cause.parameters, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
+        shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
+        what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} +- {p.sigma:.2g} {p.unit}{shift}"
+    if cause.onset is not None:
+        what += f", from {cause.onset:.3g} s on"
+    others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
+    return what + (f" (or {', or '.join(others)})" if others else "")
+
+
+def lasting(score: Score) -> bool:
+    """Whether a score says anything at all."""
+    return score.freedom > 0
