@@ -11,11 +11,18 @@ from .signal_effects import actuator_effects, sensor_effects
 from .structure_effects import structure_effects
 
 
+LEFT_OUT = {  # places whose effects one world shows well enough
+    "panel": ("joint1", "joint3", "link1", "link2", "wheel_y", "wheel_z"),
+    "rigid": ("joint1", "link1", "link2", "wheel_x", "wheel_y"),
+}
+
+
 @cache
 def hidden_effects(world: str) -> dict[str, Hidden]:
     """Every effect that the world may hide."""
     n = WORLDS[world]
     found = [*joint_effects(n), *structure_effects(n), *actuator_effects(n), *sensor_effects(n)]
+    found = [h for h in found if h.location not in LEFT_OUT.get(world, ())]
     by_name = {h.name: h for h in found}
     if len(by_name) != len(found):
         names = [h.name for h in found]

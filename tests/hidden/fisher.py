@@ -23,6 +23,7 @@ from .catalogue import hidden_effects
 from .effect import Hidden
 from .experiment import Commands, commands
 from .flight import fly
+from .limits import strength_one
 from .numbers import WORLDS, Numbers, moved, nominal
 from .plant import Plant, simulate
 from .sensors import NOISE, channels, whitened
@@ -103,6 +104,7 @@ class Experiment:
             if not path.is_file():
                 _save(path, found)
             self._directions = found
+            return found
         return self._directions
 
     def project(self, vector: Array) -> Array:
@@ -207,9 +209,9 @@ def cannot_separate(exp: Experiment, truth: Hidden, value: float, kind: str, loc
     for other in hidden_effects(exp.world).values():
         same = other.kind == kind or kind in other.others
         if same and (location is None or location in (other.location, *other.also)):
-            found = exp.limit(other.name)
-            if np.isfinite(found.value) and found.rule == "distance":
-                columns.append(exp.signal(other, min(found.value, other.cap)))
+            one = strength_one(exp.world, other.name)
+            if one is not None and other.rule is None:
+                columns.append(exp.signal(other, min(one, other.cap)))
     if not columns:
         return False
     return distance_after(signal, np.array(columns).T) < SEPARATION
