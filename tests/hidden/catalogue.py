@@ -10,7 +10,6 @@ from .numbers import WORLDS
 from .signal_effects import actuator_effects, sensor_effects
 from .structure_effects import structure_effects
 
-
 LEFT_OUT = {  # places whose effects one world shows well enough
     "panel": ("joint1", "joint3", "link1", "link2", "wheel_y", "wheel_z"),
     "rigid": ("joint1", "link1", "link2", "wheel_x", "wheel_y"),
