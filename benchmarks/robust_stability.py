@@ -1,0 +1,138 @@
+"""Robust stability with slosh and panel in the plant: mu from both sides, and 1000 plants each.
+
+    SMSID_ORACLE=<reference recordings> python benchmarks/robust_stability.py
+
+Identified: intervals of an estimate from another engine's recordings, by the paper's method and by maximum
+likelihood, for the gains of cases D and A with and without the H-infinity term. Stated: every body of the
+controller's model off by up to 5 or 20 %, slosh mass, slosh stiffness and panel frequencies by as much,
+their dampings by half.
+"""
+
+from __future__ import annotations
+
+import os
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import logging  # noqa: E402
+from dataclasses import asdict  # noqa: E402
+
+import numpy as np  # noqa: E402
+from _accuracy_cases import Data, noisy  # noqa: E402
+from _common import ROOT, environment, write_result  # noqa: E402
+
+from smsid.control.gains import gains  # noqa: E402
+from smsid.control.identified_model import identified_level, identified_model, inertia_at  # noqa: E402
+from smsid.control.reduced import ReducedDynamics  # noqa: E402
+from smsid.control.robust import closed_loop_matrix, flexible_plant  # noqa: E402
+from smsid.control.robustness import robust_stability  # noqa: E402
+from smsid.control.table4 import Study, Variant, cases  # noqa: E402
+from smsid.control.uncertain_plant import uncertain_plant  # noqa: E402
+from smsid.control.uncertainty import perturbed  # noqa: E402
+from smsid.description import load_description  # noqa: E402
+from smsid.effects.slosh import Slosh  # noqa: E402
+from smsid.identify.pipeline import identify  # noqa: E402
+from smsid.likelihood import refine  # noqa: E402
+from smsid.model import build_model  # noqa: E402
+
+PLANTS = 1000
+SHOWN = ("D", "A1.6", "A1.0")
+
+
+def identified(study: Study) -> list[dict]:
+    data = Data()
+    recordings = [noisy(data[r], data.description.sensor, 0) for r in ("exp1_xyz_modal3", "exp2_modal3")]
+    linear = identify(data.description, recordings)
+    estimates = {
+        "the paper's method": linear.estimate,
+        "maximum likelihood": refine(data.description, recordings, linear).estimate,
+    }
+    rows = []
+    for method, estimate in estimates.items():
+        found = identified_model(data.description, estimate)
+        home = found.model.joint_angles(found.model.home)
+        plant = uncertain_plant(found, estimate, home)
+        inertia = inertia_at(found.dynamics(), home)
+        level = identified_level(found, np.random.default_rng(0))
+        for case in (c for c in cases() if c.name in SHOWN):
+            k = gains(len(inertia), case.proportional, case.derivative)
+            for label, term in (("pd", None), ("hinf", study.robust_term(case).controller)):
+                r = robust_stability(
+                    plant, inertia, k, term, level=level, rng=np.random.default_rng(1), samples=PLANTS
+                )
+                worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))
+                row = asdict(r) | {"worst": dict(worst[:12]), "robustly_stable": r.stable}
+                rows.append(
+                    {"estimate": method, "level": level, "case": case.name, "controller": label} | row
+                )
+                print(method, case.name, label, r.mu_lower, r.mu_upper, r.unstable, r.damping, flush=True)
+    return rows
+
+
+def stated(study: Study) -> list[dict]:
+    described = load_description(ROOT / "urdf" / "paper_sms.toml")
+    exact = ReducedDynamics(build_model(described))
+    home = study.model.joint_angles(study.model.home)
+    rows = []
+    for level in (0.05, 0.20):
+        rng = np.random.default_rng(int(1000 * level))
+        least = {(c.name, k): [] for c in cases() if c.paper for k in ("pd", "hinf")}
+        for _ in range(PLANTS):
+            plant = flexible_plant(build_model(_moved(described, level, rng)), home)
+            inertia = inertia_at(perturbed(exact, level, rng), home)
+            for case in (c for c in cases() if c.paper):
+                k = gains(len(inertia), case.proportional, case.derivative)
+                for label, term in (("pd", None), ("hinf", study.robust_term(case).controller)):
+                    poles = np.linalg.eigvals(closed_loop_matrix(plant, inertia, k, term))
+                    least[case.name, label].append(float((-poles.real / np.abs(poles)).min()))
+        for (name, label), found in least.items():
+            rows.append(
+                {
+                    "level": level,
+                    "case": name,
+                    "controller": label,
+                    "plants": PLANTS,
+                    "unstable": int(np.sum(np.array(found) <= 0.0)),
+                    "least_damping_ratio": min(found),
+                }
+            )
+            print(rows[-1], flush=True)
+    return rows
+
+
+def _moved(described, level: float, rng: np.random.Generator):
+    effects = []
+    for effect in described.effect:
+        if isinstance(effect, Slosh):
+            own = {p.name: p.value for p in effect.parameters()}
+            for name, value in own.items():
+                width = 0.5 if "damping" in name else level
+                own[name] = value * (1.0 + width * rng.uniform(-1.0, 1.0))
+            effects.append(effect.with_values(own))
+        else:
+            stiff = (1.0 + level * rng.uniform(-1.0, 1.0)) ** 2
+            effects.append(
+                effect.model_copy(
+                    update={
+                        "youngs_modulus": effect.youngs_modulus * stiff,
+                        "damping": effect.damping * (1.0 + 0.5 * rng.uniform(-1.0, 1.0)),
+                    }
+                )
+            )
+    return described.with_effects(*effects)
+
+
+def main() -> None:
+    logging.disable(logging.WARNING)
+    study = Study(build_model(load_description(ROOT / "urdf" / "paper_sms.toml")), Variant())
+    result = {
+        "environment": environment("pin", "numpy", "scipy"),
+        "identified": identified(study),
+        "stated": stated(study),
+    }
+    print(write_result("robust_stability", result))
+
+
+if __name__ == "__main__":
+    main()
