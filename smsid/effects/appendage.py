@@ -9,6 +9,7 @@ straight beam.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
@@ -72,22 +73,38 @@ class Appendage(Effect):
 
     def attach(self, assembly: Assembly) -> None:
         """Add a joint per mode, and the rigid remainder to the body that carries the appendage."""
-        rigid = self.rigid_inertia()
-        remainder = rigid.toDynamicParameters()
+        rigid, modes, root = self.rigid_inertia(), self.modal_data(), self.placement
+        parts, remainder = _mode_joints(modes, tuple(rigid.toDynamicParameters().tolist()))
         joints, scales = [], []
-        for k, mode in enumerate(self.modal_data(), start=1):
-            joint_model, inertia, placement, scale = _mode_joint(mode, rigid)
+        for k, (mode, part) in enumerate(zip(modes, parts, strict=True), start=1):
+            joint_model, inertia, placement, scale = part
             name = f"{self.name}.mode{k}"
-            joint = assembly.add_joint(self.frame, joint_model, self.placement * placement, name)
+            joint = assembly.add_joint(self.frame, joint_model, root * placement, name)
             assembly.add_inertia(joint, inertia)
-            remainder = remainder - placement.act(inertia).toDynamicParameters()
             # coordinate s = delta / scale carries the modal mass scale^2
             omega = 2 * np.pi * mode.frequency
             assembly.add_springs(joint, (scale**2 * omega**2,), (2 * mode.damping * omega * scale**2,))
             joints.append(joint)
             scales.append(scale)
-        assembly.add_remainder(self.frame, remainder, self.placement)
+        assembly.add_remainder(self.frame, remainder, root)
         assembly.note_appendage(self, joints, scales)
+
+
+_Part = tuple[pin.JointModel, pin.Inertia, pin.SE3, float]
+
+
+@lru_cache(maxsize=64)
+def _mode_joints(
+    modes: tuple[Mode, ...], parameters: tuple[float, ...]
+) -> tuple[tuple[_Part, ...], np.ndarray]:
+    """Return what `_mode_joint` gives for every mode, and the parameters (10,) of the rigid remainder."""
+    remainder = np.array(parameters)
+    rigid = pin.Inertia.FromDynamicParameters(remainder)
+    parts = tuple(_mode_joint(mode, rigid) for mode in modes)
+    for _, inertia, placement, _ in parts:
+        remainder = remainder - placement.act(inertia).toDynamicParameters()
+    remainder.setflags(write=False)
+    return parts, remainder
 
 
 def _mode_joint(mode: Mode, rigid: pin.Inertia) -> tuple[pin.JointModel, pin.Inertia, pin.SE3, float]:
@@ -172,22 +189,8 @@ class BeamAppendage(Appendage):
 
     def modal_data(self) -> tuple[Mode, ...]:
         """Return the bending modes of the cantilever, mass-normalised."""
-        beam = self.cantilever
         stiffness = self.youngs_modulus * self.width * self.thickness**3 / 12.0
-        omega = beam.angular_frequencies(stiffness, self.linear_density)
-        root_mass = np.sqrt(self.mass)
-        lt, first = root_mass * beam.mean_shape, root_mass * beam.mean_moment
-        shapes = beam.shape(np.asarray(self.stations)) / root_mass
-        return tuple(
-            Mode(
-                frequency=float(omega[k] / (2 * np.pi)),
-                damping=self.damping,
-                translation=(0.0, 0.0, float(lt[k])),
-                rotation=(0.0, -float(first[k]), 0.0),  # x e_x cross e_z = -x e_y
-                shape=tuple((0.0, 0.0, float(s[k])) for s in shapes),
-            )
-            for k in range(self.modes)
-        )
+        return _beam_modes(self.length, self.modes, self.mass, stiffness, self.damping, self.stations)
 
     def rigid_inertia(self) -> pin.Inertia:
         """Return the plate's inertia about the root (pin.Inertia: about its own CM, lever to it)."""
@@ -198,6 +201,27 @@ class BeamAppendage(Appendage):
     def station_positions(self) -> np.ndarray:
         """Return the stations in appendage axes, (stations, 3) [m]."""
         return np.array([[x, 0.0, 0.0] for x in self.stations]).reshape(-1, 3)
+
+
+@lru_cache(maxsize=64)
+def _beam_modes(
+    length: float, count: int, mass: float, stiffness: float, damping: float, stations: tuple[float, ...]
+) -> tuple[Mode, ...]:
+    beam = Cantilever.with_modes(length, count)
+    omega = beam.angular_frequencies(stiffness, mass / length)
+    root_mass = np.sqrt(mass)
+    lt, first = root_mass * beam.mean_shape, root_mass * beam.mean_moment
+    shapes = beam.shape(np.asarray(stations)) / root_mass
+    return tuple(
+        Mode(
+            frequency=float(omega[k] / (2 * np.pi)),
+            damping=damping,
+            translation=(0.0, 0.0, float(lt[k])),
+            rotation=(0.0, -float(first[k]), 0.0),  # x e_x cross e_z = -x e_y
+            shape=tuple((0.0, 0.0, float(s[k])) for s in shapes),
+        )
+        for k in range(count)
+    )
 
 
 @register

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.errors import DescriptionError
@@ -46,7 +48,10 @@ def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel
         getattr(description, key) != getattr(model.description, key) for key in _LOADED
     ):
         return build_model(description)
-    return _assembled(description, model.source, None)
+    source = model.source
+    if description.wheel != model.description.wheel:
+        source = replace(source, wheeled=None, wheels=())
+    return _assembled(description, source, None)
 
 
 _LOADED = ("urdf", "folder", "root", "meshes", "inertias", "package_dirs", "arm")
@@ -58,14 +63,16 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     for arm in d.arm:
         if arm.mounted and arm.inertias == "trusted":
             trusted |= set(source.mounted[arm.name])
-    model = source.pin.copy()
+    model = (source.wheeled or source.pin).copy()
     model.gravity.linear = np.asarray(d.gravity)
 
     assembly = Assembly(model, base=1 if free else 0, trusted=frozenset(trusted))
-    wheels = []
-    for wheel in d.wheel:
-        with _placed("wheel", wheel.name):
-            wheels.append(_add_wheel(assembly, wheel))
+    wheels = list(source.wheels)
+    if source.wheeled is None:
+        for wheel in d.wheel:
+            with _placed("wheel", wheel.name):
+                wheels.append(_add_wheel(assembly, wheel))
+        source = replace(source, wheeled=model.copy(), wheels=tuple(wheels))
     for effect in d.effect:
         with _placed("effect", effect.name):
             effect.attach(assembly)
@@ -230,9 +237,10 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
     size = np.diag(mass)
     if size.min() > 0.0:
         scale = 1.0 / np.sqrt(size)
-        values, vectors = np.linalg.eigh(mass * scale[:, None] * scale)
-        if values[0] > 1e-13:
+        scaled = mass * scale[:, None] * scale
+        if lapack.dpotrf(scaled - 1e-13 * np.eye(len(scaled)))[1] == 0:
             return
+        vectors = np.linalg.eigh(scaled)[1]
         worst = int(np.argmax(np.abs(vectors[:, 0])))
     else:
         worst = int(np.argmin(size))

@@ -53,11 +53,16 @@ class SloshJoint:
 
 @dataclass(frozen=True)
 class Source:
-    """What was loaded for a model, before wheels and effects: for `smsid.model.rebuild`."""
+    """What was loaded for a model, before effects: for `smsid.model.rebuild`.
+
+    ``wheeled`` is ``pin`` with the wheels of the description.
+    """
 
     pin: pin.Model
     own_joints: tuple[str, ...]
     mounted: dict[str, tuple[str, ...]]
+    wheeled: pin.Model | None = None
+    wheels: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
