@@ -153,7 +153,8 @@ def test_a_flight_records_what_the_effects_make_of_it(paper: Description) -> Non
         {
             "name": "short", "duration": 4.0,
             "joint_torque": {
-                "kind": "fourier", "frequency": 0.25, "cos": [[0.5], [1.0], [0.5]], "sin": [[1.0], [2.0], [-1.0]],
+                "kind": "fourier", "frequency": 0.25, "cos": [[0.5], [1.0], [0.5]],
+                "sin": [[1.0], [2.0], [-1.0]],
             },
             "force": {"kind": "constant", "value": [5.0, 0.0, 3.0]},
         }
