@@ -23,6 +23,7 @@ def main() -> None:
         ("linear", ()),
         ("cubic spring", ("cubic",)),
         ("quadratic and cubic spring", ("quadratic", "cubic")),
+        ("and quintic spring, damping that grows", ("quadratic", "cubic", "quintic", "damping_growth")),
     ):
         begin = time.perf_counter()
         found = fit_oscillator(

@@ -14,6 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.stats import kurtosis
 
 from smsid.errors import NotIdentifiableError
+from smsid.identify.estimate import Estimate, judged
 from smsid.identify.modes import Mode, Poles, mac
 from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles, signal_matrix
@@ -91,6 +92,18 @@ class AmbientModes:
     harmonics: tuple[float, ...]
     rate: float
     window: float
+
+    def estimate(self, name: str) -> Estimate:
+        """Return frequencies [Hz], damping ratios and separations [Hz] as an estimate of a structure."""
+        found = []
+        for k, mode in enumerate(self.modes, start=1):
+            found.append(judged(f"mode{k}.frequency", mode.frequency, "Hz", mode.frequency_sigma, "modes"))
+            found.append(judged(f"mode{k}.damping", mode.damping, "1", mode.damping_sigma, "modes"))
+        found += [
+            judged(f"mode{k + 1}.frequency - mode{k}.frequency", apart, "Hz", sigma, "modes")
+            for k, (apart, sigma) in enumerate(self.separations, start=1)
+        ]
+        return Estimate(name, "SSI-COV", tuple(found))
 
 
 def ambient_modes(

@@ -13,9 +13,12 @@ from smsid.identify.estimate import Estimate, judged
 from smsid.identify.robust import hac_covariance
 
 SUBSTEPS = 3
-FIELDS = ("frequency", "damping", "gain", "quadratic", "cubic")
+TERMS = {"quadratic": 1, "cubic": 2, "quintic": 4, "damping_growth": 2}
+"""Terms beyond the linear oscillator, with the power of the output their unit is the inverse of."""
+
+FIELDS = ("frequency", "damping", "gain", *TERMS)
 SHARES = {"frequency": 1e-4, "damping": 1e-3, "gain": 1e-4}
-"""Steps of finite differences, relative; those of the springs are relative to the size of the output."""
+"""Steps of finite differences, relative; those of the terms change the force at the peaks by a thousandth."""
 
 SETTLED = 1e-6
 ROUGH = 1e-3
@@ -24,10 +27,14 @@ MOST_ROUNDS = 25
 
 @dataclass(frozen=True)
 class Oscillator:
-    """``x'' + 2 damping w x' + w^2 (x + quadratic x^2 + cubic x^3) = gain w^2 u``, ``y = x + offset``.
+    """A driven oscillator, ``y = x + offset``:
 
-    ``frequency`` w / 2 pi [Hz]; ``gain`` [y per u] is the static one; ``quadratic`` [1/y], ``cubic`` [1/y^2];
-    ``offset`` [y]. A positive ``cubic`` is a hardening spring.
+        x'' + 2 damping w (1 + damping_growth x^2) x' + w^2 (x + quadratic x^2 + cubic x^3 + quintic x^5)
+            = gain w^2 u
+
+    ``frequency`` w / 2 pi [Hz]; ``gain`` [y per u] is the static one; ``quadratic`` [1/y], ``cubic`` and
+    ``damping_growth`` [1/y^2], ``quintic`` [1/y^4]; ``offset`` [y]. A positive ``cubic`` is a hardening
+    spring.
     """
 
     frequency: float
@@ -35,6 +42,8 @@ class Oscillator:
     gain: float
     quadratic: float = 0.0
     cubic: float = 0.0
+    quintic: float = 0.0
+    damping_growth: float = 0.0
     offset: float = 0.0
 
     def simulate(self, drive: np.ndarray, rate: float) -> np.ndarray:
@@ -73,7 +82,7 @@ def fit_oscillator(
         output: (N,) [``unit``].
         rate: [Hz].
         start: first guess; what is not fitted keeps its value.
-        terms: of the spring beyond the linear one: ``quadratic``, ``cubic``.
+        terms: beyond the linear oscillator, of `TERMS`.
         pieces: number of pieces.
         unit: of the output, for the names of units.
         name: of the estimate.
@@ -81,10 +90,10 @@ def fit_oscillator(
     Raises:
         NotIdentifiableError: not finite, too short for its pieces, or the fit does not converge.
     """
-    unknown = set(terms) - {"quadratic", "cubic"}
+    unknown = set(terms) - set(TERMS)
     if unknown:
         raise NotIdentifiableError(
-            f"The spring has no term {sorted(unknown)}.", advice="Use quadratic, cubic."
+            f"The spring has no term {sorted(unknown)}.", advice=f"Use {', '.join(TERMS)}."
         )
     u, y = np.asarray(drive, dtype=float), np.asarray(output, dtype=float)
     if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
@@ -105,7 +114,7 @@ def fit_oscillator(
     drives = np.array([fine[per * b : per * (b + run_in + length)] for b in begins])
     target = np.array([y[b + run_in : b + run_in + length] for b in begins]).T
     fields = (*FIELDS[:3], *(t for t in FIELDS[3:] if t in terms))
-    size = float(np.std(y))
+    size = float(np.ptp(y)) / 2.0  # a term counts by what it does at the peaks
     found = start
     first = _linearised(found, fields, drives, rate, run_in, target, size)
     if first is None:
@@ -141,7 +150,8 @@ def fit_oscillator(
         )
     lags = correlation_lags(residual.reshape(pieces, -1).T)
     sigma = np.sqrt(np.diag(hac_covariance(columns, residual, residual.size, lags)))
-    units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}", "cubic": f"1/{unit}^2"}
+    units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
+    units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
     parameters = [
         judged(f"{name}.{f}", getattr(found, f), units.get(f, unit), float(s), name)
         for f, s in zip((*fields, "offset"), sigma, strict=True)
@@ -173,7 +183,7 @@ def _linearised(
     for f in fields:
         moved = values.copy()
         relative = SHARES[f] * abs(values[FIELDS.index(f)]) if f in SHARES else 1e-3
-        steps.append(relative if f in SHARES else 1e-3 / size ** (1 if f == "quadratic" else 2))
+        steps.append(relative if f in SHARES else 1e-3 / size ** TERMS[f])
         moved[FIELDS.index(f)] += steps[-1]
         sets.append(moved)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -194,12 +204,12 @@ def _refined(drive: np.ndarray) -> np.ndarray:
 
 
 def _run(parameters: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
-    """Outputs (n, k) of oscillators ``parameters`` (5, k); ``drives`` (B, n * 2 SUBSTEPS) serve them in turn.
+    """Outputs (n, k) of oscillators ``parameters`` (fields, k); ``drives`` (B, n * 2 SUBSTEPS) in turn.
 
     Classical Runge-Kutta of fourth order, all oscillators at once.
     """
     w2 = (2 * np.pi * parameters[0]) ** 2
-    damping, gain, b2, b3 = 2 * parameters[1] * np.sqrt(w2), parameters[2] * w2, *parameters[3:]
+    damping, gain, b2, b3, b5, growth = 2 * parameters[1] * np.sqrt(w2), parameters[2] * w2, *parameters[3:]
     per, count = 2 * SUBSTEPS, parameters.shape[1]
     samples = drives.shape[1] // per
     forces = np.tile(drives.T, (1, count // len(drives)))
@@ -209,7 +219,8 @@ def _run(parameters: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
     out = np.empty((samples, count))
 
     def slope(x: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return gain * u - damping * v - w2 * x * (1.0 + x * (b2 + b3 * x))
+        x2 = x * x
+        return gain * u - damping * (1.0 + growth * x2) * v - w2 * x * (1.0 + x * b2 + x2 * (b3 + b5 * x2))
 
     for k in range(samples):
         out[k] = x

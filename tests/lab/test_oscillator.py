@@ -63,6 +63,27 @@ def test_the_truth_is_found_within_intervals(record):
     assert found.rmse == pytest.approx(0.002, rel=0.1)
 
 
+def test_quintic_spring_and_growing_damping_are_found():
+    truth = Oscillator(8.0, 0.08, 1.2, cubic=0.3, quintic=0.2, damping_growth=0.8)
+    drive = multisine(5)
+    w = 2 * np.pi * truth.frequency
+
+    def slope(t, s):
+        x, v = s
+        spring = x + 0.3 * x**3 + 0.2 * x**5
+        return [v, w * w * (1.2 * float(drive(t)) - spring) - 2 * 0.08 * w * (1.0 + 0.8 * x * x) * v]
+
+    times = np.arange(N) / RATE
+    done = solve_ivp(
+        slope, (0.0, times[-1]), [0.0, 0.0], "DOP853", times, rtol=1e-8, atol=1e-10, max_step=0.01
+    )
+    terms = ("cubic", "quintic", "damping_growth")
+    start = Oscillator(8.0, 0.1, 1.2, cubic=0.3)
+    found = fit_oscillator(drive(times), done.y[0], RATE, start, terms=terms, pieces=2)
+    for name in terms:
+        assert getattr(found.oscillator, name) == pytest.approx(getattr(truth, name), rel=0.1), name
+
+
 def test_a_hardening_spring_is_missed_by_a_linear_model(record):
     drive, measured = record
     start = Oscillator(frequency=8.0, damping=0.1, gain=1.0)
