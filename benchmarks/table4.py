@@ -1,7 +1,7 @@
 """Table 4 over draws of uncertainty and noise: ``python benchmarks/table4.py --draws 100 --minutes 60``.
 
 Resumable: every flight is a line of ``results/table4_runs.jsonl``; what is there is not flown again. Draws go
-round all cases and variants first, so a run cut short still compares like with like. Case D flies with
+round all cases in blocks, so a run cut short still compares like with like. Case D flies with
 models identified from another engine's recordings (``results/table4_identified.jsonl``; to make it again,
 delete it and set SMSID_ORACLE).
 """
@@ -40,12 +40,12 @@ from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
 LINES = RESULTS / "table4_runs.jsonl"
-MAIN = Variant()
+MAIN, QUIET = Variant(), "no noise"
 VARIANTS = {
     v.name: v
     for v in (
         MAIN,
-        Variant("no noise", noise=0.0),
+        Variant(QUIET, noise=0.0),
         Variant("noise x 10", noise=10.0),
         Variant("arm stretched", start=(0.0, 0.0, 0.0)),
         Variant("no noise, signs", noise=0.0, draw="signs"),
@@ -89,8 +89,7 @@ def main() -> None:
         exact = ReducedDynamics(model)
         identify_up_to(IDENTIFIED, exact, model.joint_angles(model.home), options.minutes)
     done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
-    first = ["main", "no noise"]
-    draws = {v: options.draws if v in first else options.other_draws for v in VARIANTS}
+    draws = {v: options.draws if v in (MAIN.name, QUIET) else options.other_draws for v in VARIANTS}
     printed = [c for c in cases() if c.paper]
 
     def flights(variants: Sequence[str], wanted: Sequence[Case], begin: int) -> list[tuple]:
@@ -101,10 +100,12 @@ def main() -> None:
                 found.append((v, c.name, k, left))
         return found
 
-    jobs = flights([MAIN.name], cases(), 0) + flights(list(VARIANTS), printed, 0)
-    for variant in first:
-        for begin in range(0, draws[variant], TOGETHER):
-            jobs += flights([variant], cases(), begin)
+    jobs = []
+    for begin in range(0, draws[MAIN.name], TOGETHER):
+        jobs += flights([MAIN.name], cases(), begin)
+    jobs += flights(list(VARIANTS), printed, 0)
+    for begin in range(0, draws[QUIET], TOGETHER):
+        jobs += flights([QUIET], cases(), begin)
     jobs = list({(v, c, k, d[0]): (v, c, k, d) for v, c, k, d in jobs}.values())
     jobs = [] if options.summary_only else jobs
     begin = time.monotonic()
