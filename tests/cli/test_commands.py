@@ -232,6 +232,19 @@ def test_time_going_back_is_refused(tmp_path: Path) -> None:
     assert not target.exists()
 
 
+def test_a_gap_is_refused_with_its_place(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 10},0,0,0\n" for k in range(100) if not 40 < k < 60)
+    (tmp_path / "log.csv").write_text("t,wx,wy,wz\n" + rows)
+    (tmp_path / "map.toml").write_text(
+        '[time]\ncolumn = "t"\nunit = "s"\n'
+        '[channel."imu.angular_rate"]\ncolumns = ["wx", "wy", "wz"]\nunit = "rad/s"\n'
+    )
+    target = tmp_path / "rec.nc"
+    done = run("import", tmp_path / "log.csv", "--map", tmp_path / "map.toml", "-o", target)
+    fails(done, "log.csv", "gap of 2 s from t = 4 s", "window(t0, t1)")
+    assert not target.exists()
+
+
 def test_only_a_recording_with_thrust_and_one_without_are_both_used(
     flown: Path, urdf: Path, tmp_path: Path
 ) -> None:
