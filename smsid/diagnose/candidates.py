@@ -82,7 +82,7 @@ class Score:
 
     ``estimate`` and ``covariance`` are in units of the candidate's steps. ``excited`` is the smallest share
     of a column's information left beside the nominal parameters; ``columns`` (N rows + m, d) are what
-    the fitted parameters leave of the whitened columns.
+    the fitted parameters leave of the whitened columns, ``taken`` (m, d) what they stand in for.
     """
 
     candidate: Candidate
@@ -92,6 +92,7 @@ class Score:
     covariance: np.ndarray
     excited: float
     columns: np.ndarray
+    taken: np.ndarray
 
     @property
     def p_value(self) -> float:
@@ -138,7 +139,7 @@ def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
     ratio = float(scaled @ scaled)
     if len(estimate) == 1 and not _allowed(candidate, estimate):
         ratio = 0.0
-    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, left)
+    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, left, found.taken(columns))
 
 
 def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:

@@ -90,8 +90,8 @@ def _diagnose(
 ) -> Diagnosed:
     recording = recordings[0]
     recording.check()
-    point = Point.of(description)
-    known = nominal(point, estimate)
+    known = nominal(description, estimate)
+    point, description = known.point, known.point.description
     data = measured(point.base, recording, description.effective_sensors())
     if len(data.times) < SHORTEST:
         raise RecordingError(
@@ -100,7 +100,7 @@ def _diagnose(
         )
     faults = stuck_channels(data) + quantised_channels(data)
     data = _less(data, faults)
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise)
+    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
     found = search(point, problem, known.unknowns, candidates, levels)
@@ -134,7 +134,10 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=(f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}",),
+        notes=(
+            *known.notes,
+            f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}",
+        ),
     )
     return Diagnosed(result, extended, found)
 

@@ -12,6 +12,7 @@ from scipy.linalg import lapack
 from smsid.diagnose.channels import Measured, Outputs
 from smsid.diagnose.inputs import Hold, commanded, limits, means
 from smsid.diagnose.plant import Plant
+from smsid.diagnose.point import Combination
 from smsid.errors import SimulationError
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
@@ -82,13 +83,14 @@ class Run:
 
 @dataclass(frozen=True)
 class Problem:
-    """A recording to be explained: samples, commands, and how they are taken."""
+    """A recording to be explained: samples, commands, how they are taken, and combinations known before."""
 
     recording: Recording
     data: Measured
     locked: np.ndarray
     timing: Timing
     noise: Noise
+    combinations: tuple[Combination, ...] = ()
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
@@ -17,6 +18,16 @@ from smsid.errors import SmsidError
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 HALVINGS = 6
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Priors at a point: what they are off by in standard deviations, and the rows of its derivatives by the
+    parameters, in units of their scales.
+    """
+
+    off: np.ndarray
+    rows: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -36,27 +47,33 @@ class Fit:
     slope: np.ndarray
     objective: float
     changes: Changes
+    prior: Prior
 
     @cached_property
-    def basis(self) -> np.ndarray:
-        """Orthonormal columns (N rows + m, m) that span what the fitted parameters can do, priors included."""
+    def factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Q (N rows + priors, m) and R (m, m) of the whitened derivatives with the priors' rows below."""
         flat = self.whitened.reshape(-1, len(self.unknowns))
-        weight = np.array([u.scale / u.sigma for u in self.unknowns])
-        return np.linalg.qr(np.vstack([flat, np.diag(weight)]))[0]
+        return np.linalg.qr(np.vstack([flat, self.prior.rows]))
 
     @cached_property
     def residual(self) -> np.ndarray:
-        """Innovations and the priors' residuals (N rows + m,)."""
-        return np.concatenate([self.run.innovations.ravel(), -_prior(self.point, self.unknowns)])
+        """Innovations and what the priors leave (N rows + priors,)."""
+        return np.concatenate([self.run.innovations.ravel(), -self.prior.off])
 
     def left(self, columns: np.ndarray) -> np.ndarray:
-        """Return what of whitened columns (N rows, d) the fitted parameters cannot do: (N rows + m, d).
+        """Return what of whitened columns (N rows, d) the fitted parameters cannot do: (N rows + priors, d).
 
         By projection, not by differences of Gram matrices, which lose what a tight prior leaves.
         """
-        whole = np.vstack([columns, np.zeros((len(self.unknowns), columns.shape[1]))])
-        whole -= self.basis @ (self.basis.T @ whole)
-        return whole - self.basis @ (self.basis.T @ whole)
+        whole = np.vstack([columns, np.zeros((len(self.prior.off), columns.shape[1]))])
+        q, _ = self.factors
+        whole -= q @ (q.T @ whole)
+        return whole - q @ (q.T @ whole)
+
+    def taken(self, columns: np.ndarray) -> np.ndarray:
+        """Return by how much the fitted parameters stand in for columns (N rows, d): (m, d), in scales."""
+        q, r = self.factors
+        return solve_triangular(r, q[: len(columns)].T @ columns)
 
     @property
     def scales(self) -> np.ndarray:
@@ -97,12 +114,11 @@ def fit(point: Point, unknowns: Sequence[Unknown], problem: Problem, *, iteratio
 
 def _last_step(found: Fit, point: Point, step: np.ndarray) -> Fit:
     """Return the fit a small step on, its innovations moved along their derivatives."""
-    innovations = found.run.innovations - found.whitened @ step
-    run = replace(found.run, innovations=innovations)
+    run = replace(found.run, innovations=found.run.innovations - found.whitened @ step)
     gain = 0.5 * float(found.slope @ step)
-    return replace(
-        found, point=point, run=run, slope=np.zeros_like(found.slope), objective=found.objective - gain
-    )
+    prior = prior_of(point, found.unknowns, found.problem)
+    rest = np.zeros_like(found.slope)
+    return replace(found, point=point, run=run, slope=rest, objective=found.objective - gain, prior=prior)
 
 
 def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
@@ -116,7 +132,7 @@ def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem:
         except SmsidError as error:
             LOGGER.info("step refused: %s", error)
             continue
-        if objective(point, unknowns, run) < found.objective:
+        if objective(point, unknowns, problem, run) < found.objective:
             return _normal(point, unknowns, problem, run, model)
     return None
 
@@ -128,13 +144,33 @@ def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit
     return _normal(point, unknowns, problem, run_filter(model, problem_here), model)
 
 
-def objective(point: Point, unknowns: Sequence[Unknown], run: Run) -> float:
+def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Run) -> float:
     """Return minus the log-posterior, without constants."""
-    return -run.log_likelihood + 0.5 * float(sum(x * x for x in _prior(point, unknowns)))
+    off = prior_of(point, unknowns, problem).off
+    return -run.log_likelihood + 0.5 * float(off @ off)
 
 
-def _prior(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
-    return np.array([(point.value(u) - u.nominal) / u.sigma for u in unknowns])
+def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Prior:
+    """Return the priors of single parameters and of combinations at a point.
+
+    A parameter without prior leaves the combinations it is part of: nothing is known of them any more.
+    """
+    shift = np.array([point.value(u) - u.nominal for u in unknowns])
+    scale = np.array([u.scale for u in unknowns])
+    sigma = np.array([u.sigma for u in unknowns])
+    rows = np.diag(1.0 / sigma)
+    place = {u.name: i for i, u in enumerate(unknowns)}
+    more = []
+    for known in problem.combinations:
+        if any(n in place and not np.isfinite(sigma[place[n]]) for n in known.factors):
+            continue
+        row = np.zeros(len(unknowns))
+        for name, factor in known.factors.items():
+            if name in place:
+                row[place[name]] = factor / known.sigma
+        more.append(row)
+    rows = np.vstack([rows, *more]) if more else rows
+    return Prior(rows @ shift, rows * scale)
 
 
 def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Run, model) -> Fit:
@@ -143,13 +179,11 @@ def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Ru
     whitened = propagate(run, columns_of(changes, unknowns))
     whitened *= np.array([u.scale for u in unknowns])
     flat = whitened.reshape(-1, len(unknowns))
-    weight = np.array([(u.scale / u.sigma) ** 2 for u in unknowns])
-    pull = np.array([u.scale / u.sigma for u in unknowns]) * _prior(point, unknowns)
-    gram = flat.T @ flat + np.diag(weight)
-    slope = flat.T @ run.innovations.ravel() - pull
-    return Fit(
-        point, tuple(unknowns), problem, run, whitened, gram, slope, objective(point, unknowns, run), changes
-    )
+    prior = prior_of(point, unknowns, problem)
+    gram = flat.T @ flat + prior.rows.T @ prior.rows
+    slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
+    least = objective(point, unknowns, problem, run)
+    return Fit(point, tuple(unknowns), problem, run, whitened, gram, slope, least, changes, prior)
 
 
 def columns_of(changes: Changes, unknowns: Sequence[Unknown]) -> list[Change]:

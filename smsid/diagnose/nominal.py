@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.point import Point, Unknown
+from smsid.description.schema import Description
+from smsid.diagnose.point import Combination, Point, Unknown
 from smsid.effects.appendage import Appendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
-from smsid.identify.estimate import Estimate
+from smsid.export.bodies import GROUPS, identified_bodies, parse_combination, urdf_bodies
+from smsid.export.estimate_values import with_estimate
+from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
@@ -19,21 +22,30 @@ DEFAULT_EFFECT = 0.10
 """Standard deviations where neither an estimate nor the description states any: relative to the body's own
 mass, first moment and inertia, and to the value of an effect's parameter."""
 
+BEYOND = 0.5
+"""Of single inertial parameters where combinations of them are known: wide."""
+
 
 @dataclass(frozen=True)
 class Nominal:
-    """The nominal parameters and where their standard deviations are from.
+    """The nominal parameters, what is known of their combinations, and where that is from.
 
-    ``sources`` counts them: ``estimate``, ``description``, ``default``.
+    ``point`` has the estimate's values. ``sources`` counts the standard deviations: ``estimate``,
+    ``description``, ``default``; ``notes`` say what of the estimate was not taken.
     """
 
+    point: Point
     unknowns: tuple[Unknown, ...]
+    combinations: tuple[Combination, ...]
     sources: dict[str, int]
+    notes: tuple[str, ...] = ()
 
     @property
     def stated(self) -> str:
         """One sentence on where the standard deviations are from."""
         parts = [f"{n} from the {k}" for k, n in self.sources.items() if n and k != "default"]
+        if self.combinations:
+            parts.append(f"{len(self.combinations)} combinations of them from the estimate")
         if self.sources["default"]:
             parts.append(
                 f"{self.sources['default']} by default ({100 * DEFAULT_INERTIAL:g} % of a body's own size, "
@@ -42,29 +54,40 @@ class Nominal:
         return "standard deviations of the nominal parameters: " + ", ".join(parts)
 
 
-def nominal(point: Point, estimate: Estimate | None) -> Nominal:
-    """Return the nominal parameters of a point's description with their priors.
+def nominal(description: Description, estimate: Estimate | None) -> Nominal:
+    """Return the nominal parameters of a description with their priors.
 
-    Values are the description's (apply an estimate to it first); standard deviations the estimate's, else the
-    description's priors, else the stated defaults. Sensor biases are nuisances where the description states
-    their standard deviation.
+    With an estimate, values are the estimate's: effects directly, bodies as the nearest physical ones that
+    agree with the identified combinations. Standard deviations are the estimate's, else the description's
+    priors, else the stated defaults; of a body known only in combinations each single parameter has the wide
+    default `BEYOND`. Sensor biases are nuisances where the description states their standard deviation.
 
     Raises `SmsidError` for an estimate that belongs to another spacecraft.
     """
-    known = {p.name: p for p in estimate.parameters} if estimate is not None else {}
+    notes: list[str] = []
+    known: dict[str, ParameterEstimate] = {}
+    if estimate is not None:
+        known = {p.name: p for p in estimate.parameters}
+        description, notes = with_estimate(description, estimate)
+    point = Point.of(description)
+    single, combinations = _inertial_knowledge(point, estimate)
+    if combinations:
+        point = _moved_to(point, estimate, notes)
     found: list[Unknown] = []
     sources = {"estimate": 0, "description": 0, "default": 0}
 
     def add(name: str, kind: str, unit: str, value: float, scale: float, prior: float | None, **more) -> None:
         stated = known[name].sigma if name in known else np.nan
+        if kind == "inertial" and name not in single:
+            stated = np.nan
         if np.isfinite(stated) and stated > 0.0:
             source, sigma = "estimate", float(stated)
         elif prior is not None:
             source, sigma = "description", prior
         else:
-            source, sigma = "default", scale * (DEFAULT_INERTIAL if kind == "inertial" else DEFAULT_EFFECT)
+            share = DEFAULT_EFFECT if kind == "effect" else BEYOND if combinations else DEFAULT_INERTIAL
+            source, sigma = "default", scale * share
         sources[source] += 1
-        # an estimate that knows less than the default says nothing the default does not
         found.append(Unknown(name, kind, unit, value, sigma, min(scale, sigma), **more))  # type: ignore[arg-type]
 
     model = point.base
@@ -77,7 +100,9 @@ def nominal(point: Point, estimate: Estimate | None) -> Nominal:
         theta = dynamic_parameters(model.pin.inertias[j])
         size = body_size(theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
-            add(f"{names[j - 1]}.{label}", "inertial", unit, theta[i], size[i], None, column=10 * (j - 1) + i)
+            column = 10 * (j - 1) + i
+            value = theta[i] + point.inertial.get(column, 0.0)
+            add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
     for effect in point.description.effect:
         if not isinstance(effect, Slosh | Appendage):
             continue
@@ -86,14 +111,50 @@ def nominal(point: Point, estimate: Estimate | None) -> Nominal:
                 continue
             scale = abs(p.value) if p.value != 0.0 else 1e-3
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
-    if estimate is not None and known and not sources["estimate"]:
+    if estimate is not None and known and not (sources["estimate"] or combinations):
         raise SmsidError(
             "The estimate has no parameter of this description.",
             advice="Is it of another spacecraft?",
             estimate=sorted(known)[:10],
             description=[u.name for u in found][:10],
         )
-    return Nominal((*found, *_biases(point)), sources)
+    return Nominal(point, (*found, *_biases(point)), combinations, sources, tuple(notes))
+
+
+def _inertial_knowledge(point: Point, estimate: Estimate | None) -> tuple[set[str], tuple[Combination, ...]]:
+    """Return the inertial parameters an estimate knows singly, and the combinations of several it knows."""
+    if estimate is None:
+        return set(), ()
+    names = {f"{body}.{p}" for body in body_names(point.base.pin) for p in INERTIAL_NAMES}
+    single, combined = set(), []
+    for p in estimate.parameters:
+        if not (np.isfinite(p.sigma) and p.sigma > 0.0):
+            continue
+        terms = parse_combination(p.name)
+        own = {n: f for n, f in (terms or {}).items() if n in names}
+        if not own:
+            continue
+        if terms == {p.name: 1.0} and p.group not in GROUPS:
+            single.add(p.name)
+        else:
+            combined.append(Combination(own, float(p.sigma)))
+    return single, tuple(combined)
+
+
+def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Point:
+    """Return the point with the bodies an estimate's combinations stand for."""
+    assert estimate is not None
+    found = identified_bodies(point.base, estimate)
+    notes += found.notes
+    own = urdf_bodies(point.base.description)
+    joints = {name: k for k, name in enumerate(list(point.base.pin.names)[1:])}
+    inertial = {
+        10 * joints[name] + i: float(shift)
+        for name, theta in found.parameters.items()
+        for i, shift in enumerate(theta - own[name])
+        if shift != 0.0
+    }
+    return replace(point, inertial=inertial)
 
 
 def _biases(point: Point) -> list[Unknown]:

@@ -45,6 +45,14 @@ class Unknown:
 
 
 @dataclass(frozen=True)
+class Combination:
+    """What is known of a sum of inertial parameters: factors by name, and its standard deviation."""
+
+    factors: Mapping[str, float]
+    sigma: float
+
+
+@dataclass(frozen=True)
 class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
@@ -64,7 +72,7 @@ class Point:
     def value(self, unknown: Unknown) -> float:
         """Return the value of a parameter here."""
         if unknown.kind == "inertial":
-            return unknown.nominal + self.inertial.get(unknown.column, 0.0)
+            return self._urdf(unknown.column) + self.inertial.get(unknown.column, 0.0)
         if unknown.kind == "bias":
             return self.biases.get(unknown.name, 0.0)
         effect = self.description.get_effect(unknown.name.partition(".")[0])
@@ -77,7 +85,7 @@ class Point:
         for unknown, d in zip(unknowns, step, strict=True):
             new = float(np.clip(self.value(unknown) + d, unknown.lower, unknown.upper))
             if unknown.kind == "inertial":
-                inertial[unknown.column] = new - unknown.nominal
+                inertial[unknown.column] = new - self._urdf(unknown.column)
             elif unknown.kind == "bias":
                 biases[unknown.name] = new
             else:
@@ -87,6 +95,9 @@ class Point:
             changed = [description.get_effect(name).with_values(v) for name, v in values.items()]
             description = description.with_effects(*changed)
         return replace(self, description=description, inertial=inertial, biases=biases)
+
+    def _urdf(self, column: int) -> float:
+        return float(self.base.pin.inertias[column // 10 + 1].toDynamicParameters()[column % 10])
 
     def with_effect(self, effect: Effect) -> Point:
         """Return the point with an effect more, or another instance of one it has."""

@@ -224,7 +224,9 @@ def _refit(current: Fit, s: Score) -> Fit | None:
     if candidate.effect is not None:
         point = point.with_effect(candidate.instance(point))
     unknowns = (*kept, *own)
-    start = point.moved(own, s.estimate * np.array(candidate.steps))
+    # what stood in for the effect goes back, the effect comes in
+    back = -(s.taken @ s.estimate) * current.scales
+    start = point.moved(current.unknowns, back).moved(own, s.estimate * np.array(candidate.steps))
     for at in (start, point):
         try:
             if not at.physical():
