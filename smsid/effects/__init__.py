@@ -17,6 +17,7 @@ from smsid.effects.base import (
 )
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
+from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.friction import JointFriction
 from smsid.effects.gear import Gear
 from smsid.effects.geometric_stiffness import GeometricStiffness
@@ -44,6 +45,7 @@ __all__ = [
     "BodyError",
     "Effect",
     "ExternalWrench",
+    "ExtraMode",
     "ForceTerm",
     "FrequencyDrift",
     "Gear",

@@ -74,6 +74,9 @@ EXAMPLES = {
     "geometric_stiffness": {"name": "gs", "appendage": "panel", "factor": 1.0},
     "frequency_drift": {"name": "fd", "appendage": "panel", "mode": 2, "rate": 1e-3},
     "wheel_imbalance": {"name": "wi", "wheel": "wheel_z", "static": 1e-3, "phase": 0.3, "dynamic": 1e-4},
+    "extra_mode": {
+        "name": "xm", "appendage": "panel", "mass": 1.0, "position": (3.0, 0.0, 0.0), "frequency": 0.4,
+    },
     "gear_compliance": {"name": "gc", "joint": "joint2", "compliance": 1e-3, "motor_inertia": 0.5},
     "backlash": {"name": "bl", "joint": "joint2", "gap": 0.01, "motor_inertia": 0.5},
 }  # fmt: skip
