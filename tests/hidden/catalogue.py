@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from .body_effects import body_effects
 from .effect import Hidden
 from .joint_effects import joint_effects
 from .numbers import WORLDS
@@ -20,7 +21,13 @@ LEFT_OUT = {  # places whose effects one world shows well enough
 def hidden_effects(world: str) -> dict[str, Hidden]:
     """Every effect that the world may hide."""
     n = WORLDS[world]
-    found = [*joint_effects(n), *structure_effects(n), *actuator_effects(n), *sensor_effects(n)]
+    found = [
+        *joint_effects(n),
+        *body_effects(n),
+        *structure_effects(n),
+        *actuator_effects(n),
+        *sensor_effects(n),
+    ]
     found = [h for h in found if h.location not in LEFT_OUT.get(world, ())]
     by_name = {h.name: h for h in found}
     if len(by_name) != len(found):

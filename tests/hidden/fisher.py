@@ -42,10 +42,15 @@ LINEAR = 30.0  # raw distance of a step that counts as small
 SEED = 20  # of the chance in an effect, for its limit
 
 
+LAW_FILES = (
+    "effect", "joint_effects", "body_effects", "structure_effects", "signal_effects", "plant", "sensors",
+)  # fmt: skip
+
+
 def _laws() -> str:
     """Digest of what the sources of the effects say, comments and layout apart."""
     digest = hashlib.sha256()
-    for name in ("effect", "joint_effects", "structure_effects", "signal_effects", "plant", "sensors"):
+    for name in LAW_FILES:
         text = (Path(__file__).resolve().parent / f"{name}.py").read_text(encoding="utf-8")
         digest.update(ast.dump(ast.parse(text)).encode())
     return digest.hexdigest()[:12]
