@@ -153,7 +153,10 @@ class Changes:
         out = states.tau.copy()
         if model.forces or model.loads:
             for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
-                model.add_passive_forces(float(t), q, v, tau)
+                model.add_passive_forces(float(t), q, v, tau, inertial=False)
+            if model.inertial is not None:  # at the accelerations there are, whatever is held still
+                for i, t in enumerate(states.time):
+                    out[i] += model.inertial.force(float(t), states.q[i], states.v[i], states.a[i])
             return out - states.tau
         out[:, model.spring_v] -= (
             model.stiffness * states.q[:, model.spring_q] + model.damping * states.v[:, model.spring_v]
@@ -165,7 +168,7 @@ class Changes:
     ) -> np.ndarray | None:
         before, after = base.sensors(), other.sensors()
         scaled = any(
-            not np.array_equal(a.scale, b.scale) or a.appendage != b.appendage
+            not np.array_equal(a.scale, b.scale) or a.appendage != b.appendage or a.drawn is not b.drawn
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )
         if before == after and not scaled:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -30,6 +30,9 @@ class Plant:
         self.model = model
         self.pin = model.pin.copy()
         self.pin.armature[locked] += LOCK
+        if model.inertial is not None:  # it is to solve with what is held still
+            held = model.inertial.using(self.pin)
+            self.model = replace(model, forces=(*model.forces[:-1], held), inertial=held)
         self.data = self.pin.createData()
         self.locked = locked
         self.nv, self.free = model.nv, model.free
