@@ -88,13 +88,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=40, help="noise realisations")
     parser.add_argument("--beside", type=int, help="those of cases beside the reference sensors")
+    parser.add_argument("--repeats", type=int, default=11, help="runs that are timed")
     parser.add_argument("--quick", action="store_true", help="3 seeds, print only")
     options = parser.parse_args()
     seeds = 3 if options.quick else options.seeds
     beside = min(seeds, options.beside or (seeds + 1) // 2)
     data = Data()
     runs, true = collect(data, seeds, beside)
-    load, repeats = [os.getloadavg()[0]], 3 if options.quick else 11
+    load, repeats = [os.getloadavg()[0]], 3 if options.quick else options.repeats
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         timed = [run(CASES[0], seed, data, Path(folder))[0] for seed in range(repeats)]
