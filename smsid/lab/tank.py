@@ -225,10 +225,14 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
     parameters = tuple(
         judged(f"tank.{n}", v, u, s, "tank") for n, v, u, s in zip(NAMES, values, UNITS, sigma, strict=False)
     )
+    notes = [f"residuals correlated over {lags} samples"]
+    at_bound = (found.x - lower < 1e-3) & np.isfinite(lower) | (upper - found.x < 1e-3) & np.isfinite(upper)
+    notes += [
+        f"tank.{NAMES[k]} ended at a bound of its search: the model does not fit, the interval says nothing"
+        for k in np.flatnonzero(at_bound).tolist()
+    ]
     likelihood = -float(np.sum(test.at_rest) * np.log(noise[1]) + np.sum(~test.at_rest) * np.log(noise[0]))
-    estimate = Estimate(
-        "tank", f"output error, {model}", parameters, notes=(f"residuals correlated over {lags} samples",)
-    )
+    estimate = Estimate("tank", f"output error, {model}", parameters, notes=tuple(notes))
     after, during = (float(np.sqrt(np.mean(residual[m] ** 2))) for m in (ring, ~test.at_rest))
     return TankFit(model, estimate, values, residual, after, during, likelihood)
 

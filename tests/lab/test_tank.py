@@ -107,3 +107,14 @@ def test_water_carried_by_a_robot_agrees_with_theory():
     assert value(best, "softening").interval[0] > 0.0
     assert fits["rigid"].ring_down > 3.0 * fits["slosh"].ring_down > 4.0 * best.ring_down
     assert 0.01 < value(best, "lag").value < 0.032 and 0.01 < test.lag.value < 0.032
+
+
+def test_a_model_driven_to_a_bound_says_so():
+    """A heavy softening forced into a linear model drives the lag away; a fit that is free does not."""
+    test = tank_test(*simulated(200.0), cutoff=15.0)
+    linear = fit_tank(test, "slosh")
+    lag = value(linear, "lag").value
+    at_bound = abs(abs(lag - test.lag.value) - 1.0 / (16.0 * FREQUENCY)) < 2e-4
+    assert at_bound == any("ended at a bound" in note for note in linear.estimate.notes)
+    free = fit_tank(tank_test(*simulated(0.0), cutoff=15.0), "slosh")
+    assert not any("bound" in note for note in free.estimate.notes)
