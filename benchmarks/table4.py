@@ -46,6 +46,7 @@ VARIANTS = {
     for v in (
         MAIN,
         Variant(QUIET, noise=0.0),
+        Variant("noise / 10", noise=0.1),
         Variant("noise x 10", noise=10.0),
         Variant("arm stretched", start=(0.0, 0.0, 0.0)),
         Variant("no noise, signs", noise=0.0, draw="signs"),

@@ -8,10 +8,11 @@ import numpy as np
 
 from smsid.control.disturbance import left_out, sensor_noise, sensor_sigma
 from smsid.control.gains import gains
+from smsid.control.guarded import guarded_term
 from smsid.control.identified_model import IdentifiedModel, identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.robust import Pole, check_design, flexible_plant
-from smsid.control.robust_term import RobustTerm, design_robust_term
+from smsid.control.robust import Pole, flexible_plant, refuse_unstable
+from smsid.control.robust_term import RobustTerm
 from smsid.control.robustness import Robustness, robust_stability
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
 from smsid.control.tuning import Demands, Tuning, natural_modes, tuned_gains
@@ -96,14 +97,14 @@ def design(
     plant = None
     if identified is not None and estimate is not None:
         plant = uncertain_plant(identified, estimate, home)
-    inertia = inertia_at(dynamics, home)
+    inertia, flexible = inertia_at(dynamics, home), flexible_plant(model, home)
     tuning = None
     if request.gains is None:
         assert plant is not None
         passive = left_out(model, gains(n, *FIRST_GAINS), reference, rate=request.rate)
         angle, speed = sensor_sigma(model.description.sensor, n - 3)
         demands = Demands(level * wanted + passive, angle, speed, strength(model, inertia), request.rate)
-        tuning = tuned_gains(plant, flexible_plant(model, home), inertia, demands, natural_modes(plant, rng))
+        tuning = tuned_gains(plant, flexible, inertia, demands, natural_modes(plant, rng))
         k = tuning.gains
     else:
         k = gains(n, *request.gains)
@@ -117,8 +118,8 @@ def design(
         crossover=request.crossover,
         source="stated" if request.uncertainty is not None else "from the estimate's intervals",
     )
-    term = design_robust_term(k, weights)
-    poles = check_design(model, dynamics, k, term.controller)
+    term, poles = guarded_term(flexible, inertia, k, weights)
+    refuse_unstable(poles)
     robustness = None
     if plant is not None:
         robustness = robust_stability(

@@ -127,15 +127,7 @@ def named_poles(
     than 1 % less than with the base free and than with base and joints held. Raises `ControlError` when
     sizes do not fit.
     """
-    k = plant.actuated
-    held = FlexiblePlant(
-        plant.mass[k:, k:], plant.damping[k:, k:], plant.stiffness[k:, k:], plant.names[k:], 0
-    )
-    least: dict[str, float] = {}
-    for uncontrolled in (plant, held):
-        for p in _poles(uncontrolled, _free(uncontrolled)):
-            if p.value.imag > 0.0:
-                least[p.name] = min(p.damping, least.get(p.name, np.inf))
+    least = least_damping(plant)
     flagged = []
     for p in _poles(plant, closed_loop_matrix(plant, inertia, gains, controller)):
         flag = ""
@@ -147,6 +139,20 @@ def named_poles(
             logger.warning("the controller makes %s at %.4g rad/s %s", p.name, abs(p.value), flag)
         flagged.append(Pole(p.value, p.name, p.share, flag))
     return tuple(flagged)
+
+
+def least_damping(plant: FlexiblePlant) -> dict[str, float]:
+    """Return by mode the least damping ratio it has without controller, base free or base and joints held."""
+    k = plant.actuated
+    held = FlexiblePlant(
+        plant.mass[k:, k:], plant.damping[k:, k:], plant.stiffness[k:, k:], plant.names[k:], 0
+    )
+    least: dict[str, float] = {}
+    for uncontrolled in (plant, held):
+        for p in _poles(uncontrolled, _free(uncontrolled)):
+            if p.value.imag > 0.0:
+                least[p.name] = min(p.damping, least.get(p.name, np.inf))
+    return least
 
 
 def check_design(
@@ -163,7 +169,11 @@ def check_design(
     """
     at = model.joint_angles(model.home) if angles is None else angles
     inertia = dynamics.body_terms(np.zeros(3), at, np.zeros(len(at))).inertia
-    poles = named_poles(flexible_plant(model, at), inertia, gains, controller)
+    return refuse_unstable(named_poles(flexible_plant(model, at), inertia, gains, controller))
+
+
+def refuse_unstable(poles: tuple[Pole, ...]) -> tuple[Pole, ...]:
+    """Return the poles; raises `ControlError` naming the mode when one of them is unstable."""
     bad = [p for p in poles if p.flag == "unstable"]
     if bad:
         raise ControlError(

@@ -68,13 +68,18 @@ class RobustTerm:
 
 
 def design_robust_term(
-    gains: Gains, weights: Weights, *, error: float | np.ndarray | None = None
+    gains: Gains,
+    weights: Weights,
+    *,
+    error: float | np.ndarray | None = None,
+    slower: tuple[float, ...] = SLOWER,
+    relaxed: float = 1.0,
 ) -> RobustTerm:
     """Return the H-infinity term for gains and weights.
 
     ``error`` (n,) [rad] is the wanted bound on e for disturbance and noise of the weights' size; by default
-    the smallest that keeps gamma at one, group by group, at the weights' crossover or where between it and
-    `SLOWER` of it the bound is smallest.
+    the smallest that keeps gamma at one, group by group, at the weights' crossover or at the one of
+    ``slower``, relative to it, where the bound is smallest; ``relaxed`` times that is asked for.
 
     Raises `ControlError` when sizes do not fit or even no bound on e leaves a robust loop.
     """
@@ -85,7 +90,7 @@ def design_robust_term(
         )
     blocks, parts, order = [], [], []
     for index in gains.blocks():
-        block, controller = _design(gains, weights, index, error)
+        block, controller = _design(gains, weights, index, error, slower, relaxed)
         blocks.append(block)
         parts.append(controller)
         order.append(index)
@@ -104,7 +109,12 @@ def design_robust_term(
 
 
 def _design(
-    gains: Gains, weights: Weights, index: np.ndarray, error: float | np.ndarray | None
+    gains: Gains,
+    weights: Weights,
+    index: np.ndarray,
+    error: float | np.ndarray | None,
+    slower: tuple[float, ...],
+    relaxed: float,
 ) -> tuple[Block, StateSpace]:
     kp, kd = gains.proportional[np.ix_(index, index)], gains.derivative[np.ix_(index, index)]
     part = Weights(
@@ -120,11 +130,13 @@ def _design(
     passive = np.maximum(np.abs(passive), 1e-3 * np.abs(passive).max())
     if error is None:
         stated, share = part, _smallest(kp, kd, part, passive)
-        for slower in SLOWER:
-            other = _slowed(stated, slower)
-            if other.integral < other.crossover and _reaches(kp, kd, other, WORTH * share * passive):
+        for factor in slower:
+            if stated.integral >= factor * stated.crossover:
+                break
+            other = _slowed(stated, factor)
+            if _reaches(kp, kd, other, WORTH * share * passive):
                 part, share = other, _smallest(kp, kd, other, passive, WORTH * share)
-        bound = share * passive
+        bound = relaxed * share * passive
         found = synthesize(error_plant(kp, kd, part, bound), gamma=1.0)
     else:
         bound = np.broadcast_to(np.asarray(error, dtype=float), gains.size)[index]

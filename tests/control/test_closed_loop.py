@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from control_cases import paper, random_state, rigid_paper, two_arms
+from control_cases import described, paper, random_state, rigid_paper, two_arms
 
 from smsid.control.attitude import attitude_error, attitude_errors, euler_jacobian, euler_rotation
 from smsid.control.closed_loop import Actuators, track, track_continuously
@@ -19,6 +19,7 @@ from smsid.control.trajectory import Reference, minimum_jerk, trapezoid
 from smsid.control.uncertainty import perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
+from smsid.model import build_model
 from smsid.sensing import Sensor
 
 START = np.array([0.4, -0.6, 0.9])
@@ -226,6 +227,16 @@ def test_limits_are_kept_and_told():
     assert any(name.startswith("wheel") and count > 0 for name, count in found.saturated.items())
     free = track(model, pd(model, reference), duration=3.0, limits=False)
     assert not free.saturated and np.abs(free.wheel_torque).max() > 2.0 and free.base < found.base
+
+
+def test_no_wheel_passes_its_speed_without_being_told():
+    """To what a call's length of the base's own turning adds, 1e-5; the run names the wheels."""
+    slow = tuple(w.model_copy(update={"max_rate": 1.0}) for w in described().wheel)
+    model = build_model(described(wheel=slow))
+    reference = Reference(trapezoid(START, 0.003, (2.0, 2.0, 2.0, 0.0)))
+    found = track(model, pd(model, reference))
+    assert 0.99 < np.abs(found.wheel_rate).max() < 1.0 + 1e-4
+    assert {f"{w.name} speed" for w in slow} <= set(found.saturated)
 
 
 def test_torques_of_a_run_are_what_acted_on_the_base():

@@ -9,13 +9,22 @@ from control_cases import paper, rigid_paper
 
 from smsid.control.closed_loop import Actuators
 from smsid.control.gains import gains
+from smsid.control.guarded import guarded_term
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.robust import check_design, closed_loop_matrix, flexible_plant, named_poles
+from smsid.control.robust import (
+    check_design,
+    closed_loop_matrix,
+    flexible_plant,
+    least_damping,
+    named_poles,
+)
+from smsid.control.robust_term import design_robust_term
 from smsid.control.sensed import measured_truth
 from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.control.uncertainty import perturbed
+from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
 
 HOME = paper().joint_angles(paper().home)
@@ -95,3 +104,27 @@ def test_sizes_that_do_not_fit_are_refused():
     plant = flexible_plant(paper(), HOME)
     with pytest.raises(ControlError, match="do not fit a plant with 6"):
         closed_loop_matrix(plant, np.eye(5), gains(6, 1.0, 1.0))
+
+
+def test_a_guarded_design_leaves_the_panel_its_damping():
+    """Gains of 0.8 rad/s and a loud attitude sensor: the least error drives the panel."""
+    n, k, plant = 6, gains(6, 0.64, 1.6), flexible_plant(paper(), HOME)
+    weights = weights_from_level(
+        0.05,
+        np.concatenate([np.zeros(3), np.full(3, 1e-3)]),
+        left_out=np.concatenate([np.full(3, 1e-5), np.full(3, 1e-4)]),
+        angle_noise=np.concatenate([np.full(3, 4e-5), np.full(3, 4e-6)]),
+        rate_noise=np.full(n, 4e-6),
+        crossover=10.0,
+    )
+    inertia = inertia_of(ReducedDynamics(paper()))
+    plain = named_poles(plant, inertia, k, design_robust_term(k, weights).controller)
+    term, poles = guarded_term(plant, inertia, k, weights)
+
+    def panel(found):
+        return next(p for p in found if p.name == "panel.mode1").damping
+
+    own = least_damping(plant)["panel.mode1"]
+    assert own == pytest.approx(0.005, rel=0.02)
+    assert panel(plain) < 0.6 * own <= panel(poles)
+    assert min(b.crossover for b in term.blocks) > 2.0 and term.gamma <= 1.0 + 1e-6

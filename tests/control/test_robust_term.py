@@ -170,3 +170,16 @@ def test_an_impossible_error_is_told_in_gamma():
     assert term.gamma > 10.0
     loop = closed(4.0, 4.0, term)
     assert loop.stable and hinf_norm(loop)[0] < np.inf
+
+
+def test_the_crossover_is_where_the_bound_on_the_error_is_least():
+    """With loud angle sensors a slower loop promises less error; none slower than the integral corner."""
+    noisy = weights(angle_noise=np.full(6, 1e-4))
+    found = design_robust_term(gains(6, 4.0, 4.0), noisy)
+    block = found.blocks[0]
+    assert block.crossover < noisy.crossover and found.gamma <= 1.0 + 1e-6
+    at_full = design_robust_term(gains(6, 4.0, 4.0), noisy, error=float(block.error.max()))
+    assert at_full.gamma > 1.03  # the same bound cannot be kept at the full crossover
+    narrow = weights(crossover=0.06, level=0.2)
+    term = design_robust_term(gains(6, 4.0, 4.0), narrow)
+    assert all(b.crossover > narrow.integral for b in term.blocks)
