@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._noise import FloatArray, gauss_markov, random_walk, sampling_rate
 from smsid.sensing._resample import resample
+from smsid.sensing._values import checked, column, compose, fixed_errors, given
 from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -111,9 +112,9 @@ class ErrorModel(BaseModel):
     def _consistent(self) -> ErrorModel:
         if self.noise_density is not None and self.noise_sigma is not None:
             raise ValueError("noise_density and noise_sigma are both given; give one of them")
-        if _any(self.bias_instability) and self.bias_correlation_time is None:
+        if given(self.bias_instability) and self.bias_correlation_time is None:
             raise ValueError("bias_instability needs bias_correlation_time [s]")
-        if self.bias_correlation_time is not None and not _any(self.bias_instability):
+        if self.bias_correlation_time is not None and not given(self.bias_instability):
             raise ValueError("bias_correlation_time is given without bias_instability")
         return self
 
@@ -131,17 +132,17 @@ class ErrorModel(BaseModel):
     def not_of_attitude(self) -> tuple[str, ...]:
         """The terms given that have no meaning for an attitude."""
         components = ("components",) if self.components else ()
-        return (*(name for name in _NOT_OF_ATTITUDE if _any(getattr(self, name))), *components)
+        return (*(name for name in _NOT_OF_ATTITUDE if given(getattr(self, name))), *components)
 
     @property
     def misaligned(self) -> bool:
         """Whether the axes are turned."""
-        return _any(self.misalignment) or _any(self.misalignment_sigma)
+        return given(self.misalignment) or given(self.misalignment_sigma)
 
     @property
     def scaled(self) -> bool:
         """Whether the scale is wrong."""
-        return _any(self.scale_error) or _any(self.scale_sigma)
+        return given(self.scale_error) or given(self.scale_sigma)
 
     def white_sigma(self, rate: float) -> FloatArray:
         """Return one sigma of the white noise of a sample taken at ``rate`` [Hz]: () or (axes,) [unit].
@@ -185,7 +186,7 @@ class ErrorModel(BaseModel):
                 needed and cannot be told from fewer than two samples.
             DescriptionError: a value per axis does not fit the number of axes, or a term has no meaning here.
         """
-        t, x = _checked(times, ideal, attitude)
+        t, x = checked(times, ideal, attitude)
         draw = dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
         if not delayed:
             x = self._late(t, x, attitude)
@@ -195,18 +196,18 @@ class ErrorModel(BaseModel):
         x = self._misalign(x, draw["misalignment"], attitude)
         x = self._scale(x, draw["scale"])
         error = self._biases(t, shape, draw["bias"])
-        if _any(self.bias_instability) and self.bias_correlation_time is not None:
+        if given(self.bias_instability) and self.bias_correlation_time is not None:
             unit = gauss_markov(t, self.bias_correlation_time, shape, draw["markov"])
             error += self.gauss_markov_sigma * unit
-        if _any(self.random_walk):
+        if given(self.random_walk):
             error += np.asarray(self.random_walk) * random_walk(t, shape, draw["walk"])
-        if _any(self.noise_density) or _any(self.noise_sigma):
+        if given(self.noise_density) or given(self.noise_sigma):
             if rate is None and self.noise_density is not None:
                 rate = sampling_rate(t)
             error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)
         self._add_outliers(error, draw["outlier"], draw["outlier size"])
         if attitude:
-            y = _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
+            y = compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
         else:
             y = x + error
             if self.saturation is not None:
@@ -224,7 +225,7 @@ class ErrorModel(BaseModel):
 
         Raises what `apply` raises.
         """
-        t, x = _checked(times, ideal, attitude)
+        t, x = checked(times, ideal, attitude)
         if not delayed:
             x = self._late(t, x, attitude)
         shape = (*x.shape[:-1], 3) if attitude else x.shape
@@ -234,7 +235,7 @@ class ErrorModel(BaseModel):
         x = fixed._scale(fixed._misalign(x, unused, attitude), unused)
         error = fixed._biases(t, shape, unused)
         if attitude:
-            return self._stick(t, _compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
+            return self._stick(t, compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
         return self._stick(t, x + error)
 
     def _late(self, t: FloatArray, x: FloatArray, attitude: bool) -> FloatArray:
@@ -246,21 +247,21 @@ class ErrorModel(BaseModel):
         parts = {key: part.scale_error for key, part in self.components.items() if part.scale_error}
         if not (self.scaled or parts):
             return x
-        factor = np.zeros(x.shape) + (1.0 + _fixed(self.scale_error, self.scale_sigma, x.shape, rng))
+        factor = np.zeros(x.shape) + (1.0 + fixed_errors(self.scale_error, self.scale_sigma, x.shape, rng))
         for key, error in parts.items():
             factor[place_of(key, x.shape)] += error
         return x * factor
 
     def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-        drawn = _fixed(0.0, self.bias_sigma, shape, rng)
+        drawn = fixed_errors(0.0, self.bias_sigma, shape, rng)
         error = np.zeros(shape) + drawn
         late = slice(None) if self.bias_from is None else t >= self.bias_from
-        error[late] += _fixed(self.bias, 0.0, shape, rng)
+        error[late] += fixed_errors(self.bias, 0.0, shape, rng)
         for key, part in self.components.items():
             if part.bias:
                 on = np.zeros(shape)
                 on[place_of(key, shape)] = part.bias
-                error += on if part.bias_from is None else _column(t >= part.bias_from, shape) * on
+                error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
@@ -297,9 +298,9 @@ class ErrorModel(BaseModel):
     def _misalign(self, x: FloatArray, rng: np.random.Generator, attitude: bool) -> FloatArray:
         if not self.misaligned:
             return x
-        turns = _fixed(self.misalignment, self.misalignment_sigma, (*x.shape[:-1], 3), rng)
+        turns = fixed_errors(self.misalignment, self.misalignment_sigma, (*x.shape[:-1], 3), rng)
         if attitude:
-            return _compose(x, Rotation.from_rotvec(turns))
+            return compose(x, Rotation.from_rotvec(turns))
         matrix = Rotation.from_rotvec(np.reshape(turns, (-1, 3))).as_matrix().reshape(*turns.shape[:-1], 3, 3)
         return np.einsum("...ji,...j->...i", matrix, x)
 
@@ -341,52 +342,3 @@ _PER_AXIS = (
     "scale_error",
     "scale_sigma",
 )
-
-
-def _any(value: Any) -> bool:
-    return value is not None and bool(np.any(np.asarray(value, dtype=float) != 0.0))
-
-
-def _fixed(value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Return ``value`` plus a draw of ``sigma``, constant in time: the shape without its first dimension."""
-    fixed = np.array(np.broadcast_to(np.asarray(value, dtype=float), shape[1:]))
-    if not _any(sigma):
-        return fixed
-    return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
-
-
-def _column(values: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    return values.reshape(-1, *(1,) * (len(shape) - 1))
-
-
-def _compose(quaternions: FloatArray, turn: Rotation) -> FloatArray:
-    turned = (Rotation.from_quat(quaternions) * turn).as_quat()
-    # A quaternion and its negative are the same attitude; keep the input's, so the channel is smooth.
-    sign = np.where(np.sum(turned * quaternions, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
-    return sign * turned
-
-
-def _checked(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatArray, FloatArray]:
-    t: NDArray[np.float64] = np.asarray(times, dtype=float)
-    x: NDArray[np.float64] = np.array(ideal, dtype=float)
-    if t.ndim != 1 or t.size == 0 or x.ndim == 0 or x.shape[0] != t.size:
-        raise RecordingError(
-            f"Times of shape {t.shape} do not fit values of shape {x.shape}.",
-            advice="Give (N,) times and (N, ...) values.",
-            times=t.shape,
-            values=x.shape,
-        )
-    if attitude and (x.ndim != 2 or x.shape[1] != 4):
-        raise RecordingError(
-            f"An attitude has shape (N, 4), not {x.shape}.", advice="Quaternions are x y z w.", values=x.shape
-        )
-    bad = np.flatnonzero(~np.isfinite(x).reshape(t.size, -1).all(axis=1))
-    if bad.size:
-        raise RecordingError(
-            f"{bad.size} of {t.size} samples are not finite, the first at t = {t[bad[0]]} s.",
-            advice="Remove them before applying sensor errors.",
-            samples=bad,
-        )
-    if not np.isfinite(t).all() or np.any(np.diff(t) <= 0.0):
-        raise RecordingError("Times are not finite and increasing.", advice="Sort them and drop repeats.")
-    return t, x
