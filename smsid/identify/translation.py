@@ -182,9 +182,14 @@ class Combined:
         return name in self.names
 
     def directions(self) -> list[dict[str, float]]:
-        """Return changes of the parameters, by name, whose outer products add up to the covariance."""
-        size, vectors = np.linalg.eigh(self.covariance)
-        moves = vectors * np.sqrt(np.maximum(size, 0.0))
+        """Return changes of the parameters, by name, whose outer products add up to the covariance.
+
+        Principal directions of the correlations, so that units and the described density do not matter.
+        """
+        sigma = np.sqrt(np.diag(self.covariance))
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        size, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        moves = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
         return [dict(zip(self.names, column, strict=True)) for column in moves.T]
 
 
