@@ -252,7 +252,9 @@ def _progress(label: str, total: float) -> Iterator:  # type: ignore[type-arg]
 def main() -> None:
     """Run the command line; errors of smsid are told in one line, without a traceback."""
     try:
-        app(standalone_mode=False)
+        code = app(standalone_mode=False)
+        if isinstance(code, int) and code:
+            sys.exit(code)
     except SmsidError as error:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)

@@ -101,14 +101,14 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
     if d.gain is not None:
         g = d.gain
         table = Table(
-            "channel", "unit", "nominal rms", "extended rms", "noise", title=f"open loop on {g.recording}"
+            "channel", "unit", "as given, rms", "extended, rms", "noise", title=f"open loop on {g.recording}"
         )
         for c in g.channels:
-            row = (f"{x:.3g}" for x in (c.nominal, c.extended, c.noise))
+            row = (f"{x:.3g}" for x in (c.given, c.extended, c.noise))
             table.add_row(c.channel, c.unit, *row)
         parts.append(table)
         parts.append(
-            f"whitened rms {g.whitened_nominal:.3f} -> {g.whitened_extended:.3f} (noise floor 1); explained share "
+            f"whitened rms {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, extended {g.whitened_extended:.3f} (noise floor 1); explained share "
             f"of the excess: {100 * g.explained:.1f} %"
         )
     elif d.gain_reason:

@@ -112,7 +112,7 @@ def _diagnose(
     named = (*(_fault(f) for f in _per_channel(faults)), *causes(found))
     decided, sentence = verdict(found, named)
     extended = extended_description(found)
-    gained, reason = _gain(found, [*validation, *recordings[1:]])
+    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]])
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=recording.name)
@@ -170,10 +170,11 @@ def extended_description(found: Search) -> Description:
     return with_inertial_shifts(found)
 
 
-def _gain(found: Search, recordings: Sequence[Recording]) -> tuple[Gain | None, str]:
+def _gain(given: Point, found: Search, recordings: Sequence[Recording]) -> tuple[Gain | None, str]:
     if not recordings:
         return None, "no validation recording was given"
-    return gain(found.nominal.point, found.last.point, recordings[0], found.last.problem), ""
+    last = found.last
+    return gain(given, found.nominal.point, last.point, recordings[0], last.problem), ""
 
 
 def _foreign(found: Search) -> str:
@@ -196,8 +197,8 @@ def _foreign(found: Search) -> str:
         left += [o / m for o, m, s in zip(off, moved, data.sigma[block.rows], strict=True) if m > 20.0 * s]
     if left and float(np.median(left)) > FOREIGN:
         return (
-            f"Even with everything refitted the simulation leaves {100 * float(np.median(left)):.0f} % of the "
-            "motion unexplained."
+            f"Even with everything refitted, {100 * float(np.median(left)):.0f} % of the motion is left "
+            "unexplained."
         )
     return ""
 

@@ -60,7 +60,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
 
 
 def quantised_channels(data: Measured) -> list[Fault]:
-    """Return the channels whose values lie on a grid coarser than their stated noise, beyond what is stated."""
+    """Return the channels whose values lie on a grid that is coarse against their noise and not stated."""
     found = []
     for row, name in enumerate(data.names):
         block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)

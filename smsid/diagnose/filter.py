@@ -196,7 +196,8 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     middle_times = 0.5 * (times[1:] + times[:-1])
     return Run(
         e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
-        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised, used,
+        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised,
+        used,
     )  # fmt: skip
 
 

@@ -16,50 +16,53 @@ SETTLE = 5.0  # [s] of a validation recording that an open-loop simulation takes
 
 @dataclass(frozen=True)
 class ChannelGain:
-    """One channel open loop: rms of measured minus simulated, nominal and extended, and its noise level."""
+    """One channel open loop: rms of measured minus simulated, as given and extended, and its noise level."""
 
     channel: str
     unit: str
-    nominal: float
+    given: float
     extended: float
     noise: float
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Nominal against extended model on a validation recording.
+    """The model as given, with its nominal parameters refitted, and extended, on a validation recording.
 
-    ``whitened_nominal`` and ``whitened_extended`` are the rms of the whitened innovations (noise floor: 1);
-    ``excess_nominal`` and ``excess_extended`` what their sums of squares exceed the expected ones by.
+    ``whitened`` are rms of the whitened innovations by model (noise floor: 1), ``excess`` what their sums of
+    squares exceed the expected ones by.
     """
 
     recording: str
     samples: int
+    whitened_given: float
     whitened_nominal: float
     whitened_extended: float
+    excess_given: float
     excess_nominal: float
     excess_extended: float
     channels: tuple[ChannelGain, ...]
 
     @property
     def explained(self) -> float:
-        """Share of the excess that the extension explains; not a number where there is no excess."""
+        """Share of the given model's excess that is gone; not a number where there is no excess."""
         floor = 3.0 * np.sqrt(2.0 * self.samples)
-        return 1.0 - self.excess_extended / self.excess_nominal if self.excess_nominal > floor else np.nan
+        return 1.0 - self.excess_extended / self.excess_given if self.excess_given > floor else np.nan
 
 
-def gain(nominal: Point, extended: Point, recording: Recording, like: Problem) -> Gain:
+def gain(given: Point, nominal: Point, extended: Point, recording: Recording, like: Problem) -> Gain:
     """Return what the extension gains on a recording; noise levels and timing are those of ``like``."""
     closed, opened = [], []
-    data = None
-    for point in (nominal, extended):
+    problem = like
+    for point, simulated in ((given, True), (nominal, False), (extended, True)):
         model = point.model()
         fresh = measured(model, recording, point.description.effective_sensors())
         data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
         problem = replace(like, recording=recording, data=data)
         closed.append(run_filter(model, problem))
-        opened.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
-    assert data is not None
+        if simulated:
+            opened.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
+    data = problem.data
     excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
     rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
     channels = []

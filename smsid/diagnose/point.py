@@ -24,8 +24,8 @@ Kind = Literal["inertial", "effect", "bias"]
 class Unknown:
     """A parameter of the search.
 
-    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>`` or ``<channel>.bias.<axis>``; ``column`` is
-    where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
+    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>`` or ``<channel>.bias.<axis>``; ``column``
+    is where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
     standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change.
     """
 

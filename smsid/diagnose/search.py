@@ -231,10 +231,29 @@ def _refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            return fit(at, unknowns, current.problem, iterations=4)
+            return _with_more(fit(at, unknowns, current.problem, iterations=4), candidate)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None
+
+
+def _with_more(found: Fit, candidate: Candidate) -> Fit:
+    """Return the fit with a candidate's further parameters free too, where they gain what they cost."""
+    if not candidate.also:
+        return found
+    parameters = {p.name: p for p in candidate.instance(found.point).parameters()}
+    more = tuple(
+        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        for n in candidate.also
+        for p in (parameters[n],)
+    )
+    try:
+        larger = fit(found.point, (*found.unknowns, *more), found.problem, iterations=4)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s: %s stay as they are: %s", candidate.key, candidate.also, error)
+        return found
+    gained = 2.0 * (found.objective - larger.objective)
+    return larger if gained > len(more) * np.log(found.run.samples) else found
 
 
 def _pruned(

@@ -1,0 +1,64 @@
+"""Scores against least squares, whatever the fitted parameters and their priors."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smsid.diagnose.candidates import Candidate, correlation, score
+from smsid.diagnose.fit import Fit
+
+SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.0, 1.0))
+
+
+def stub(rng, rows, fitted, prior):
+    """What `score` needs of a fit: derivatives, priors, residual."""
+    whitened = rng.standard_normal((rows, 1, fitted))
+    residual = np.concatenate([rng.standard_normal(rows), np.zeros(fitted)])
+    own = SimpleNamespace(
+        whitened=whitened, unknowns=(None,) * fitted, residual=residual, prior=SimpleNamespace()
+    )
+    own.prior.rows, own.prior.off = np.diag(prior), np.zeros(fitted)
+    own.factors = np.linalg.qr(np.vstack([whitened.reshape(rows, fitted), own.prior.rows]))
+    own.left = lambda c: Fit.left(own, c)
+    own.taken = lambda c: Fit.taken(own, c)
+    return own
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_ratio_is_what_least_squares_gains(seed):
+    rng = np.random.default_rng(seed)
+    fit = stub(rng, 60, 3, rng.uniform(0.1, 100.0, 3))
+    columns = rng.standard_normal((60, 2)) + fit.whitened[:, 0, :2]
+    found = score(fit, SHIFT, columns)
+    small = np.vstack([fit.whitened[:, 0], fit.prior.rows])
+    large = np.hstack([small, np.vstack([columns, np.zeros((3, 2))])])
+    sums = [np.linalg.lstsq(m, fit.residual, rcond=None) for m in (small, large)]
+    expected = float(np.sum((fit.residual - small @ sums[0][0]) ** 2))
+    expected -= float(np.sum((fit.residual - large @ sums[1][0]) ** 2))
+    assert abs(found.ratio - expected) < 1e-8 * (1.0 + expected)
+    np.testing.assert_allclose(found.estimate, sums[1][0][3:], atol=1e-9)
+    covariance = np.linalg.inv(large.T @ large)[3:, 3:]
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-7)
+
+
+def test_a_tight_prior_leaves_what_it_forbids():
+    rng = np.random.default_rng(1)
+    fit = stub(rng, 400, 2, np.array([1e5, 1.0]))
+    fit.residual[:400] += 0.02 * fit.whitened[:, 0, 0]
+    copy = Candidate("body_error", "link", "inertia", "mass", None, ("a",), (1.0,))
+    found = score(fit, copy, fit.whitened[:, 0, :1])
+    assert found.freedom == 1
+    assert abs(found.estimate[0] - 0.02) < 5.0 / np.sqrt(400)
+
+
+def test_equal_candidates_are_fully_correlated():
+    rng = np.random.default_rng(2)
+    fit = stub(rng, 80, 2, np.ones(2))
+    columns = rng.standard_normal((80, 2))
+    first, second = score(fit, SHIFT, columns), score(fit, SHIFT, columns @ rng.standard_normal((2, 2)))
+    assert abs(correlation(first, second) - 1.0) < 1e-9
+    other = score(fit, SHIFT, rng.standard_normal((80, 2)))
+    assert correlation(first, other) < 0.6

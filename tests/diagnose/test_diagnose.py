@@ -1,0 +1,73 @@
+"""The whole way on short recordings: what is refused, what is written."""
+
+import json
+
+import numpy as np
+import pytest
+
+from smsid.cli import main
+from smsid.diagnose import diagnose, load_diagnosis, save_diagnosis
+from smsid.errors import SmsidError
+from smsid.identify.estimate import Estimate, judged
+from smsid.recording import Recording, save_recording
+
+
+def part(recording, keep, channels=None):
+    return Recording.from_arrays(
+        recording.time()[keep],
+        {c: np.asarray(recording[c])[keep] for c in channels or recording.channels},
+        labels=recording.labels,
+        role="estimation",
+        name="part",
+    )
+
+
+def test_no_recording_is_an_error(description):
+    with pytest.raises(SmsidError, match="No recording"):
+        diagnose(description, [])
+
+
+@pytest.mark.parametrize(
+    ("keep", "without", "reason"),
+    [
+        (slice(0, 50), (), "50 samples"),
+        (slice(None), ("command.",), "no command"),
+        (slice(None), ("pose.", "imu.", "encoder.", "tachometer.", "panel."), "nothing the sensors"),
+    ],
+)
+def test_what_cannot_be_judged_is_not_evaluated_with_the_reason(
+    description, recording, keep, without, reason
+):
+    channels = [c for c in recording.channels if not c.startswith(without or ("none",))]
+    found = diagnose(description, [part(recording, keep, channels)]).diagnosis
+    assert found.verdict == "not_evaluated"
+    assert reason in found.sentence
+    assert found.causes == ()
+
+
+def test_an_estimate_of_another_spacecraft_is_not_used(description, recording):
+    other = Estimate("other", "paper", (judged("left_panel.gain", 1.0, "1", 0.1, "exp1"),))
+    found = diagnose(description, [recording], estimate=other).diagnosis
+    assert found.verdict == "not_evaluated"
+    assert "another spacecraft" in found.sentence
+
+
+def test_the_command_writes_the_reason_and_its_exit_code(
+    description, recording, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    save_recording(part(recording, slice(0, 50)), "short.nc")
+    toml = description.folder / "paper_sms.toml"
+    monkeypatch.setattr("sys.argv", ["smsid", "diagnose", str(toml), "short.nc", "-o", "d.json"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 4
+    document = load_diagnosis(tmp_path / "d.json")
+    assert document["verdict"] == "not_evaluated"
+    assert not (tmp_path / "extended.toml").exists()
+
+
+def test_json_holds_no_bare_infinity(tmp_path, description, recording):
+    found = diagnose(description, [part(recording, slice(0, 50))]).diagnosis
+    save_diagnosis(found, tmp_path / "d.json")
+    json.loads((tmp_path / "d.json").read_text(), parse_constant=lambda x: pytest.fail(x))

@@ -1,0 +1,50 @@
+"""Faults of samples: found where they were put, and nowhere else."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.faults import outliers, quantised_channels, stuck_channels
+
+
+@pytest.fixture
+def data(problem):
+    return replace(problem.data, values=problem.data.values.copy())
+
+
+def test_a_sound_recording_has_none(data):
+    assert stuck_channels(data) == []
+    assert quantised_channels(data) == []
+
+
+def test_a_stuck_channel_is_found_with_its_time(data):
+    row = data.names.index("imu.acceleration[y]")
+    data.values[400:, row] = data.values[400, row]
+    (fault,) = stuck_channels(data)
+    assert fault.channel == "imu.acceleration"
+    assert fault.component == "imu.acceleration[y]"
+    assert fault.value == data.times[400]
+    assert fault.samples[401:, row].all()
+    assert fault.samples.sum() == len(data.times) - 401
+
+
+def test_coarse_steps_are_found_with_their_size(data):
+    row = data.names.index("imu.angular_rate[x]")
+    data.values[:, row] = np.round(data.values[:, row] / 3e-5) * 3e-5
+    (fault,) = quantised_channels(data)
+    assert fault.component == "imu.angular_rate[x]"
+    assert abs(fault.value - 3e-5) < 1e-9
+
+
+def test_outliers_are_found_and_a_channel_that_is_off_throughout_is_not(data):
+    rng = np.random.default_rng(4)
+    normalised = rng.standard_normal(data.values.shape)
+    hit = rng.choice(len(data.times), 12, replace=False)
+    normalised[hit, 2] = 20.0
+    normalised[:, 5] *= 30.0
+    run = SimpleNamespace(normalised=normalised, used=np.isfinite(data.values))
+    (fault,) = outliers(data, run)
+    assert fault.component == data.names[2]
+    assert set(np.flatnonzero(fault.samples[:, 2])) == set(hit)

@@ -1,0 +1,84 @@
+"""The filter: its linearisation against differences, white innovations, and their derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.diagnose.columns import Change, Changes, propagate
+from smsid.diagnose.filter import run_filter
+from smsid.diagnose.fit import columns_of
+from smsid.diagnose.plant import Plant
+
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def run(known, problem):
+    return run_filter(known.point.model(), problem)
+
+
+@pytest.fixture(scope="module")
+def noiseless(known, problem):
+    """The problem with the model's own open-loop readings: innovations nil, gains as ever."""
+    opened = run_filter(known.point.model(), problem, until=-np.inf)
+    attitude = {name: opened.states.q[:, 3:7] for name in problem.data.attitude}
+    data = replace(problem.data, values=opened.predicted, attitude=attitude)
+    return replace(problem, data=data)
+
+
+def test_linearised_step_is_that_of_differences(known):
+    model, rng = known.point.base, np.random.default_rng(1)
+    nv = model.nv
+    plant = Plant(model, np.array([], dtype=int))
+    q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(nv))
+    v, tau = 0.1 * rng.standard_normal(nv), rng.standard_normal(nv)
+    transition, _ = plant.transition(0.01, v, plant.linear(0.0, q, v, tau))
+
+    def after(x):
+        return plant.step(0.0, 0.01, pin.integrate(model.pin, q, x[:nv]), v + x[nv:], tau)
+
+    q0, v0 = after(np.zeros(2 * nv))
+    columns = []
+    for x in STEP * np.eye(2 * nv):
+        q1, v1 = after(x)
+        columns.append(np.concatenate([pin.difference(model.pin, q0, q1), v1 - v0]) / STEP)
+    np.testing.assert_allclose(transition, np.stack(columns, axis=1), atol=2e-5)
+
+
+def test_innovations_of_the_true_model_are_white_and_of_unit_size(run):
+    e = run.innovations[100:]
+    n = len(e)
+    np.testing.assert_allclose(e.T @ e / n, np.eye(e.shape[1]), atol=6.0 / np.sqrt(n))
+    lagged = e[1:].T @ e[:-1] / n
+    assert np.abs(lagged).max() < 5.5 / np.sqrt(n)
+
+
+@pytest.mark.parametrize("name", ["bus.m", "link2.my", "link3.Iyy", "tank.mass", "tank.stiffness.x"])
+def test_derivatives_of_innovations_are_those_of_filtering_again(known, noiseless, name):
+    unknown = next(u for u in known.unknowns if u.name == name)
+    point = known.point
+    run = run_filter(point.model(), noiseless)
+    changes = Changes(point, point.model(), noiseless, run)
+    found = propagate(run, columns_of(changes, [unknown]))[:, :, 0] * unknown.scale
+    step = 1e-3 * unknown.scale
+    more, less = (
+        run_filter(point.moved([unknown], np.array([s])).model(), noiseless).innovations
+        for s in (step, -step)
+    )
+    expected = -(more - less) / 2e-3
+    assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(expected)
+
+
+def test_a_reading_that_is_off_goes_through_the_filter_as_predicted(known, noiseless):
+    run = run_filter(known.point.model(), noiseless)
+    problem = noiseless
+    shifted = replace(problem.data, values=problem.data.values.copy())
+    row = problem.data.names.index("imu.angular_rate[y]")
+    shifted.values[1:, row] += 1e-6  # the first sample is where the filter starts
+    moved = run_filter(known.point.model(), replace(problem, data=shifted)).innovations
+    reading = np.zeros_like(run.predicted)
+    reading[1:, row] = 1.0
+    found = propagate(run, [Change(reading=reading)])[:, :, 0] * 1e-6
+    np.testing.assert_allclose(moved - run.innovations, found, atol=1e-3 * np.abs(found).max())

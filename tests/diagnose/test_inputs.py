@@ -1,0 +1,50 @@
+"""Means of commands over steps: the impulse is kept, whatever the signal and its delay."""
+
+import itertools
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from smsid.diagnose.inputs import limits, means
+from smsid.simulate.changed import Delayed
+from smsid.simulate.signals import Fourier, Sampled
+
+TIMES = np.arange(21) * 0.05
+VALUES = np.random.default_rng(2).standard_normal((21, 2))
+
+
+@given(st.floats(0.0, 0.049), st.sampled_from([0, 1]))
+def test_a_late_command_gives_the_impulse_of_quadrature(delay, degree):
+    signal = Delayed.of(Sampled.from_samples(TIMES, VALUES, degree), delay)
+    edges = np.array([0.1, 0.137, 0.2, 0.25, 0.33])
+    found = means(signal, edges)
+    kinks = [t + delay for t in TIMES]
+    for (a, b), row in zip(itertools.pairwise(edges), found, strict=True):
+        inside = [t for t in kinks if a < t < b]
+        for column in range(2):
+            area = sum(
+                quad(lambda t, c=column: signal(t)[c], lo, hi)[0]
+                for lo, hi in zip([a, *inside], [*inside, b], strict=True)
+            )
+            assert abs(area / (b - a) - row[column]) < 1e-7
+
+
+def test_a_smooth_signal_by_its_antiderivative():
+    rng = np.random.default_rng(3)
+    signal = Fourier(0.4, *rng.standard_normal((2, 2, 3)), rng.standard_normal(2))
+    edges = np.linspace(0.0, 1.0, 41)
+    w = 2 * np.pi * 0.4 * np.arange(1, 4)
+
+    def whole(t):
+        return signal.offset * t + (signal.cos / w) @ np.sin(w * t) - (signal.sin / w) @ (np.cos(w * t) - 1.0)
+
+    expected = np.diff([whole(t) for t in edges], axis=0) / np.diff(edges)[:, None]
+    np.testing.assert_allclose(means(signal, edges), expected, atol=1e-9)
+
+
+def test_either_side_of_a_jump():
+    signal = Sampled.from_samples(TIMES, VALUES, 0)
+    np.testing.assert_allclose(limits(signal, TIMES[3:6], "right"), VALUES[3:6])
+    np.testing.assert_allclose(limits(signal, TIMES[3:6], "left"), VALUES[2:5])
