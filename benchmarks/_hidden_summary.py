@@ -23,7 +23,7 @@ def interval(hits: int, total: int, level: float = 0.95) -> tuple[float, float]:
 
 def rate(rows: Sequence[Row], hit: Callable[[Row], bool]) -> dict[str, Any]:
     """Return hits, total, rate and its interval."""
-    hits, total = sum(map(hit, rows)), len(rows)
+    hits, total = sum(bool(hit(row)) for row in rows), len(rows)
     if not total:
         return {"hits": 0, "total": 0, "rate": None, "interval": None}
     return {
