@@ -23,7 +23,9 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 from _common import RESULTS, ROOT, environment, spread, write_result  # noqa: E402
 from _table4_identified import identified, identify_up_to, stored  # noqa: E402
+from _table4_text import markdown  # noqa: E402
 
+from smsid._files import atomic_write  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.table4 import (  # noqa: E402
     CONTROLLERS,
@@ -139,6 +141,7 @@ def main() -> None:
         },
     }
     print(write_result("table4", result))
+    atomic_write(RESULTS / "table4.md", markdown(result))
 
 
 if __name__ == "__main__":

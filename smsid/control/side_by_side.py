@@ -189,7 +189,7 @@ def _applied(
     fast = np.abs(spins + period * wheels / layout.inertia) > layout.max_rate * (1.0 - 1e-9)
     beyond = np.abs(wheels) > layout.max_torque * (1.0 - 1e-9)
     limited = fast.any(axis=1) | beyond.any(axis=1) | (np.abs(torques[:, 3:]) > effort).any(axis=1)
-    for k in np.flatnonzero(limited):
+    for k in np.flatnonzero(limited).tolist():
         tau[k] = actuators[k](torques[k], spins[k])
     return tau
 

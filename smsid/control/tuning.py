@@ -174,7 +174,7 @@ def _frequencies(plant: UncertainPlant, delta: np.ndarray, held: bool) -> tuple[
     k = plant.actuated
     kept = plant.kept[k:] if held else plant.kept
     # held: the base neither turns nor do joints move, but it is free to translate
-    out = [i for i in range(len(mass)) if i not in set(plant.kept.tolist())]
+    out = np.setdiff1d(np.arange(len(mass)), plant.kept)
     coupling = mass[np.ix_(kept, out)]
     reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
     values, vectors = eigh(np.diag(stiffness[kept]), reduced)
