@@ -52,6 +52,7 @@ def main() -> None:
             "ring_down_residual_N": round(found.ring_down, 4),
             "moving_residual_N": round(found.moving, 4),
             "before_move_residual_N": round(float(np.sqrt(np.mean(found.residual[before] ** 2))), 4),
+            "notes": list(found.estimate.notes),
             "log_likelihood": round(found.log_likelihood, 1),
             "parameters": {
                 p.name.removeprefix("tank."): {

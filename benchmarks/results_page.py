@@ -56,8 +56,8 @@ def tx40(r: dict[str, Any]) -> str:
     return (
         "## An industrial arm: Staubli TX40\n\n"
         f"`{r['command']}`; identified from {r['data']['train']}, judged on {r['data']['judged']}. From the\n"
-        "command line: `smsid lab fetch staubli_tx40 -o data`, then `smsid identify` with the description\n"
-        "and a recording per role; `examples/10_real_arm.py` does it in Python.\n\n"
+        "command line: `smsid lab fetch staubli_tx40 -o data` and `smsid identify data/tx40.toml\n"
+        "data/tx40.nc data/tx40_validation.nc --cutoff 100`.\n\n"
         + table(["model", "held-out torque error, relative"], rows)
         + f"\nWanted: below 0.16. One identification takes {seconds['smsid']['median']:.3g} s; "
         f"{times} (in one\n"
@@ -101,6 +101,7 @@ def antisloshing(r: dict[str, Any]) -> str:
         for k, p in named.items()
         if k in ("frequency", "damping", "slosh_mass", "rigid_mass", "lag", "softening")
     ]
+    bound = [f"{k}: {note}.\n" for k, m in r["models"].items() for note in m["notes"] if "at a bound" in note]
     lag = r["lag_by_cross_correlation_s"]
     quiet = r["models"][r["named"]]["before_move_residual_N"]
     off = 100 * (r["frequency_over_theory"] - 1.0), 100 * (r["mass_over_theory"] - 1.0)
@@ -110,6 +111,7 @@ def antisloshing(r: dict[str, Any]) -> str:
         f"`{r['command']}`; or `smsid lab fetch antisloshing -o data` and `smsid lab tank\n"
         "data/antisloshing.nc --force hand.force.y --arm data/antisloshing.toml --frame axes_6.y`.\n\n"
         + table(["model", "force left ringing down [N]", "while moving [N]"], rows)
+        + "".join(f"\n{line}" for line in bound)
         + f"\nFrom the rigid start the data ask for *{r['named']}*, each step significant at 1 %:\n\n"
         + table(["parameter", "value", "unit"], values)
         + f"\nTheory (Abramson 1966) says {theory['frequency_Hz']:.3f} Hz and "

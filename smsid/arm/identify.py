@@ -58,6 +58,17 @@ class ArmIdentification:
         rows, _, _ = torque_rows(self.model, motion.q, motion.v, motion.a)
         return rows[:, :, self.base.independent] @ self.regression.x
 
+    def residual(self, recording: Recording | None = None) -> np.ndarray:
+        """Return measured minus predicted motor torques (N, nv) at the joints [N m].
+
+        Of the recording identified from, or of another, at the times of its `joint_motion`.
+
+        Raises:
+            RecordingError: as `joint_motion`.
+        """
+        motion = self.motion if recording is None else joint_motion(self.model, recording, self.motion.cutoff)
+        return motion.torque - self.predict(motion)
+
     def judge(self, recording: Recording) -> TorqueErrors:
         """Return the errors on another recording, filtered like the one identified from.
 

@@ -13,6 +13,7 @@ from smsid.errors import RecordingError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from smsid.description import Description
     from smsid.identify.estimate import Estimate
     from smsid.recording import Recording
 
@@ -32,28 +33,47 @@ def fetch(
     name: Annotated[str, typer.Argument(help="staubli_tx40, silverbox, antisloshing or cessipy_slab")],
     output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings and description")],
 ) -> None:
-    """Write a public data set as recordings (and a description): from SMSID_DATA, else downloaded."""
-    from smsid import datasets
-    from smsid.description import save_description
+    """Write a public data set as recordings (and descriptions): from SMSID_DATA, else downloaded."""
+    from smsid.description import Description, save_description
     from smsid.recording import save_recording
 
-    datasets.data_set(name)
-    found = {
-        "staubli_tx40": datasets.tx40,
-        "silverbox": datasets.silverbox,
-        "antisloshing": datasets.antisloshing,
-        "cessipy_slab": datasets.cessipy_slab,
-    }[name]()
     output.mkdir(parents=True, exist_ok=True)
     console = _console()
-    for part in found if isinstance(found, tuple) else (found,):
-        if hasattr(part, "channels"):
-            path = output / f"{name}{'_validation' if part.role == 'validation' else ''}.nc"
-            save_recording(part, path)
+    for file, part in _parts(name).items():
+        if isinstance(part, Description):
+            save_description(part, output / file)
         else:
-            path = output / f"{name}.toml"
-            save_description(part, path)
-        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+            save_recording(part, output / file)
+        console.print(f"wrote {output / file}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _parts(name: str) -> dict[str, Description | Recording]:
+    """A data set's descriptions and recordings by file name, cut where the benchmarks cut."""
+    from smsid import datasets
+    from smsid.arm import with_joint_effects
+    from smsid.effects import MotorCoupling
+
+    datasets.data_set(name)
+    if name == "silverbox":
+        train, held = datasets.silverbox()
+        return {"silverbox.nc": train, "silverbox_validation.nc": held}
+    if name == "cessipy_slab":
+        return {"cessipy_slab.nc": datasets.cessipy_slab()}
+    if name == "antisloshing":
+        carrier, log = datasets.antisloshing()
+        return {"antisloshing.toml": carrier, "antisloshing.nc": log}
+    bare, log = datasets.tx40()
+    times = log.time()
+    kinds = ("joint_friction", "motor_inertia", "torque_offset")
+    full = with_joint_effects(bare, log.labels["joint"], *kinds).with_effects(
+        MotorCoupling(name="wrist", joints=("joint_5", "joint_6"))
+    )
+    return {
+        "tx40_rigid.toml": bare,
+        "tx40.toml": full,
+        "tx40.nc": log.window(0.0, float(times[times < 6.0][-1])).with_role("estimation"),
+        "tx40_validation.nc": log.window(6.0, float(times[-1])).with_role("validation"),
+    }
 
 
 @lab_app.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.arm import joint_doubts, torque_scales, with_joint_effects, with_torque_gains
+from smsid.arm import identify_arm, joint_doubts, torque_scales, with_joint_effects, with_torque_gains
 from smsid.effects import Gear
 from smsid.errors import DescriptionError
 
@@ -69,6 +69,20 @@ def test_unknown_gains_are_found_from_known_links(arm, log):
     for k, s in enumerate(scales):
         assert found.get_effect(f"g{k}").torque_gain == pytest.approx(gain[k], rel=0.01)
         assert abs(s.value - 1.0 / gain[k]) < 4.0 * s.sigma
+
+
+def test_residuals_show_the_friction_a_rigid_model_lacks(log):
+    t, q, _, torque = log
+    rigid = identify_arm(described(), recorded(t, q, torque), cutoff=20.0)
+    full = identify_arm(
+        with_joint_effects(described(), JOINTS, "joint_friction"), recorded(t, q, torque), cutoff=20.0
+    )
+    held = recorded(*[x for k, x in enumerate(motion(seed=8)) if k != 2])
+    assert np.std(rigid.residual(held)) > 5.0 * np.std(full.residual(held))
+    errors = full.judge(held)
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(full.residual(held) ** 2, axis=0)), [errors.rmse[n] for n in JOINTS]
+    )
 
 
 def test_gains_need_gears_and_certainty(arm, log):

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.datasets import have
+from smsid.description import load_description
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import Recording, load_recording, save_recording
@@ -96,5 +97,11 @@ def test_a_data_set_becomes_recordings(tmp_path):
     shown = run("fetch", "silverbox", "-o", tmp_path / "d")
     assert shown.exit_code == 0, shown.output
     assert load_recording(tmp_path / "d" / "silverbox_validation.nc").role == "validation"
+    if have("staubli_tx40"):
+        shown = run("fetch", "staubli_tx40", "-o", tmp_path / "d")
+        assert shown.exit_code == 0, shown.output
+        description = load_description(tmp_path / "d" / "tx40.toml")
+        assert description.root == "fixed" and description.get_effect("wrist")
+        assert load_recording(tmp_path / "d" / "tx40_validation.nc").role == "validation"
     unknown = run("fetch", "silverbux", "-o", tmp_path / "d")
     assert isinstance(unknown.exception, RecordingError) and "silverbox" in str(unknown.exception)

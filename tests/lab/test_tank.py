@@ -110,11 +110,8 @@ def test_water_carried_by_a_robot_agrees_with_theory():
 
 
 def test_a_model_driven_to_a_bound_says_so():
-    """A heavy softening forced into a linear model drives the lag away; a fit that is free does not."""
-    test = tank_test(*simulated(200.0), cutoff=15.0)
-    linear = fit_tank(test, "slosh")
-    lag = value(linear, "lag").value
-    at_bound = abs(abs(lag - test.lag.value) - 1.0 / (16.0 * FREQUENCY)) < 2e-4
-    assert at_bound == any("ended at a bound" in note for note in linear.estimate.notes)
+    """A softening that a linear model lacks drives its lag to where cross-correlation stops it."""
+    linear = fit_tank(tank_test(*simulated(200.0), cutoff=15.0), "slosh")
+    assert any("tank.lag ended at a bound" in note for note in linear.estimate.notes)
     free = fit_tank(tank_test(*simulated(0.0), cutoff=15.0), "slosh")
     assert not any("bound" in note for note in free.estimate.notes)
