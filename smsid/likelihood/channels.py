@@ -13,6 +13,7 @@ from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.robust import white_sigma
 from smsid.likelihood.timeline import POINTS, Timeline
+from smsid.likelihood.usable import usable
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -22,6 +23,7 @@ QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration"
 BIASED = ("angular_rate", "acceleration")
 """Quantities with a constant bias per recording and axis. A pose sensor's is part of the initial pose."""
 ROUNDING = 1e-10
+FEWEST = 20  # samples of a channel
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Channel:
     ``covariance`` (k, k) of the noise of a sample, an attitude's as rotation vector (3, 3); panel
     accelerometers come station after station. ``weights`` W (N, nodes) takes predictions from the nodes to
     the samples, ``coarse_weights`` those at the nodes of the coarse grid; ``root`` R (coarse nodes, coarse
-    nodes) is upper banded with R^T R = W^T W.
+    nodes) is upper banded with R^T R = W^T W. ``dropped`` counts samples left out.
     """
 
     sensor: Sensor
@@ -42,6 +44,7 @@ class Channel:
     weights: csr_array
     coarse_weights: csr_array
     root: csr_array
+    dropped: int = 0
 
     @property
     def name(self) -> str:
@@ -63,13 +66,28 @@ class Channel:
         """Matrix (k, k) that makes the noise of a sample white with unit variance."""
         return np.linalg.inv(np.linalg.cholesky(self.covariance))
 
+    def only(self, kept: np.ndarray) -> Channel:
+        """Return the channel with some of its samples (N,)."""
+        coarse = csr_array(self.coarse_weights[kept])
+        return replace(
+            self,
+            times=self.times[kept],
+            values=self.values[kept],
+            weights=csr_array(self.weights[kept]),
+            coarse_weights=coarse,
+            root=gram_root(coarse),
+            dropped=self.dropped + int(np.count_nonzero(~kept)),
+        )
+
     def with_covariance(self, covariance: np.ndarray) -> Channel:
         """Return the channel with another noise."""
         return replace(self, covariance=covariance)
 
-    def residual(self, nodes: np.ndarray, bias: np.ndarray | None) -> np.ndarray:
-        """Return measured minus predicted (N, k) from predictions at the nodes."""
-        predicted = self.weights @ nodes
+    def residual(
+        self, nodes: np.ndarray, bias: np.ndarray | None, weights: csr_array | None = None
+    ) -> np.ndarray:
+        """Return measured minus predicted (N, k) from predictions at the nodes; ``weights`` in place of W."""
+        predicted = (self.weights if weights is None else weights) @ nodes
         if self.quantity == "attitude":
             return (Rotation.from_quat(predicted).inv() * Rotation.from_quat(self.values)).as_rotvec()
         return self.values - predicted if bias is None else self.values - predicted - bias
@@ -112,13 +130,27 @@ def measured_channels(
         if sensor.kind == "accelerometers":
             find_appendage(model, str(sensor.appendage))
             values = values.reshape(len(values), -1)
-        size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
         times = event_times(recording, sensor, quantity)
+        kept = usable(values, quantity, sensor.error(quantity).saturation)
+        if np.count_nonzero(kept) < FEWEST:
+            raise RecordingError(
+                f"{np.count_nonzero(kept)} of {len(kept)} samples of '{name}' are finite and within the "
+                "sensor's limits: too few.",
+                advice="Leave the sensor out of the description, or record for longer.",
+                channel=name,
+            )
+        if not kept.all():
+            times, values = times[kept], values[kept]
+        size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
         key = times.tobytes()
         if key not in shared:
             coarse = timeline.coarse.interpolation(times)
             shared[key] = timeline.interpolation(times), coarse, gram_root(coarse)
-        found.append(Channel(sensor, quantity, times, values, np.diag(size**2), *shared[key]))
+        found.append(
+            Channel(
+                sensor, quantity, times, values, np.diag(size**2), *shared[key], int(np.count_nonzero(~kept))
+            )
+        )
     return tuple(found)
 
 

@@ -94,7 +94,7 @@ def measured_drive(
     _check_free(model, free)
     home = model.home.copy()
     if held and roles.encoder is not None:
-        angles = recording[f"{roles.encoder.name}.joint_position"].mean(axis=0)
+        angles = np.nanmedian(recording[f"{roles.encoder.name}.joint_position"], axis=0)
         home = set_group_angles(model.pin, model.arm_joints, home, angles)
     thrust = _thrust(recording, held)
     if held:
@@ -114,7 +114,22 @@ def measured_drive(
         assert tachometer is not None
         sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
         wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST)
+        _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
+
+
+def _check_covered(sample: Samples, start: float, stop: float, longest: float) -> None:
+    """Refuse wheels whose motion is not known: nothing else tells what they did."""
+    known = sample.times[np.isfinite(sample.values).all(axis=1)]
+    edges = np.concatenate([[start], known, [stop]])
+    at = int(np.argmax(np.diff(edges)))
+    if edges[at + 1] - edges[at] > max(longest, 0.1):
+        raise RecordingError(
+            f"The wheels' rates are missing from {edges[at]:.6g} to {edges[at + 1]:.6g} s.",
+            advice="Use the recording up to there: window(t0, t1); free floating must start at rest.",
+            start=float(edges[at]),
+            stop=float(edges[at + 1]),
+        )
 
 
 def _rate(recording: Recording, imu: Sensor) -> float:
@@ -126,9 +141,9 @@ def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, de
     if described:
         sigma = np.broadcast_to(sensor.error(quantity).white_sigma(sensor.rate), values.shape[1:])
     else:
-        sigma = np.asarray(white_sigma(values))
+        sigma = np.asarray(white_sigma(values[np.isfinite(values).all(axis=1)]))
     # noise-free data, or a quantised channel that stands still: what is left of it is rounding
-    floor = 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-6)
+    floor = 1e-9 * np.maximum(np.nanmax(np.abs(values), axis=0), 1e-6)
     return Samples(order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor))
 
 
@@ -139,6 +154,8 @@ def _thrust(recording: Recording, held: bool) -> Thrust | None:
     times = recording.time("command.force")
     values = np.zeros((len(times), 6))
     values[:, :3] = recording["command.force"]
+    if not np.isfinite(values).all():
+        raise RecordingError("'command.force' is not finite everywhere.", advice="Log what was commanded.")
     if not held and "command.torque" in recording:
         torque = recording["command.torque"]
         if len(torque) != len(times):

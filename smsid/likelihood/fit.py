@@ -74,6 +74,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
         before = pieces
         if gain < CLOSE * cost or (iteration == 0 and nearby):
             pieces = tuple(p.following() for p in pieces)
+            pieces, here = here.cleaned(pieces)
         if iteration or not nearby:
             pieces = here.reweighed(pieces)
         change = _change(before, pieces) if iteration else np.inf

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.linearised import POSE
-from smsid.likelihood.local import Local
+from smsid.likelihood.local import CLOCK_KINDS, Local
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece
@@ -99,7 +99,7 @@ def _order(piece: Piece, moves: Variation, size: int) -> np.ndarray:
 
 def direct(piece: Piece) -> list:
     """Return the slots that act on an output without moving anything."""
-    return [s for s in piece.slots if s.kind in ("bias", "scale")]
+    return [s for s in piece.slots if s.kind in ("bias", "scale", *CLOCK_KINDS)]
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,14 @@ class _Rows:
             for s in slots:
                 if s.channel == c.name and s.kind == "bias":
                     own[..., place : place + s.size] = c.whitening
-                elif s.channel == c.name:
+                elif s.kind in CLOCK_KINDS and s.channel == c.sensor.name:
+                    timeline = moves.prediction.timeline
+                    rate = -kinematics.rate(c.sensor, c.quantity, timeline) @ c.whitening.T
+                    if s.kind == "clock_drift":
+                        times = timeline.evaluations[timeline.node_evaluation]
+                        rate = rate * (times - timeline.edges[0])[:, None]
+                    own[..., place] = rate
+                elif s.kind == "scale" and s.channel == c.name:
                     own[..., place] = kinematics.output(c.sensor, c.quantity) @ c.whitening.T
                 place += s.size
             found.append(

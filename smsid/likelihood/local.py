@@ -13,6 +13,8 @@ from smsid.likelihood.drive import Drive
 
 START = {"position": 100.0, "attitude": 1.0}  # priors of the initial pose [m, rad]
 BIAS = {"acceleration": 0.1, "angular_rate": 0.01}  # priors of biases [m/s^2, rad/s]
+CLOCK = {"offset": 0.1, "drift": 1e-2}  # priors of clocks [s, 1]
+CLOCK_KINDS = ("clock_offset", "clock_drift")
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,13 @@ class Nuisance:
 
     ``thrust_gain``: relative error of the thrust per axis [1]; ``scale``: relative scale error of a channel
     by name [1]. What is not given is taken as zero: masses are known only as well as the thrust is.
+    ``clocks``: sensors whose clock is off by a constant and drifts; others are put to the test (`clocks`).
     """
 
     biases: bool = True
     thrust_gain: float | None = None
     scale: Mapping[str, float] | None = None
+    clocks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class Local:
     """What belongs to one recording alone.
 
     ``position`` (3,) [m] and ``quaternion`` (4,) of the bus at the start; ``gain`` (3,) relative thrust
-    error; ``bias`` (k,) and ``scale`` by channel; ``motion`` (m, joints) spline coefficients of the joints.
+    error; ``bias`` (k,) and ``scale`` by channel; ``motion`` (m, joints) spline coefficients of the joints;
+    ``clock`` (2,) by sensor: what it shows too much at the start [s], and drift [1].
     """
 
     position: np.ndarray
@@ -42,6 +47,7 @@ class Local:
     bias: dict[str, np.ndarray]
     scale: dict[str, float]
     motion: np.ndarray
+    clock: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,9 @@ def slots_of(channels: Sequence[Channel], nuisance: Nuisance) -> tuple[Slot, ...
     for c in channels:
         if nuisance.scale and c.name in nuisance.scale:
             add("scale", c.name, 1, nuisance.scale[c.name], "1")
+    for name in sorted({c.sensor.name for c in channels} & set(nuisance.clocks)):
+        add("clock_offset", name, 1, CLOCK["offset"], "s")
+        add("clock_drift", name, 1, CLOCK["drift"], "1")
     return tuple(found)
 
 
@@ -92,14 +101,15 @@ def initial(slots: Sequence[Slot], drive: Drive, channels: Sequence[Channel]) ->
     bias = {s.channel: np.zeros(s.size) for s in slots if s.kind == "bias"}
     scale = {s.channel: 0.0 for s in slots if s.kind == "scale"}
     motion = drive.joints.coefficients.copy() if drive.joints is not None else np.zeros((0, 0))
-    return Local(position, attitude, np.zeros(3), bias, scale, motion)
+    clock = {s.channel: np.zeros(2) for s in slots if s.kind == "clock_offset"}
+    return Local(position, attitude, np.zeros(3), bias, scale, motion, clock)
 
 
 def moved(slots: Sequence[Slot], local: Local, step: np.ndarray) -> Local:
     """Return the local values a step (size,) away; the pose moves in the bus frame."""
     position, quaternion, gain = local.position, local.quaternion, local.gain
     motion = local.motion
-    bias, scale = dict(local.bias), dict(local.scale)
+    bias, scale, clock = dict(local.bias), dict(local.scale), dict(local.clock)
     turn = Rotation.from_quat(local.quaternion)
     for s in slots:
         part = step[s.start : s.start + s.size]
@@ -113,9 +123,11 @@ def moved(slots: Sequence[Slot], local: Local, step: np.ndarray) -> Local:
             motion = motion + part.reshape(motion.shape[::-1]).T
         elif s.kind == "bias":
             bias[s.channel] = bias[s.channel] + part
+        elif s.kind in CLOCK_KINDS:
+            clock[s.channel] = clock[s.channel] + np.eye(2)[CLOCK_KINDS.index(s.kind)] * part
         else:
             scale[s.channel] = scale[s.channel] + float(part[0])
-    return Local(position, quaternion, gain, bias, scale, motion)
+    return Local(position, quaternion, gain, bias, scale, motion, clock)
 
 
 def values(slots: Sequence[Slot], local: Local) -> np.ndarray:
@@ -149,4 +161,6 @@ def deviation(slot: Slot, local: Local) -> np.ndarray:
             return local.bias[slot.channel]
         case "scale":
             return np.array([local.scale[slot.channel]])
+        case "clock_offset" | "clock_drift":
+            return local.clock[slot.channel][CLOCK_KINDS.index(slot.kind)][None]
     return np.zeros(slot.size)

@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from smsid.errors import DescriptionError
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.prediction import Prediction, rotation_matrices
 from smsid.likelihood.sensitivity import Sensitivity
+from smsid.likelihood.timeline import Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
 from smsid.simulate.truth import find_appendage, station_indices
@@ -59,6 +61,19 @@ class Kinematics:
         for rest, shape in zip(rests, shapes, strict=True):
             out.append(self._force(rest + s @ shape) + acc @ shape + 2 * np.cross(w, rate @ shape))
         return np.concatenate(out, axis=1)
+
+    def rate(self, sensor: Sensor, quantity: str, timeline: Timeline) -> np.ndarray:
+        """Return the time derivative of what a sensor reads, (nodes, k); an attitude's as rotation vector."""
+        if quantity == "attitude":
+            return self.v[:, 3:6]
+        values = self.output(sensor, quantity)
+        times = timeline.evaluations[timeline.node_evaluation]
+        ends = np.cumsum(timeline.counts + 1)
+        parts = [
+            CubicSpline(times[b - n - 1 : b], values[b - n - 1 : b], axis=0)(times[b - n - 1 : b], 1)
+            for n, b in zip(timeline.counts, ends, strict=True)
+        ]
+        return np.concatenate(parts)
 
     def jacobian(self, sensor: Sensor, quantity: str, by: Sensitivity) -> np.ndarray:
         """Return the derivative (nodes, k, P); an attitude's is that of a rotation vector, bus frame."""

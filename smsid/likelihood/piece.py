@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.sparse import csr_array
 
 from smsid.likelihood.channels import Channel, described_sigma, measured_channels, present, spanned
 from smsid.likelihood.drive import Drive, measured_drive
@@ -15,6 +16,7 @@ from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
 from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.usable import outliers
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
@@ -89,8 +91,25 @@ class Piece:
         out = []
         for c in self.channels:
             nodes = kinematics.output(c.sensor, c.quantity) * (1.0 + local.scale.get(c.name, 0.0))
-            out.append(c.residual(nodes, local.bias.get(c.name)))
+            out.append(c.residual(nodes, local.bias.get(c.name), self._shifted(c, local)))
         return out
+
+    def _shifted(self, c: Channel, local: Local) -> csr_array | None:
+        """Interpolation to when the samples really were taken, for a sensor whose clock is off."""
+        clock = local.clock.get(c.sensor.name)
+        if clock is None or not clock.any():
+            return None
+        late = clock[0] + clock[1] * (c.times - self.timeline.edges[0])
+        return self.timeline.interpolation(c.times - late)
+
+    def cleaned(self, residuals: list[np.ndarray]) -> tuple[Piece, list[np.ndarray]]:
+        """Return the piece without samples far outside of their noise, and the residuals of the others."""
+        channels, kept = [], []
+        for c, r in zip(self.channels, residuals, strict=True):
+            bad, _ = outliers(r)
+            channels.append(c.only(~bad) if bad.any() else c)
+            kept.append(r[~bad] if bad.any() else r)
+        return replace(self, channels=tuple(channels)), kept
 
     def cost(self, residuals: list[np.ndarray]) -> float:
         """Return the sum of squares of whitened residuals."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,11 @@ class Seen:
         for piece, local, own in zip(pieces, self.point.locals, self.residuals, strict=True):
             total += piece.cost(own) + piece.prior(local)[2]
         return total
+
+    def cleaned(self, pieces: Sequence[Piece]) -> tuple[tuple[Piece, ...], Seen]:
+        """Return the pieces without outliers, and what is left to see."""
+        both = [p.cleaned(r) for p, r in zip(pieces, self.residuals, strict=True)]
+        return tuple(p for p, _ in both), replace(self, residuals=tuple(r for _, r in both))
 
     def reweighed(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
         """Return the pieces with the noise their residuals show."""

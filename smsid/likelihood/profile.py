@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 TIGHT = 0.01  # of the threshold to which the ends are found
 LOOKS = 12
+LEAST = 1e-3  # of its value, as near to zero as a parameter known by its logarithm is taken
 BENT = 0.1  # relative difference of an interval's half from the Gaussian one
 
 
@@ -72,10 +73,11 @@ def profile_of(
         return found.cost - best.cost - rise, found.point
 
     upper = _end(excess, best.point, centre, sigma, rise, np.inf)
-    lower = -np.inf
     if centre > bound:
-        below, _ = excess(bound, best.point) if centre - 4 * sigma < bound else (1.0, best.point)
-        lower = bound if below < 0.0 else _end(excess, best.point, centre, -sigma, rise, bound)
+        # a logarithm cannot reach zero
+        nearest = max(bound, LEAST * centre) if scalars[name].log else bound
+        below, _ = excess(nearest, best.point) if centre - 4 * sigma < bound else (1.0, best.point)
+        lower = bound if below < 0.0 else _end(excess, best.point, centre, -sigma, rise, nearest)
     else:
         lower = bound
     return ProfileInterval(name, float(lower), float(upper), level, bool(lower == bound))

@@ -10,9 +10,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
-from smsid.identify.estimate import Estimate, ParameterEstimate, judged
+from smsid.errors import DescriptionError, RecordingError
+from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import Identification
+from smsid.likelihood.clocks import doubtful_clocks
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit, fit
@@ -23,17 +24,12 @@ from smsid.likelihood.piece import Piece, piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
-from smsid.likelihood.profile import not_gaussian, profile_of
+from smsid.likelihood.report import METHOD, fit_notes, judged_by_share, nuisances, with_profiles
 from smsid.likelihood.starting import best_start, candidates
 from smsid.likelihood.unseen import UnseenDirection, unseen_directions
 from smsid.likelihood.unseen import notes as unseen_notes
 from smsid.model import build_model
 from smsid.recording import Recording
-
-METHOD = "maximum_likelihood"
-UNSEEN = "the data do not see it"
-WIDE = 0.05  # relative standard deviation above which the Gaussian interval is put to the test
-HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
 
 
 @dataclass(frozen=True)
@@ -102,7 +98,7 @@ def _refine(
                 f"'{recording.name}' is for validation.",
                 advice="Identify from recordings in the role estimation.",
             )
-        recording.check()
+        _check(recording)
     model = build_model(description)
     described = Parameters.of(model)
     pairs = [piece_of(model, r, nuisance) for r in recordings]
@@ -115,22 +111,32 @@ def _refine(
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
     found = fit(pieces, first, prior)
+    doubtful = sorted({n for x in _doubts(found) for n in x})
+    if doubtful:
+        clocks = replace(nuisance, clocks=(*nuisance.clocks, *doubtful))
+        pairs = [piece_of(model, r, clocks) for r in recordings]
+        both = zip(found.point.locals, pairs, strict=True)
+        locals_ = tuple(replace(local, clock=own.clock) for local, (_, own) in both)
+        again = Point(found.point.parameters, locals_)
+        found = fit([p for p, _ in pairs], again, prior)
     searched = time.perf_counter()
     at = found.point.parameters
     pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
     predictions = [x for p, x in pairs_ if not p.drive.held]
     combinations, notes = reported(at, described, predictions)
+    if doubtful:
+        notes.append(f"clocks that do not agree with the rest, estimated too: {', '.join(doubtful)}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
     seen = jacobian @ covariance
     reported_covariance = seen @ jacobian.T
     held = prior_shares(found.normal, jacobian, covariance)
     parameters = [
-        _judged(c, float(np.sqrt(v)), share)
+        judged_by_share(c, float(np.sqrt(v)), share)
         for c, v, share in zip(combinations, np.diag(reported_covariance), held, strict=False)
     ]
-    parameters = _with_profiles(parameters, found, prior, covariance)
-    parameters += _nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
+    parameters = with_profiles(parameters, found, prior, covariance)
+    parameters += nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
     n = at.inertias.size
     unseen = unseen_directions(at, found.normal)
     bodies = consistent_inertias(at, described, covariance[:n, :n])
@@ -146,7 +152,7 @@ def _refine(
             "report": done - searched,
             "total": done - began,
         },
-        notes=tuple(notes + unseen_notes(unseen) + _fit_notes(found)),
+        notes=tuple(notes + unseen_notes(unseen) + fit_notes(found)),
         conditions={
             "iterations": float(found.iterations),
             "sum of squares / samples": found.cost / found.samples,
@@ -154,6 +160,21 @@ def _refine(
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(estimate, reported_covariance, at.description(), inertias, unseen, described, found)
+
+
+def _check(recording: Recording) -> None:
+    """Refuse what makes no sense; samples that are missing or not finite are only left out."""
+    try:
+        recording.check()
+    except RecordingError as error:
+        if not {"gaps", "count"} & set(error.evidence):
+            raise
+
+
+def _doubts(found: Fit) -> list[tuple[str, ...]]:
+    seen = found.seen
+    parts = zip(found.pieces, seen.predictions, seen.residuals, strict=True)
+    return [doubtful_clocks(p, seen.point.parameters, x, r) for p, x, r in parts]
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:
@@ -212,66 +233,3 @@ def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -
     spread = jacobian @ covariance
     variance = np.einsum("ij,ij->i", spread, jacobian)
     return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance
-
-
-def _judged(c: Combination, sigma: float, share: float) -> ParameterEstimate:
-    found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
-    if share <= HELD:
-        return found
-    note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
-    return ParameterEstimate(
-        found.name,
-        found.value,
-        found.unit,
-        found.sigma,
-        "not_identifiable",
-        METHOD,
-        found.nominal,
-        found.reference,
-        found.small,
-        note,
-    )
-
-
-def _with_profiles(
-    parameters: Sequence[ParameterEstimate], found: Fit, prior: Prior, covariance: np.ndarray
-) -> list[ParameterEstimate]:
-    """Profile intervals for what is seen, not well known, and not Gaussian."""
-    scalars = {s.name for s in found.point.parameters.scalars}
-    out = []
-    for p in parameters:
-        wide = p.name in scalars and p.relative_sigma > WIDE and UNSEEN not in p.note
-        if wide and not_gaussian(found, prior, p.name, covariance):
-            try:
-                interval = profile_of(found, prior, p.name)
-            except NotIdentifiableError as error:
-                note = f"{p.note}; not Gaussian, and its profile has no end: {error}".lstrip("; ")
-                out.append(replace(p, status="not_identifiable", note=note))
-                continue
-            note = f"{p.note}; the likelihood is not Gaussian: interval from its profile".lstrip("; ")
-            p = replace(p, profile=(interval.lower, interval.upper), note=note)
-        out.append(p)
-    return out
-
-
-def _nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
-    out = []
-    for piece, local in zip(found.pieces, found.point.locals, strict=True):
-        kept = [k for s in piece.slots if s.kind != "joint_motion" for k in range(s.start, s.start + s.size)]
-        values, names, units = piece.values(local), piece.names, piece.units
-        for k in kept:
-            out.append(
-                ParameterEstimate(
-                    names[k], float(values[k]), units[k], float(sigma[len(out)]), "by_product", "nuisance"
-                )
-            )
-    return out
-
-
-def _fit_notes(found: Fit) -> list[str]:
-    notes = []
-    for piece in found.pieces:
-        for c in piece.channels:
-            levels = ", ".join(f"{x:.2g}" for x in np.sqrt(np.diag(c.covariance)))
-            notes.append(f"{piece.name}: noise of {c.name} as its residuals show it: {levels}")
-    return notes

@@ -15,7 +15,11 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
+from smsid.likelihood.usable import outliers, spikes
+
 DEGREE = 5
+CLEANINGS = 3
+SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
@@ -27,6 +31,10 @@ class Samples:
     times: np.ndarray
     values: np.ndarray
     sigma: np.ndarray
+
+    def only(self, kept: np.ndarray) -> Samples:
+        """Return some of the samples (N,)."""
+        return self if kept.all() else replace(self, times=self.times[kept], values=self.values[kept])
 
 
 @dataclass(frozen=True)
@@ -89,8 +97,25 @@ def fit_motion(
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
     Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
-    zero then.
+    zero then. Samples that are not finite are left out, and those far outside of their noise; where there are
+    none the motion goes on smoothly.
     """
+    samples = [s.only(np.isfinite(s.values).all(axis=1)) for s in samples]
+    samples = [s.only(~spikes(s.values, s.sigma)) for s in samples]
+    fitted = _best(samples, start, stop, shortest)
+    for _ in range(CLEANINGS):
+        bad = [
+            outliers(s.values - _design(s.times, fitted.knots, s.derivative) @ fitted.coefficients)[0]
+            for s in samples
+        ]
+        if not any(b.any() for b in bad):
+            break
+        samples = [s.only(~b) for s, b in zip(samples, bad, strict=True)]
+        fitted = _best(samples, start, stop, shortest)
+    return fitted.motion(rate)
+
+
+def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
     while (stop - start) / intervals >= shortest and worse < 3:
@@ -101,7 +126,7 @@ def fit_motion(
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    return _Fitted.of(samples, start, stop, best[1]).motion(rate)
+    return _Fitted.of(samples, start, stop, best[1])
 
 
 @dataclass(frozen=True)
@@ -121,6 +146,8 @@ class _Fitted:
         designs = [_design(s.times, knots, s.derivative) for s in samples]
         grams = [(design.T @ design).toarray() for design in designs]
         weights = [1.0 / s.sigma**2 for s in samples]
+        third = np.diff(np.eye(size), n=3, axis=0)
+        smooth = SMOOTH * (third.T @ third)
         anchored = any(s.derivative == 0 for s in samples)
         right = sum(
             (design.T @ (s.values * w) for s, design, w in zip(samples, designs, weights, strict=True)),
@@ -129,6 +156,7 @@ class _Fitted:
         coefficients, information = np.empty((size, width)), np.empty((width, size, size))
         for k in range(width):
             normal = sum((w[k] * g for g, w in zip(grams, weights, strict=True)), np.zeros((size, size)))
+            normal = normal + normal.diagonal().max() * smooth
             if not anchored:
                 normal[0, 0] += normal.diagonal().max()
             information[k] = normal

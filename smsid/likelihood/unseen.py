@@ -34,7 +34,10 @@ class UnseenDirection:
         if len(names) == 1:
             return f"{names[0]} does not enter what was measured"
         parts = [f"{name} by {value:+.3g} {self.units[name]}" for name, value in self.changes.items()]
-        return f"only in combination: {', '.join(names)} (changing {', '.join(parts)} leaves what was measured as it was)"
+        return (
+            f"only in combination: {', '.join(names)} "
+            f"(changing {', '.join(parts)} leaves what was measured as it was)"
+        )
 
 
 def unseen_directions(at: Parameters, normal: Normal) -> tuple[UnseenDirection, ...]:

@@ -73,7 +73,7 @@ def test_jacobian_of_every_channel(case: tuple[Piece, Local, Parameters]):
                 difference = (up - down)[chosen] / (2 * h)
             found = (c.coarse_weights @ own[:, :, i])[chosen]
             scale = max(np.abs(difference).max(), 1e-3 * np.abs(up).max() + 1e-9)
-            # derivatives are carried on steps of 0.6 rad of the fastest mode: a phase error that grows with time
+            # derivatives are carried on steps of 0.6 rad of the fastest mode: their phase drifts a little
             np.testing.assert_allclose(found, difference, atol=1e-3 * scale, err_msg=f"{c.name} by {i}")
 
 

@@ -18,7 +18,7 @@ def short() -> Refinement:
 
 
 def moved_by(found: Refinement, direction: UnseenDirection, size: float) -> float:
-    """Sum of squares that a change along a direction makes, its longest component ``size`` of a body's size."""
+    """Sum of squares that a change along a direction makes, ``size`` of a body's size at most."""
     at = found.fit.point.parameters
     step = np.zeros(at.size)
     slopes = np.concatenate([at.sizes.ravel(), [s.slope for s in at.scalars]])

@@ -1,0 +1,90 @@
+"""What a refinement reports of each parameter: status, interval, note; and notes about the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.errors import NotIdentifiableError
+from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.likelihood.combinations import Combination
+from smsid.likelihood.fit import Fit
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.profile import not_gaussian, profile_of
+
+METHOD = "maximum_likelihood"
+UNSEEN = "the data do not see it"
+WIDE = 0.05  # relative standard deviation above which the Gaussian interval is put to the test
+HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
+
+
+def judged_by_share(c: Combination, sigma: float, share: float) -> ParameterEstimate:
+    """Return a parameter with its status; ``share`` of its variance is the prior's."""
+    found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
+    if share <= HELD:
+        return found
+    note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
+    return ParameterEstimate(
+        found.name,
+        found.value,
+        found.unit,
+        found.sigma,
+        "not_identifiable",
+        METHOD,
+        found.nominal,
+        found.reference,
+        found.small,
+        note,
+    )
+
+
+def with_profiles(
+    parameters: Sequence[ParameterEstimate], found: Fit, prior: Prior, covariance: np.ndarray
+) -> list[ParameterEstimate]:
+    """Return the parameters with profile intervals for what is seen, not well known, and not Gaussian."""
+    scalars = {s.name for s in found.point.parameters.scalars}
+    out = []
+    for p in parameters:
+        wide = p.name in scalars and p.relative_sigma > WIDE and UNSEEN not in p.note
+        if wide and not_gaussian(found, prior, p.name, covariance):
+            try:
+                interval = profile_of(found, prior, p.name)
+            except NotIdentifiableError as error:
+                note = f"{p.note}; not Gaussian, and its profile has no end: {error}".lstrip("; ")
+                out.append(replace(p, status="not_identifiable", note=note))
+                continue
+            note = f"{p.note}; the likelihood is not Gaussian: interval from its profile".lstrip("; ")
+            p = replace(p, profile=(interval.lower, interval.upper), note=note)
+        out.append(p)
+    return out
+
+
+def nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
+    """Return the local parameters but the joints' motion; ``sigma`` (k,) in their order."""
+    out = []
+    for piece, local in zip(found.pieces, found.point.locals, strict=True):
+        kept = [k for s in piece.slots if s.kind != "joint_motion" for k in range(s.start, s.start + s.size)]
+        values, names, units = piece.values(local), piece.names, piece.units
+        for k in kept:
+            out.append(
+                ParameterEstimate(
+                    names[k], float(values[k]), units[k], float(sigma[len(out)]), "by_product", "nuisance"
+                )
+            )
+    return out
+
+
+def fit_notes(found: Fit) -> list[str]:
+    """Return what there is to say about the channels: samples left out, noise levels."""
+    notes = []
+    for piece in found.pieces:
+        for c in piece.channels:
+            levels = ", ".join(f"{x:.2g}" for x in np.sqrt(np.diag(c.covariance)))
+            if c.dropped:
+                share = c.dropped / (c.dropped + len(c.times))
+                what = "missing, at the sensor's limit, or far outside of their noise"
+                notes.append(f"{piece.name}: {100 * share:.2g} % of {c.name} left out: {what}")
+            notes.append(f"{piece.name}: noise of {c.name} as its residuals show it: {levels}")
+    return notes

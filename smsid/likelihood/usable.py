@@ -1,0 +1,64 @@
+"""Which samples of a channel can be used: finite, not at a sensor's limit, not far outside of their noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+OUTLIER = 5.0  # standard deviations: one good sample in two million
+MOST = 0.05  # share of samples that may be outliers; more of them is another noise, or a wrong model
+STUCK = 5  # samples at one and the same extreme value that show a limit
+NORM = 1e-3  # by which a quaternion may be longer or shorter than one
+
+
+def usable(values: np.ndarray, quantity: str, limit: float | None) -> np.ndarray:
+    """Return which samples (N,) of (N, k) are finite and inside the sensor's limits.
+
+    ``limit`` is the described one; without it, an extreme value that many samples share exactly is one,
+    unless the channel is quantised.
+    """
+    flat = values.reshape(len(values), -1)
+    good: Any = np.isfinite(flat).all(axis=1)
+    if quantity == "attitude":
+        return good & (np.abs(np.linalg.norm(flat, axis=1) - 1.0) < NORM)
+    if limit is not None:
+        return good & (np.abs(flat) < limit * (1.0 - 1e-12)).all(axis=1)
+    for column in flat.T:
+        inside = column[good]
+        if len(inside) < STUCK or len(np.unique(inside)) < 0.5 * len(inside):
+            continue
+        for extreme in (inside.min(), inside.max()):
+            at = column == extreme
+            if np.count_nonzero(at) >= STUCK:
+                good = good & ~at
+    return good
+
+
+def outliers(residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which rows (N,) of a residual (N, k) are outliers, and the noise (k,) of the others.
+
+    Judged against the median of what is left, so that outliers do not hide each other. Where more than `MOST`
+    would be, none is: their distribution is another one.
+    """
+    sigma = np.median(np.abs(residual), axis=0) / 0.6744897501960817
+    bad: Any = (np.abs(residual) > OUTLIER * np.maximum(sigma, 1e-300)).any(axis=1)
+    if np.mean(bad) > MOST:
+        bad = np.zeros(len(residual), dtype=bool)
+    return bad, np.sqrt(np.mean(residual[~bad] ** 2, axis=0))
+
+
+def spikes(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return which samples (N,) of a smooth motion (N, k) stick out of the cubic through their neighbours.
+
+    ``sigma`` (k,) of their noise. Of neighbours only the one that sticks out most is called a spike.
+    """
+    bad = np.zeros(len(values), dtype=bool)
+    if len(values) < 5:
+        return bad
+    x = values
+    off = np.zeros(x.shape)
+    off[2:-2] = x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6.0
+    size = np.abs(off) / (np.sqrt(70.0) / 6.0 * sigma)
+    around = np.stack([np.roll(size, shift, axis=0) for shift in (-2, -1, 1, 2)]).max(axis=0)
+    return ((size > OUTLIER + 1.0) & (size >= around)).any(axis=1)

@@ -1,0 +1,165 @@
+"""Recordings as they should not be: inside the stated interval all the same, or refused with the reason."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from smsid.errors import RecordingError
+from smsid.likelihood import Refinement, refine
+from smsid.likelihood.local import Nuisance
+from smsid.likelihood.piece import piece_of
+from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.usable import outliers, spikes, usable
+from smsid.recording import Recording
+
+from . import twin
+from .test_refine import FAR, TRUTH, off
+
+OUTPUTS = ("imu.acceleration", "imu.angular_rate", "pose.position", "pose.velocity", "panel.acceleration")
+
+
+def flown() -> Recording:
+    return twin.noisy(twin.exp1((1, 1, 1), 60.0), 0)
+
+
+def changed(recording: Recording, channels: dict[str, Any]) -> Recording:
+    """The recording with channels (times, values) replaced."""
+    all_ = {n: (recording.time(n), recording[n]) for n in recording.channels} | channels
+    labels = {"joint": list(twin.model().arm_joints.names), "wheel": list(twin.model().wheels.names)}
+    return Recording.from_arrays(None, all_, labels=labels, role="estimation", name=recording.name)
+
+
+def inside(found: Refinement) -> None:
+    for name, truth in TRUTH.items():
+        p = found.estimate[name]
+        assert abs(p.value - truth) < FAR * p.sigma, f"{name}: {p.value} +- {p.sigma}"
+    assert found.estimate["tank.mass"].relative_sigma < 2e-3
+
+
+def test_one_sample_in_a_hundred_is_an_outlier():
+    recording, rng = flown(), np.random.default_rng(0)
+    channels = {}
+    for name in OUTPUTS:
+        values = np.array(recording[name])
+        rows = rng.random(len(values)) < 0.01
+        size = 50.0 * np.std(np.diff(values, axis=0), axis=0)
+        values[rows] += size * rng.choice([-1.0, 1.0], size=values[rows].shape)
+        channels[name] = (recording.time(name), values)
+    found = refine(off(), [changed(recording, channels)])
+    inside(found)
+    assert sum("far outside of their noise" in note for note in found.estimate.notes) == len(OUTPUTS)
+
+
+@pytest.mark.parametrize("how", ["missing", "not finite"])
+def test_two_seconds_dropped_out(how: str):
+    recording = flown()
+    channels = {}
+    for name in ("imu.acceleration", "imu.angular_rate"):
+        times, values = recording.time(name), np.array(recording[name])
+        if how == "missing":
+            kept = (times < 20.0) | (times > 22.0)
+            times, values = times[kept], values[kept]
+        else:
+            values[(times >= 20.0) & (times <= 22.0)] = np.nan
+        channels[name] = (times, values)
+    inside(refine(off(), [changed(recording, channels)]))
+
+
+def test_saturated_accelerometer():
+    recording = flown()
+    values = recording["imu.acceleration"]
+    limit = 0.8 * np.abs(values).max()
+    clipped = {"imu.acceleration": (recording.time("imu.acceleration"), np.clip(values, -limit, limit))}
+    found = refine(off(), [changed(recording, clipped)])
+    inside(found)
+    assert any("imu.acceleration left out" in note for note in found.estimate.notes)
+
+
+def test_a_clock_that_is_late_and_drifts():
+    recording = flown()
+    channels = {
+        name: (recording.time(name) * (1.0 + 1e-3) + 0.03, recording[name])
+        for name in ("pose.position", "pose.attitude", "pose.velocity")
+    }
+    found = refine(off(), [changed(recording, channels)])
+    inside(found)
+    own = {p.name: p for p in found.estimate.group("nuisance") if "pose.clock" in p.name}
+    offset, drift = own["exp1: pose.clock_offset"], own["exp1: pose.clock_drift"]
+    assert abs(offset.value - 0.03) < FAR * offset.sigma
+    assert abs(drift.value - 1e-3 / (1.0 + 1e-3)) < FAR * drift.sigma
+    assert any("clocks that do not agree" in note for note in found.estimate.notes)
+
+
+def test_too_short_to_say_anything():
+    recording = flown()
+    with pytest.raises(RecordingError, match="too few"):
+        refine(off(), [recording.window(0.0, 0.1)])
+    found = refine(off(), [recording.window(0.0, 0.5)])
+    assert found.estimate["tank.mass"].status == "not_identifiable"
+
+
+def test_wheels_whose_rates_are_missing_are_refused():
+    recording = twin.noisy(twin.exp2(10.0), 0)
+    name = "tachometer.wheel_rate"
+    times = recording.time(name)
+    kept = (times < 4.0) | (times > 6.0)
+    cut = changed(recording, {name: (times[kept], recording[name][kept])})
+    with pytest.raises(RecordingError, match="wheels' rates are missing"):
+        piece_of(twin.model(), cut, Nuisance())
+
+
+def test_joint_motion_with_spikes_and_a_gap():
+    rng = np.random.default_rng(1)
+    times = np.arange(0.0, 40.0, 0.01)
+    angle, rate = np.sin(0.7 * times), 0.7 * np.cos(0.7 * times)
+    samples = []
+    for order, (values, sigma) in enumerate(((angle, 1e-5), (rate, 1e-4))):
+        noisy = values + sigma * rng.standard_normal(len(times))
+        noisy[rng.random(len(times)) < 0.01] += 50.0 * sigma
+        noisy[rng.random(len(times)) < 0.001] = np.nan
+        kept = (times < 20.0) | (times > 22.0)
+        samples.append(Samples(order, times[kept], noisy[kept, None], np.array([sigma])))
+    motion = fit_motion(samples, 0.0, times[-1], 100.0, 0.1)
+    off_ = np.abs(motion.values(times)[0][:, 0] - angle)
+    known = (times < 19.5) | (times > 22.5)
+    assert off_[known].max() < 3e-5
+    assert off_.max() < 0.02  # across the gap it goes on smoothly
+
+
+def test_what_is_usable():
+    values = np.array([[0.0, 1.0], [np.nan, 1.0], [3.0, 0.0], [1.0, -3.0]])
+    np.testing.assert_array_equal(usable(values, "acceleration", 3.0), [True, False, False, False])
+    quaternions = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.1]])
+    np.testing.assert_array_equal(usable(quaternions, "attitude", None), [True, False])
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((2000, 1))
+    assert usable(noise, "velocity", None).all()
+    assert usable(np.round(noise), "velocity", None).all()  # quantised, not clipped
+    assert np.count_nonzero(~usable(np.minimum(noise, 1.0), "velocity", None)) == np.count_nonzero(
+        noise >= 1.0
+    )
+
+
+def test_outliers_are_told_from_noise():
+    rng = np.random.default_rng(0)
+    residual = rng.standard_normal((10_000, 2))
+    assert not outliers(residual)[0].any()
+    residual[::100, 1] += 30.0
+    bad, sigma = outliers(residual)
+    assert np.array_equal(np.flatnonzero(bad), np.arange(0, 10_000, 100))
+    np.testing.assert_allclose(sigma, 1.0, rtol=0.03)
+    # a distribution with long tails everywhere is not one with outliers
+    assert not outliers(rng.standard_t(1.0, (10_000, 1)))[0].any()
+
+
+def test_spikes_of_a_smooth_motion():
+    times = np.arange(0.0, 10.0, 0.01)
+    values = np.column_stack([np.sin(times), np.cos(times)]) + 1e-5 * np.random.default_rng(
+        0
+    ).standard_normal((1000, 2))
+    assert not spikes(values, np.full(2, 1e-5)).any()
+    values[[100, 500], 0] += 1e-3
+    assert np.flatnonzero(spikes(values, np.full(2, 1e-5))).tolist() == [100, 500]
