@@ -135,8 +135,6 @@ def named_poles(
             flag = "unstable"
         elif p.value.imag > 0.0 and p.name in plant.names[plant.actuated :]:
             flag = "driven" if p.damping < 0.99 * least.get(p.name, 0.0) else ""
-        if flag:
-            logger.warning("the controller makes %s at %.4g rad/s %s", p.name, abs(p.value), flag)
         flagged.append(Pole(p.value, p.name, p.share, flag))
     return tuple(flagged)
 
@@ -173,7 +171,10 @@ def check_design(
 
 
 def refuse_unstable(poles: tuple[Pole, ...]) -> tuple[Pole, ...]:
-    """Return the poles; raises `ControlError` naming the mode when one of them is unstable."""
+    """Return the poles; raises `ControlError` naming the mode when one is unstable, logs the others' flags."""
+    for p in poles:
+        if p.flag:
+            logger.warning("the controller makes %s at %.4g rad/s %s", p.name, abs(p.value), p.flag)
     bad = [p for p in poles if p.flag == "unstable"]
     if bad:
         raise ControlError(
