@@ -108,8 +108,8 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
             table.add_row(c.channel, c.unit, *row)
         parts.append(table)
         parts.append(
-            f"whitened rms {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, extended {g.whitened_extended:.3f} (noise floor 1); explained share "
-            f"of the excess: {100 * g.explained:.1f} %"
+            f"whitened rms: {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, "
+            f"{g.whitened_extended:.3f} extended (noise: 1); {100 * g.explained:.1f} % of the excess explained"
         )
     elif d.gain_reason:
         parts.append(f"gain not evaluated: {d.gain_reason}")

@@ -91,6 +91,15 @@ class Measured:
         """Return the samples with noise levels (rows,) times a factor."""
         return Measured(self.times, self.values, self.attitude, self.blocks, self.sigma * factor)
 
+    def thinned(self, rate: float) -> Measured:
+        """Return every n-th sample, so that no more than ``rate`` a second remain (within a tenth)."""
+        every = int(np.ceil(1.0 / (1.1 * rate * float(np.median(np.diff(self.times))))))
+        if every <= 1:
+            return self
+        k = slice(None, None, every)
+        attitude = {name: q[k] for name, q in self.attitude.items()}
+        return Measured(self.times[k], self.values[k], attitude, self.blocks, self.sigma)
+
     def without(self, faulty: np.ndarray) -> Measured:
         """Return the samples with those marked (N, rows) left out."""
         values = self.values.copy()

@@ -18,6 +18,7 @@ from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 
+BACK = 1e-4  # [s] how far back a reading is compared for its rate
 DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
 
 
@@ -126,13 +127,18 @@ class Changes:
         )
 
     def rates(self) -> np.ndarray:
-        """Return time derivatives of the readings (N, rows), for delays."""
+        """Return time derivatives of the readings (N, rows) between jumps of the commands, for delays."""
         if self._rates is None:
-            times = self.run.states.time
-            rates = np.gradient(self.outputs.all(self.run.states), times, axis=0)
+            s, plant = self.run.states, Plant(self.model, self.problem.locked)
+            q, v, a = np.empty_like(s.q), s.v - BACK * s.a, np.empty_like(s.a)
+            for k, (t, tau) in enumerate(zip(s.time, s.tau, strict=True)):
+                q[k] = pin.integrate(self.model.pin, s.q[k], -BACK * s.v[k])
+                a[k] = plant.acceleration(float(t) - BACK, q[k], v[k], tau)
+            before = States(s.time, q, v, a, s.tau, s.reaction)
+            rates = (self.outputs.all(s) - self.outputs.all(before)) / BACK
             for block in self.problem.data.blocks:
                 if block.quantity == "attitude":
-                    rates[:, block.rows] = self.run.states.v[:, 3:6]
+                    rates[:, block.rows] = s.v[:, 3:6]
             self._rates = rates
         return self._rates
 

@@ -27,6 +27,7 @@ from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
+RATE = 25.0  # [Hz]
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
@@ -50,6 +51,7 @@ def diagnose(
     validation: Sequence[Recording] = (),
     levels: Levels | None = None,
     noise: Noise | None = None,
+    rate: float = RATE,
 ) -> Diagnosed:
     """Say whether the simulation explains a recording, and if not, why.
 
@@ -61,6 +63,7 @@ def diagnose(
         validation: recordings the gain is measured on.
         levels: levels of significance.
         noise: process noise of the commands.
+        rate: samples a second that are looked at; more are thinned out (commands are not) [Hz].
 
     Never raises for a recording that cannot be used: the verdict is then ``not_evaluated`` with the reason.
     Raises `SmsidError` when no recording is given.
@@ -71,7 +74,12 @@ def diagnose(
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             return _diagnose(
-                description, recordings, estimate, validation, levels or Levels(), noise or Noise(), names
+                description,
+                recordings,
+                estimate,
+                validation,
+                (levels or Levels(), noise or Noise(), rate),
+                names,
             )
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("not evaluated: %s", error)
@@ -84,10 +92,10 @@ def _diagnose(
     recordings: Sequence[Recording],
     estimate: Estimate | None,
     validation: Sequence[Recording],
-    levels: Levels,
-    noise: Noise,
+    options: tuple[Levels, Noise, float],
     names: tuple[str, ...],
 ) -> Diagnosed:
+    levels, noise, rate = options
     recording = recordings[0]
     recording.check()
     known = nominal(description, estimate)
@@ -99,7 +107,9 @@ def _diagnose(
             advice="Record longer.",
         )
     faults = stuck_channels(data) + quantised_channels(data)
-    data = _less(data, faults)
+    whole = data.times
+    data = _less(data, faults).thinned(rate)
+    thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
@@ -112,7 +122,7 @@ def _diagnose(
     named = (*(_fault(f) for f in _per_channel(faults)), *causes(found))
     decided, sentence = verdict(found, named)
     extended = extended_description(found)
-    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]])
+    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=recording.name)
@@ -120,6 +130,7 @@ def _diagnose(
         raise RecordingError(
             f"'{recording.name}' excites no candidate at all.", advice="Move the arm, the wheels or thrust."
         )
+    taken = f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}"
     result = Diagnosis(
         description=description.name,
         recordings=names,
@@ -134,10 +145,7 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=(
-            *known.notes,
-            f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}",
-        ),
+        notes=tuple(n for n in (*known.notes, thinned, taken) if n),
     )
     return Diagnosed(result, extended, found)
 
@@ -170,11 +178,13 @@ def extended_description(found: Search) -> Description:
     return with_inertial_shifts(found)
 
 
-def _gain(given: Point, found: Search, recordings: Sequence[Recording]) -> tuple[Gain | None, str]:
+def _gain(
+    given: Point, found: Search, recordings: Sequence[Recording], rate: float
+) -> tuple[Gain | None, str]:
     if not recordings:
         return None, "no validation recording was given"
     last = found.last
-    return gain(given, found.nominal.point, last.point, recordings[0], last.problem), ""
+    return gain(given, found.nominal.point, last.point, recordings[0], last.problem, rate), ""
 
 
 def _foreign(found: Search) -> str:

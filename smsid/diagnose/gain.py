@@ -50,13 +50,17 @@ class Gain:
         return 1.0 - self.excess_extended / self.excess_given if self.excess_given > floor else np.nan
 
 
-def gain(given: Point, nominal: Point, extended: Point, recording: Recording, like: Problem) -> Gain:
-    """Return what the extension gains on a recording; noise levels and timing are those of ``like``."""
+def gain(
+    given: Point, nominal: Point, extended: Point, recording: Recording, like: Problem, rate: float
+) -> Gain:
+    """Return what the extension gains on a recording; noise levels and timing are those of ``like``; ``rate`` [Hz]
+    is what it is thinned to.
+    """
     closed, opened = [], []
     problem = like
     for point, simulated in ((given, True), (nominal, False), (extended, True)):
         model = point.model()
-        fresh = measured(model, recording, point.description.effective_sensors())
+        fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
         data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
         problem = replace(like, recording=recording, data=data)
         closed.append(run_filter(model, problem))

@@ -17,6 +17,7 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
+GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
 """Standard deviations where neither an estimate nor the description states any: relative to the body's own
@@ -107,7 +108,7 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
         if not isinstance(effect, Slosh | Appendage):
             continue
         for p in effect.parameters():
-            if p.value == 0.0 and "damping" not in p.name:
+            if (p.value == 0.0 and "damping" not in p.name) or p.name.rpartition(".")[2] in GEOMETRY:
                 continue
             scale = abs(p.value) if p.value != 0.0 else 1e-3
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)

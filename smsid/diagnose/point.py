@@ -83,7 +83,10 @@ class Point:
         inertial, biases = dict(self.inertial), dict(self.biases)
         values: dict[str, dict[str, float]] = {}
         for unknown, d in zip(unknowns, step, strict=True):
-            new = float(np.clip(self.value(unknown) + d, unknown.lower, unknown.upper))
+            old = self.value(unknown)
+            new = float(np.clip(old + d, unknown.lower, unknown.upper))
+            if unknown.kind == "effect" and unknown.nominal > 0.0 and unknown.lower == 0.0 and old > 0.0:
+                new = float(np.clip(new, 0.5 * old, 2.0 * old))  # masses and springs stay what they are
             if unknown.kind == "inertial":
                 inertial[unknown.column] = new - self._urdf(unknown.column)
             elif unknown.kind == "bias":

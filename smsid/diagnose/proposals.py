@@ -158,11 +158,13 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         yield from _shift("slosh", n, "slosh", "frequency", springs, nominal)
         yield from _shift("slosh", n, "slosh", "damping", dampers, nominal)
         yield from _shift("slosh", n, "slosh", "mass", [f"{n}.mass"], nominal)
-        at = {"tank": n}
         hard = {"cubic": max(effect.stiffness)}
-        yield from _one("slosh_nonlinearity", n, "slosh", "cubic spring", at, hard)
-        drag = {"quadratic_damping": max(max(effect.damping), 1e-3)}
-        yield from _one("slosh_nonlinearity", n, "slosh", "quadratic damping", at, drag)
+        drag = {"quadratic_damping": max(*effect.damping, 1e-3)}
+        for law, suffix in (("radial", ""), ("per_axis", " per axis")):
+            at = {"tank": n, "law": law}
+            kind = "slosh_nonlinearity"
+            yield from _one(kind, n, "slosh", f"cubic spring{suffix}", at, hard)
+            yield from _one(kind, n, "slosh", f"quadratic damping{suffix}", at, drag)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:

@@ -46,7 +46,8 @@ class Slosh(Effect):
 class SloshNonlinearity(Starting):
     """What a tank's slosh does at large amplitude: force ``-cubic |r|^2 r - quadratic_damping |r'| r'``.
 
-    r is the displacement of the slosh mass from c_s. ``cubic`` is positive for a spring that hardens.
+    r is the displacement of the slosh mass from c_s. ``cubic`` is positive for a spring that hardens. With
+    ``law = "per_axis"`` each axis of the tank's frame has the force by itself, ``-cubic x^3`` along x.
     """
 
     summary: ClassVar[str] = "spring and damping of a slosh mass that depend on amplitude"
@@ -55,6 +56,9 @@ class SloshNonlinearity(Starting):
     strength: ClassVar[tuple[str, ...]] = ("cubic", "quadratic_damping")
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
     tank: str = Field(description="name of the `slosh` effect, which stands before this one")
+    law: Literal["radial", "per_axis"] = Field(
+        default="radial", description="by the distance from c_s, or every axis by itself"
+    )
     cubic: float = physical("N/m^3", default=0.0, description="of the spring; negative when it softens")
     quadratic_damping: float = physical("N s^2/m^2", lower=0.0, default=0.0, description="of the damper")
 
@@ -69,12 +73,14 @@ class SloshNonlinearity(Starting):
         joint = assembly.model.joints[assembly.slosh[self.tank]]
         place, rate = slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
         cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
+        radial = self.law == "radial"
         if not (cubic or quadratic):
             return
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             if active(t):
                 r, dr = q[place], v[rate]
-                tau[rate] -= cubic * (r @ r) * r + quadratic * np.sqrt(dr @ dr) * dr
+                stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
+                tau[rate] -= cubic * stretch * r + quadratic * speed * dr
 
         assembly.add_force(force, self.onset)

@@ -67,12 +67,12 @@ def _slosh(tank: Tank) -> list[Hidden]:
         Hidden(
             "slosh_nonlinearity", ("slosh",), tank.name, "cubic", "N/m^3",
             plain(lambda x: _spring(tank.name, x, 0.0)), 10.0, cap=1e4,
-            shapes=("cubic spring",),
+            shapes=("cubic spring", "cubic spring per axis"),
         ),
         Hidden(
             "slosh_nonlinearity", ("slosh",), tank.name, "quadratic_damping", "N s^2/m^2",
             plain(lambda x: _spring(tank.name, 0.0, x)), 5.0, cap=1e3,
-            shapes=("quadratic damping",),
+            shapes=("quadratic damping", "quadratic damping per axis"),
         ),
     ]  # fmt: skip
 
