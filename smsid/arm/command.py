@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from smsid.arm.identify import identify_arm
+from smsid.arm.scales import torque_scales, with_torque_gains
 from smsid.description import Description
 from smsid.errors import RecordingError
 from smsid.identify.estimate import save_estimate
@@ -21,23 +22,35 @@ def identify_and_judge(
     output: Path,
     cutoff: float | None,
     console: Console,
+    *,
+    gains: bool = False,
 ) -> None:
     """Identify from the recording in the role estimation, judge by those in the role validation, and print.
 
+    With ``gains`` the gears' torque gains are found first, the described links taken as known.
+
     Raises:
-        RecordingError: not exactly one recording for estimation, or as `identify_arm`.
+        RecordingError: not exactly one recording to identify from, or as `identify_arm`.
         DescriptionError: as `identify_arm`.
         NotIdentifiableError: as `identify_arm`.
     """
     from smsid.cli.tables import estimate_table
 
-    train = [r for r in recordings if r.role == "estimation"]
+    train = [r for r in recordings if r.role != "validation"]
     if len(train) != 1:
         raise RecordingError(
-            f"{len(train)} recordings in the role estimation were given for an arm.",
-            advice="Give exactly one; more in the role validation are judged by.",
+            f"{len(train)} recordings to identify from were given for an arm.",
+            advice="Give exactly one; those in the role validation are only judged by.",
             recordings=tuple(r.name for r in train),
         )
+    if gains:
+        scales = torque_scales(description, train[0], cutoff=cutoff)
+        description = with_torque_gains(description, scales)
+        for s in scales:
+            spread = 1.959964 * s.sigma / s.value**2
+            console.print(
+                f"{s.joint}: {s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
+            )
     found = identify_arm(description, train[0], cutoff=cutoff)
     judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)

@@ -160,6 +160,12 @@ def identify(
     cutoff: Annotated[
         float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
     ] = None,
+    gains: Annotated[
+        bool,
+        typer.Option(
+            "--gains", help="welded arm: first find the gain of every torque signal from the described links"
+        ),
+    ] = False,
     show_all: Annotated[
         bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
     ] = False,
@@ -178,10 +184,11 @@ def identify(
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
-        identify_and_judge(described, loaded, output, cutoff, console)
+        identify_and_judge(described, loaded, output, cutoff, console, gains=gains)
         return
-    if cutoff is not None:
-        raise SmsidError("--cutoff is for welded arms.", advice='Leave it out, or set root = "fixed".')
+    if cutoff is not None or gains:
+        option = "--gains" if gains else "--cutoff"
+        raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with console.status("identifying by the paper's method"):
         linear = run(described, loaded)
     estimate = linear.estimate

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from smsid.arm import with_joint_effects
 from smsid.cli.app import app
 from smsid.description import save_description
+from smsid.effects import Gear
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import save_recording
@@ -43,6 +44,25 @@ def test_an_arm_is_identified_and_judged(tmp_path):
     assert float(held.split("│")[3]) < 0.02
     only = run("identify", tmp_path / "arm.toml", tmp_path / "held.nc", "-o", tmp_path / "f.json")
     assert isinstance(only.exception, RecordingError) and not (tmp_path / "f.json").exists()
+
+
+def test_a_current_of_unknown_gain(tmp_path):
+    gears = [Gear(name=f"gear{k}", joint=n, ratio=40.0) for k, n in enumerate(JOINTS)]
+    arm = with_joint_effects(described(), JOINTS, "joint_friction").with_effects(*gears)
+    save_description(arm, tmp_path / "arm.toml")
+    t, q, _, torque = motion()
+    current = torque / 40.0 / [0.2, 0.3, 0.4]
+    save_recording(recorded(t, 40.0 * q, current, source="motor"), tmp_path / "train.nc")
+    shown = run(
+        "identify", tmp_path / "arm.toml", tmp_path / "train.nc", "--gains", "--cutoff", 20,
+        "-o", tmp_path / "e.json",
+    )  # fmt: skip
+    assert shown.exit_code == 0, shown.output
+    told = [float(line.split()[1]) for line in shown.output.splitlines() if line.startswith("joint")]
+    np.testing.assert_allclose(told, [0.2, 0.3, 0.4], rtol=0.01)
+    found = load_estimate(tmp_path / "e.json")
+    for joint, value in zip(JOINTS, DAMPING, strict=True):
+        assert abs(found[f"friction_{joint}.viscous"].value / value - 1.0) < 0.05
 
 
 def test_cutoff_is_for_arms(tmp_path, urdf):
