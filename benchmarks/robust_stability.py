@@ -19,9 +19,10 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import argparse  # noqa: E402
 import json  # noqa: E402
 import logging  # noqa: E402
-from dataclasses import asdict  # noqa: E402
+from dataclasses import asdict, replace  # noqa: E402
 
 import numpy as np  # noqa: E402
+import pinocchio as pin  # noqa: E402
 from _accuracy_cases import Data, noisy  # noqa: E402
 from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
 
@@ -35,13 +36,13 @@ from smsid.control.table4 import Study, Variant, cases  # noqa: E402
 from smsid.control.uncertain_plant import uncertain_plant  # noqa: E402
 from smsid.control.uncertainty import perturbed  # noqa: E402
 from smsid.description import load_description  # noqa: E402
-from smsid.effects.slosh import Slosh  # noqa: E402
 from smsid.identify.pipeline import identify  # noqa: E402
 from smsid.likelihood import refine  # noqa: E402
-from smsid.model import build_model  # noqa: E402
+from smsid.model import SpacecraftModel, build_model  # noqa: E402
 
 PLANTS = 1000
 SHOWN = ("D", "A1.6", "A1.0")
+POINT = np.zeros(3), np.zeros((3, 3))
 
 
 def identified(study: Study) -> list[dict]:
@@ -75,8 +76,7 @@ def identified(study: Study) -> list[dict]:
 
 
 def stated(study: Study) -> list[dict]:
-    described = load_description(ROOT / "urdf" / "paper_sms.toml")
-    exact = ReducedDynamics(build_model(described))
+    exact = ReducedDynamics(study.model)
     home = study.model.joint_angles(study.model.home)
     rows, laws = [], {}
     centre = flexible_plant(study.model, home)
@@ -91,7 +91,7 @@ def stated(study: Study) -> list[dict]:
         rng = np.random.default_rng(int(1000 * level))
         least: dict[tuple[str, str], list[float]] = {}
         for _ in range(PLANTS):
-            plant = flexible_plant(build_model(_moved(described, level, rng)), home)
+            plant = flexible_plant(moved(study.model, level, rng), home)
             inertia = inertia_at(perturbed(exact, level, rng), home)
             for (name, label), (k, term) in laws.items():
                 poles = np.linalg.eigvals(closed_loop_matrix(plant, inertia, k, term))
@@ -111,26 +111,25 @@ def stated(study: Study) -> list[dict]:
     return rows
 
 
-def _moved(described, level: float, rng: np.random.Generator):
-    effects = []
-    for effect in described.effect:
-        if isinstance(effect, Slosh):
-            own = {p.name: p.value for p in effect.parameters()}
-            for name, value in own.items():
-                width = 0.5 if "damping" in name else level
-                own[name] = value * (1.0 + width * rng.uniform(-1.0, 1.0))
-            effects.append(effect.with_values(own))
-        else:
-            stiff = (1.0 + level * rng.uniform(-1.0, 1.0)) ** 2
-            effects.append(
-                effect.model_copy(
-                    update={
-                        "youngs_modulus": effect.youngs_modulus * stiff,
-                        "damping": effect.damping * (1.0 + 0.5 * rng.uniform(-1.0, 1.0)),
-                    }
-                )
-            )
-    return described.with_effects(*effects)
+def moved(model: SpacecraftModel, level: float, rng: np.random.Generator) -> SpacecraftModel:
+    """Return the spacecraft with other slosh and panel: within the level, dampings by half."""
+    changed = model.pin.copy()
+    stiffness, damping = model.stiffness.copy(), model.damping.copy()
+    row = {int(v): k for k, v in enumerate(model.spring_v)}
+
+    def off(width: float) -> float:
+        return 1.0 + width * rng.uniform(-1.0, 1.0)
+
+    for tank in model.slosh:
+        changed.inertias[tank.joint] = pin.Inertia(off(level) * changed.inertias[tank.joint].mass, *POINT)
+        for v in range(tank.v.start, tank.v.stop):
+            stiffness[row[v]] *= off(level)
+            damping[row[v]] *= off(0.5)
+    for v in model.modes.v.tolist():
+        faster = off(level)
+        stiffness[row[v]] *= faster**2
+        damping[row[v]] *= faster * off(0.5)
+    return replace(model, pin=changed, data=changed.createData(), stiffness=stiffness, damping=damping)
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from smsid.control.robust_term import SLOWER, RobustTerm, design_robust_term
 from smsid.control.weights import Weights
 
 logger = logging.getLogger(__name__)
-KEPT = 0.6
+KEPT = 0.8
 """Share of its own damping, base free or held, that a mode has to keep."""
 RELAXED = (1.5, 2.0, 3.0, 5.0, 10.0)
 """Times the least bound on the error that is asked for when nothing else helps."""

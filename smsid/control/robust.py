@@ -171,7 +171,7 @@ def check_design(
 
 
 def refuse_unstable(poles: tuple[Pole, ...]) -> tuple[Pole, ...]:
-    """Return the poles; raises `ControlError` naming the mode when one is unstable, logs the others' flags."""
+    """Return the poles, flags logged; raises `ControlError` naming the mode when one is unstable."""
     for p in poles:
         if p.flag:
             logger.warning("the controller makes %s at %.4g rad/s %s", p.name, abs(p.value), p.flag)
