@@ -109,7 +109,7 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
         parts.append(table)
         parts.append(
             f"whitened rms: {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, "
-            f"{g.whitened_extended:.3f} extended (noise: 1); {100 * g.explained:.1f} % of the excess explained"
+            f"{g.whitened_extended:.3f} extended (noise: 1); {100 * g.explained:.1f} % of the excess gone"
         )
     elif d.gain_reason:
         parts.append(f"gain not evaluated: {d.gain_reason}")

@@ -53,8 +53,9 @@ class Gain:
 def gain(
     given: Point, nominal: Point, extended: Point, recording: Recording, like: Problem, rate: float
 ) -> Gain:
-    """Return what the extension gains on a recording; noise levels and timing are those of ``like``; ``rate`` [Hz]
-    is what it is thinned to.
+    """Return what the extension gains on a recording, thinned to ``rate`` [Hz].
+
+    Noise levels and timing are those of ``like``.
     """
     closed, opened = [], []
     problem = like
