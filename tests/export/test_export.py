@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from smsid.cli.app import app
-from smsid.description import load_description
-from smsid.errors import SmsidError
+from smsid.description import Arm, Description, Mount, load_description
+from smsid.errors import MissingDependencyError, SmsidError
 from smsid.export import export_folder
 from smsid.export.bodies import parse_combination, urdf_bodies
 from smsid.identify.estimate import Estimate, judged, save_estimate
@@ -21,8 +21,9 @@ from smsid.likelihood.pseudo_inertia import factor, is_body, moved, parameters_o
 from smsid.model import build_model
 from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
+from smsid.model.robots import robot_urdf
 
-from .machines import MACHINES, random_state
+from .machines import MACHINES, URDF, random_state, to_mujoco
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -39,6 +40,32 @@ def test_as_described_it_comes_back_the_same(name, tmp_path):
         np.testing.assert_allclose(again.acceleration(0.0, q, v, np.zeros(model.nv)), expected, rtol=1e-9)
     mj = mujoco.MjModel.from_xml_path(str(found.folder / f"{name}.xml"))
     assert mj.nv == model.nv
+
+
+def test_a_robot_of_example_robot_data_comes_back_with_its_meshes(tmp_path):
+    try:
+        robot_urdf("panda")
+    except MissingDependencyError:
+        pytest.skip("example-robot-data is not installed")
+    fingers = ("panda_finger_joint1", "panda_finger_joint2")
+    arm = Arm(name="panda", robot="panda", mount=Mount(frame="left_base"), fixed=fingers, inertias="trusted")
+    description = Description(name="carrier", urdf="bus.urdf", folder=URDF, arm=(arm,))
+    found = export_folder(description, tmp_path / "out")
+    model = build_model(description)
+    again = build_model(load_description(found.folder / "carrier.toml"), visuals=True)
+    assert again.visual is not None and len(again.visual.geometryObjects) > 5
+    mj = mujoco.MjModel.from_xml_path(str(found.folder / "carrier.xml"))
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT  # random angles are beyond the Panda's
+    data = mujoco.MjData(mj)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q, v = random_state(model, rng)
+        a = model.acceleration(0.0, q, v, np.zeros(model.nv))
+        np.testing.assert_allclose(again.acceleration(0.0, q, v, np.zeros(model.nv)), a, rtol=1e-9)
+        data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+        mujoco.mj_forward(mj, data)
+        _, expected = to_mujoco(model, mj, q, v, a)
+        assert np.abs(data.qacc - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 def other_bodies(description, rng):
