@@ -78,6 +78,12 @@ def markdown(result: Mapping[str, Any]) -> str:
         "",
         "**bold**: holds (95 % of draws or more); ~~struck~~: the opposite holds; plain: undecided.",
         "",
+        "Are the medians in the paper's order, D < C < B < A?",
+        "",
+        "| variant | PD e_b | PD e_i | H-infinity e_b | H-infinity e_i |",
+        "|---|---|---|---|---|",
+        *(f"| {name} | " + " | ".join(_ordered(v)) + " |" for name, v in result["variants"].items()),
+        "",
         "## What the paper leaves open",
         "",
         "Medians, PD / PD + H-infinity.",
@@ -144,3 +150,19 @@ def _table(variant: Mapping[str, Any]) -> list[str]:
 def _share(found: Mapping[str, Any]) -> str:
     text = f"{100 * found['share']:.0f} %"
     return {"holds": f"**{text}**", "fails": f"~~{text}~~"}.get(found["verdict"], text)
+
+
+def _ordered(variant: Mapping[str, Any]) -> list[str]:
+    """Return for PD and H-infinity, e_b and e_i, whether the medians are in order, and where they are not."""
+    rows = {(r["case"], r["controller"]): r for r in variant["rows"]}
+    out = []
+    for controller in ("pd", "hinf"):
+        for key in ("e_base", "e_joints"):
+            wrong = []
+            for a, b in (("D", "C"), ("C", "B"), ("B", "A1.6"), ("B", "A1.0")):
+                pair = rows.get((a, controller)), rows.get((b, controller))
+                if None not in pair and pair[0][key]["median"] >= pair[1][key]["median"]:
+                    wrong.append(f"{a} >= {b}")
+            complete = all((c, controller) in rows for c in ("D", "C", "B", "A1.6", "A1.0"))
+            out.append(", ".join(wrong) or ("yes" if complete else "not flown"))
+    return out
