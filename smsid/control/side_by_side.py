@@ -43,12 +43,7 @@ def track_side_by_side(
         SimulationError: a loop blew up.
     """
     first, count = controllers[0], len(controllers)
-    layout = first.dynamics.layout
-    same = all(
-        c.gains is first.gains and c.reference is first.reference and c.coordinates == "quaternion"
-        for c in controllers
-    )
-    if not same or layout.null_space.shape[1] or (sensed is not None and not all(map(_plain, sensed))):
+    if not can_fly_side_by_side(controllers, sensed):
         raise ControlError(
             "These flights cannot be flown side by side.",
             advice="Use `track`: other gains or coordinates, redundant wheels, or sensors that are late, "
@@ -88,6 +83,19 @@ def track_side_by_side(
         tracking_of(model, c, time, path_q[:, k], path_v[:, k], path_tau[:, k], a)
         for k, (c, a) in enumerate(zip(controllers, actuators, strict=True))
     ]
+
+
+def can_fly_side_by_side(
+    controllers: Sequence[ModelBasedController], sensed: Sequence[SensedState] | None = None
+) -> bool:
+    """Return whether `track_side_by_side` takes these controllers and sensors."""
+    first = controllers[0]
+    same = all(
+        c.gains is first.gains and c.reference is first.reference and c.coordinates == "quaternion"
+        for c in controllers
+    )
+    redundant = first.dynamics.layout.null_space.shape[1] > 0
+    return same and not redundant and (sensed is None or all(map(_plain, sensed)))
 
 
 class _Law:

@@ -16,6 +16,9 @@ from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate
 from smsid.model import build_model
 
+TOGETHER = 20
+"""Flights side by side."""
+
 
 def fly_study(
     description: Description, estimate: Estimate | None, draws: int, output: Path, console: Console
@@ -31,11 +34,11 @@ def fly_study(
     study = Study(build_model(description), Variant(), identified=models)
     runs = []
     with console.status("flying") as status:
-        for draw in range(draws):
-            for case in chosen:
-                for controller in CONTROLLERS:
-                    status.update(f"draw {draw + 1} of {draws}, case {case.name}, {controller}")
-                    runs.append(study.fly(case, controller, draw))
+        for case in chosen:
+            for controller in CONTROLLERS:
+                status.update(f"case {case.name}, {controller}, {draws} draws")
+                for begin in range(0, draws, TOGETHER):
+                    runs += study.fly_many(case, controller, range(begin, min(begin + TOGETHER, draws)))
     rows = summarise(runs, chosen)
     table = Table("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
     for row in rows:

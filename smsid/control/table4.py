@@ -14,7 +14,7 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import RobustTerm, design_robust_term
 from smsid.control.sensed import SensedState
-from smsid.control.side_by_side import track_side_by_side
+from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, Remembered, check_joints, trapezoid
 from smsid.control.uncertainty import Draw, perturbed
 from smsid.control.weights import weights_from_level
@@ -159,7 +159,7 @@ class Study:
         return self._run(case, controller, draw, run)
 
     def fly_many(self, case: Case, controller: str, draws: Sequence[int]) -> list[Run]:
-        """Fly several draws side by side; as `fly`, faster. Raises as `track_side_by_side`."""
+        """Fly several draws: as `fly`, side by side where that is possible, which is faster."""
         laws = [self._law(case, controller, d) for d in draws]
         rate = self.variant.rate
         sensed = None
@@ -170,6 +170,8 @@ class Study:
                 )
                 for d in draws
             ]
+        if not can_fly_side_by_side(laws, sensed):
+            return [self.fly(case, controller, d) for d in draws]
         runs = track_side_by_side(self.model, laws, rate=rate, delay=self.variant.delay, sensed=sensed)
         return [self._run(case, controller, d, r) for d, r in zip(draws, runs, strict=True)]
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import typer
-from control_cases import URDF, paper
+from control_cases import URDF, paper, two_arms
 from typer.testing import CliRunner
 
 from smsid.control.command import control_command
 from smsid.control.controller_file import load_controller
+from smsid.control.gains import gains
+from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
+from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
 from smsid.control.table4 import Run, Study, Variant, cases, improvements, orderings, summarise
 from smsid.control.uncertainty import perturbed
 from smsid.errors import ControlError
@@ -79,6 +82,17 @@ def test_flights_side_by_side_are_those_flown_alone(controller):
     for a, b in zip(alone, together, strict=True):
         assert a.saturated == b.saturated
         np.testing.assert_allclose([a.base, a.joints], [b.base, b.joints], rtol=1e-9)
+
+
+def test_redundant_wheels_fly_one_by_one():
+    """Four wheels share their torque by a search: not side by side, and `fly_many` still flies them."""
+    study = Study(two_arms(), Variant(rate=5.0, noise=0.0, start=tuple(np.zeros(6))))
+    laws = [ModelBasedController(study.dynamics, gains(9, 4.0, 4.0), study.reference)]
+    assert not can_fly_side_by_side(laws)
+    with pytest.raises(ControlError, match="cannot be flown side by side"):
+        track_side_by_side(two_arms(), laws, rate=5.0)
+    (found,) = study.fly_many(cases()[1], "pd", (0,))
+    assert found == study.fly(cases()[1], "pd", 0)
 
 
 def test_case_d_flies_with_the_models_given():
