@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 ITERATIONS = 100
 NEAR = 1e-4  # a step counts as none when it would gain this much in the sum of squares: 0.01 sigma
 LAST = 1e-3  # extrapolated from the last two steps: what the next would gain, so that it can be left out
+JITTERS = (0.0, 1e-12, 1e-9, 1e-6)  # added to a unit diagonal until it is positive definite
 LONGEST_STEP = 3.0  # a factor of 20 in a scalar, three times a body's size
 CLOSE = 0.01  # share of the sum of squares still to gain below which the joints' motion is estimated too
 NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which a start is near the maximum
@@ -188,8 +189,13 @@ def _change(before: Sequence[Piece], after: Sequence[Piece]) -> float:
 def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
     scale = 1.0 / np.sqrt(np.diag(information))
     scaled = information * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
-    return scale * cho_solve(cho_factor(scaled), scale * gradient)
+    for jitter in JITTERS:
+        try:
+            scaled[np.diag_indices_from(scaled)] = 1.0 + damping + jitter
+            return scale * cho_solve(cho_factor(scaled), scale * gradient)
+        except np.linalg.LinAlgError:
+            continue  # far off, rounding may leave an eigenvalue below zero
+    raise _stuck(float("nan"), float("nan"), 0)
 
 
 def _stuck(cost: float, gain: float, iteration: int) -> NotIdentifiableError:

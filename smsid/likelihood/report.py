@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.errors import NotIdentifiableError
+from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.fit import Fit
@@ -51,7 +51,7 @@ def with_profiles(
         if wide and not_gaussian(found, prior, p.name, covariance):
             try:
                 interval = profile_of(found, prior, p.name)
-            except NotIdentifiableError as error:
+            except (NotIdentifiableError, SimulationError) as error:
                 note = f"{p.note}; not Gaussian, and its profile has no end: {error}".lstrip("; ")
                 out.append(replace(p, status="not_identifiable", note=note))
                 continue

@@ -100,7 +100,7 @@ def fit_motion(
     zero then. Samples that are not finite are left out, and those far outside of their noise; where there are
     none the motion goes on smoothly.
     """
-    samples = [s.only(np.isfinite(s.values).all(axis=1)) for s in samples]
+    samples = [s.only(np.asarray(np.isfinite(s.values).all(axis=1))) for s in samples]
     samples = [s.only(~spikes(s.values, s.sigma)) for s in samples]
     fitted = _best(samples, start, stop, shortest)
     for _ in range(CLEANINGS):
