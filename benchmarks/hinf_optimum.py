@@ -114,7 +114,7 @@ def slycot_optimum(plant: Plant) -> tuple[float, float] | None:
     """Return the gamma that slycot names and the norm of the loop its controller closes."""
     try:
         import control
-        import slycot  # noqa: F401
+        import slycot  # noqa: F401  # pyright: ignore[reportMissingImports]
     except ImportError:
         return None
     s = plant.system
@@ -127,7 +127,8 @@ def slycot_optimum(plant: Plant) -> tuple[float, float] | None:
         except (ValueError, ArithmeticError, control.ControlArgument) as error:
             print("slycot:", error)
             return None
-    loop = lower_lft(s, StateSpace(*(np.atleast_2d(x) for x in (k.A, k.B, k.C, k.D))))
+    a, b, c, d = (np.atleast_2d(x) for x in (k.A, k.B, k.C, k.D))
+    loop = lower_lft(s, StateSpace(a, b, c, d))
     return float(gamma), float(hinf_norm(loop)[0])
 
 

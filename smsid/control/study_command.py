@@ -10,7 +10,8 @@ from rich.table import Table
 
 from smsid._files import atomic_write
 from smsid.control.identified_model import identified_model
-from smsid.control.table4 import CONTROLLERS, Study, Variant, cases, improvements, orderings, summarise
+from smsid.control.table4 import CONTROLLERS, Study, Variant, cases
+from smsid.control.table4_summary import improvements, orderings, summarise
 from smsid.description.schema import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate

@@ -14,7 +14,8 @@ from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
-from smsid.control.table4 import Run, Study, Variant, cases, improvements, orderings, summarise
+from smsid.control.table4 import Run, Study, Variant, cases
+from smsid.control.table4_summary import improvements, orderings, summarise
 from smsid.control.uncertainty import perturbed
 from smsid.errors import ControlError
 
