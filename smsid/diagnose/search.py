@@ -13,12 +13,14 @@ from scipy.stats import chi2
 from smsid.diagnose.blocks import Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
 from smsid.diagnose.channels import Measured
-from smsid.diagnose.filter import Problem, Run
+from smsid.diagnose.filter import Noise, Problem, Run
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
+SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
+LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,9 @@ def _fit_noise(
     point: Point, problem: Problem, unknowns: tuple[Unknown, ...]
 ) -> tuple[Fit, Problem, dict[str, float]]:
     """Fit the nominal parameters and the noise level of every channel, in turn."""
-    found = fit(point, unknowns, problem)
+    # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
+    loose = replace(problem, noise=LOOSE)
+    found = fit(fit(point, unknowns, loose, iterations=4).point, unknowns, problem, iterations=8)
     total = np.ones(problem.data.rows)
     for _ in range(2):
         factor = noise_factors(problem.data, found.run)
@@ -136,7 +140,7 @@ def _fit_noise(
             break
         total *= factor
         problem = replace(problem, data=problem.data.scaled(factor))
-        found = fit(found.point, unknowns, problem, iterations=3)
+        found = fit(found.point, unknowns, problem, iterations=8)
     noise = {b.channel: float(total[b.rows.start]) for b in problem.data.blocks}
     return found, problem, noise
 
@@ -144,8 +148,8 @@ def _fit_noise(
 def noise_factors(data: Measured, run: Run) -> np.ndarray:
     """Return what every channel's stated noise is off by (rows,), from its prediction errors.
 
-    The smaller of their variance and that of their differences: what varies slowly is no noise. One factor a
-    channel.
+    From their variance, or where that is clearly larger, from that of their differences: what varies slowly
+    is no noise. One factor a channel.
     """
     out = np.ones(data.rows)
     for block in data.blocks:
@@ -158,7 +162,8 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
             middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
             rough = np.diff(x)
             calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
-            shares.append(min(float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))))
+            whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
+            shares.append(whole if whole < SLOW * fast else fast)
         if shares:
             out[block.rows] = np.sqrt(np.mean(shares))
     return out
@@ -231,7 +236,7 @@ def _refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            return _with_more(fit(at, unknowns, current.problem, iterations=4), candidate)
+            return _with_more(fit(at, unknowns, current.problem, iterations=8), candidate)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None
