@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,8 @@ from smsid.errors import ControlError
 if TYPE_CHECKING:
     from smsid.control.design import Design
 
-console = Console()
+# piped output is not squeezed into 80 columns
+console = Console(width=None if sys.stdout.isatty() else 132)
 
 
 def control_command(

@@ -25,6 +25,8 @@ from smsid.identify.estimate import Estimate
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel
 
+GAINS_BELOW_CROSSOVER = 0.5
+"""Largest frequency of tuned gains, relative to the crossover."""
 FIRST_GAINS = (1.0, 2.0)
 """Gains at which what slosh and panel do is measured before any are chosen."""
 
@@ -103,7 +105,14 @@ def design(
         assert plant is not None
         passive = left_out(model, gains(n, *FIRST_GAINS), reference, rate=request.rate)
         angle, speed = sensor_sigma(model.description.sensor, n - 3)
-        demands = Demands(level * wanted + passive, angle, speed, strength(model, inertia), request.rate)
+        demands = Demands(
+            level * wanted + passive,
+            angle,
+            speed,
+            strength(model, inertia),
+            request.rate,
+            GAINS_BELOW_CROSSOVER * request.crossover,
+        )
         tuning = tuned_gains(plant, flexible, inertia, demands, natural_modes(plant, rng))
         k = tuning.gains
     else:

@@ -53,6 +53,7 @@ class Demands:
 
     ``disturbance`` [rad/s^2]; ``angle_noise``, ``rate_noise`` one sigma of what is sampled [rad, rad/s] at
     ``rate`` [Hz]; ``strength`` largest acceleration the actuators can give [rad/s^2], inf for no limit.
+    ``fastest`` [rad/s] is the largest frequency of the gains, below where delay and the like take over.
     """
 
     disturbance: np.ndarray
@@ -60,6 +61,7 @@ class Demands:
     rate_noise: np.ndarray
     strength: np.ndarray
     rate: float
+    fastest: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ def tuned_gains(
     clear = [
         w
         for w in CANDIDATES
-        if w <= FASTEST * demands.rate and not any(m.band[0] <= w <= m.band[1] for m in modes)
+        if w <= min(FASTEST * demands.rate, demands.fastest)
+        and not any(m.band[0] <= w <= m.band[1] for m in modes)
     ]
     chosen, errors = [], np.zeros(size)
     for group in (np.arange(3), np.arange(3, size)):

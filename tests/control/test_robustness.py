@@ -190,6 +190,8 @@ def test_tuned_gains_keep_clear_of_every_band_and_follow_the_noise():
     assert louder.attitude < found.attitude and louder.joints < found.joints
     slow = tuned_gains(plant, flexible, h, demands(rate=10.0), modes)
     assert max(slow.attitude, slow.joints) <= 2.0
+    late = tuned_gains(plant, flexible, h, demands(fastest=3.0), modes)
+    assert late.joints <= 3.0 < found.joints
     weak = tuned_gains(plant, flexible, h, demands(strength=np.full(6, 2e-4)), modes)
     assert weak.attitude < found.attitude
     with pytest.raises(ControlError, match="No gains keep clear"):
