@@ -2,8 +2,8 @@
 
     python benchmarks/ssi_coverage.py 400
 
-Three masses on a line under white force with 5 % of sensor noise, 40 minutes at 20 Hz; frequencies and damping
-in closed form.
+Three masses on a line under white force with 5 % of sensor noise, 40 minutes at 20 Hz; frequencies and
+damping in closed form.
 """
 
 from __future__ import annotations

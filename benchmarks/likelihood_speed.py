@@ -1,0 +1,119 @@
+"""The same fit with analytic derivatives and with finite differences, in one run.
+
+    python benchmarks/likelihood_speed.py
+
+Exp. 1 is fitted both ways from the same start, its derivatives once from the variational equations and once
+by forward differences of the outputs at the samples. For Exp. 2, with the joints' motion among the
+parameters, one set of normal equations is compared: analytic, and by differences in 30 columns, scaled up to all.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from _common import environment, write_result
+from _likelihood_cases import clean, twin
+
+from smsid.likelihood import normal as module
+from smsid.likelihood.fit import fit
+from smsid.likelihood.jacobian import normal
+from smsid.likelihood.local import Local, Nuisance
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.piece import Piece, piece_of
+from smsid.likelihood.point import Point
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.starting import candidates
+from smsid.model import build_model
+
+NAME = "likelihood_speed"
+STEP = 1e-6
+
+
+def by_differences(
+    piece: Piece,
+    parameters: Parameters,
+    local: Local,
+    prediction: Prediction,
+    residuals: list[np.ndarray] | None,
+    columns: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `normal` returns, by forward differences in all ``columns``."""
+    assert residuals is not None
+    size = parameters.size
+    n = size + piece.size
+    white = [c.whitening for c in piece.channels]
+    here = np.concatenate([(r @ w.T).ravel() for r, w in zip(residuals, white, strict=True)])
+    jacobian = np.zeros((len(here), n))
+    for i in range(n) if columns is None else columns:
+        step = STEP * np.eye(n)[i]
+        at, own = parameters.moved(step[:size]), piece.moved(local, step[size:])
+        there = piece.residuals(at, own, piece.predict(at, own))
+        parts = [(r @ w.T).ravel() for r, w in zip(there, white, strict=True)]
+        jacobian[:, i] = (here - np.concatenate(parts)) / STEP
+    return jacobian.T @ jacobian, jacobian.T @ here
+
+
+def fitted(start: Point, piece: Piece, prior: Prior) -> tuple[float, dict[str, Any]]:
+    """CPU seconds of a fit, and where it ended."""
+    begin = time.process_time()
+    found = fit([piece], start, prior)
+    seconds = time.process_time() - begin
+    values = {s.name: s.value for s in found.point.parameters.scalars}
+    return seconds, {"iterations": found.iterations, "cost": found.cost, "values": values}
+
+
+def main() -> None:
+    model = build_model(twin.description())
+    described = Parameters.of(model)
+    prior = Prior(described)
+    rng = np.random.default_rng(0)
+    off = described.moved(0.02 * rng.standard_normal(described.size))
+    piece, local = piece_of(model, twin.noisy(clean("exp1"), 0), Nuisance())
+    start = Point(candidates(off, None)[0], (local,))
+    analytic, here = fitted(start, piece, prior)
+    with patch.object(module, "normal", by_differences):
+        differences, there = fitted(start, piece, prior)
+    worst = max(abs(here["values"][k] / there["values"][k] - 1.0) for k in here["values"])
+
+    piece, local = piece_of(model, twin.noisy(clean("exp2"), 0), Nuisance())
+    piece = piece.following()
+    prediction = piece.predict(described, local)
+    residuals = piece.residuals(described, local, prediction)
+    normal(piece, described, local, prediction, residuals)
+    begin = time.process_time()
+    normal(piece, described, local, prediction, residuals)
+    once = time.process_time() - begin
+    n = described.size + piece.size
+    chosen = rng.choice(n, 30, replace=False)
+    begin = time.process_time()
+    for i in chosen:
+        step = STEP * np.eye(n)[i]
+        at, own = described.moved(step[: described.size]), piece.moved(local, step[described.size :])
+        piece.residuals(at, own, piece.predict(at, own))
+    all_ = (time.process_time() - begin) / len(chosen) * n
+    result = {
+        "environment": environment("pin", "numpy", "scipy"),
+        "exp1, whole fit [CPU s]": {
+            "analytic": analytic,
+            "differences": differences,
+            "ratio": differences / analytic,
+            "iterations": [here["iterations"], there["iterations"]],
+            "largest relative difference of slosh and panel": worst,
+        },
+        "exp2, normal equations [CPU s]": {
+            "columns": n,
+            "analytic": once,
+            "differences (from 30 columns)": all_,
+            "ratio": all_ / once,
+        },
+    }
+    print(result)
+    write_result(NAME, result)
+
+
+if __name__ == "__main__":
+    main()
