@@ -4,7 +4,7 @@
 
 Exp. 1 is fitted both ways from the same start, its derivatives once from the variational equations and once
 by forward differences of the outputs at the samples. For Exp. 2, with the joints' motion among the
-parameters, one set of normal equations is compared: analytic, and by differences in 30 columns, scaled up to all.
+parameters, one set of normal equations is compared: analytic, and by differences in 30 columns, scaled up.
 """
 
 from __future__ import annotations
