@@ -7,7 +7,7 @@ import pytest
 from control_cases import paper
 
 from smsid.control.shaper import shaper
-from smsid.control.trajectory import Reference, Shaped, check_joints, minimum_jerk, trapezoid
+from smsid.control.trajectory import Reference, Remembered, Shaped, check_joints, minimum_jerk, trapezoid
 from smsid.errors import ControlError
 
 START, STOP = np.array([0.4, -0.6, 0.9]), np.array([0.9, 0.1, -0.2])
@@ -131,3 +131,14 @@ def test_reference_holds_the_base():
 def test_bad_input_is_refused(make):
     with pytest.raises(ControlError):
         make()
+
+
+def test_a_remembered_reference_is_the_reference_and_cannot_be_written_into():
+    plain = Reference(trapezoid([0.1, 0.2]), (0.1, 0.0, -0.2))
+    kept = Remembered(plain)
+    assert kept.size == plain.size and kept.duration == plain.duration
+    for t in (0.0, 13.0, 13.0, 90.0):
+        for ours, exact in zip(kept.at(t), plain.at(t), strict=True):
+            np.testing.assert_array_equal(ours, exact)
+    with pytest.raises(ValueError, match="read-only"):
+        kept.at(13.0)[0][0] = 1.0
