@@ -60,7 +60,7 @@ def test_close_modes_with_a_harmonic_beside_them():
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """Over 60 records; in one of them a mode is split in two, which is known and bounded here."""
+    """Over 60 records; in a few of them a mode is split in two, which is known and bounded here."""
     inside, other = [], 0
     for seed in range(60):
         found = ambient_modes(structure(CLOSE, seed=1000 + seed), RATE, highest_frequency=10.0)
