@@ -25,8 +25,8 @@ def markdown(result: Mapping[str, Any]) -> str:
         f"inertia of every body within their "
         "level. Sensors are the `reference` ones (attitude 1e-4 rad, gyro 1e-5 rad/s, joints 1e-5 "
         "rad and 1e-4 rad/s), control at "
-        "20 Hz, wheels limited to 2 N m. Written by `benchmarks/table4.py`; every flight is in "
-        "`table4_runs.jsonl`.",
+        "20 Hz, wheels limited to 2 N m. Written by `benchmarks/table4.py`; "
+        "numbers are in `table4.json`.",
         "",
         *_table(main),
         "",

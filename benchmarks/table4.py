@@ -1,6 +1,6 @@
 """Table 4 over draws of uncertainty and noise: ``python benchmarks/table4.py --draws 100 --minutes 60``.
 
-Resumable: every flight is a line of ``results/table4_runs.jsonl``; what is there is not flown again. Draws go
+Resumable: every flight is a line of ``build/table4_runs.jsonl``; what is there is not flown again. Draws go
 round all cases in blocks, so a run cut short still compares like with like. Case D flies with
 models identified from another engine's recordings (``results/table4_identified.jsonl``; to make it again,
 delete it and set SMSID_ORACLE).
@@ -32,7 +32,7 @@ from smsid.control.table4_summary import improvements, orderings, summarise  # n
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
-LINES = RESULTS / "table4_runs.jsonl"
+LINES = ROOT / "build" / "table4_runs.jsonl"
 MAIN, QUIET = Variant(), "no noise"
 VARIANTS = {
     v.name: v
@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--summary-only", action="store_true")
     options = parser.parse_args()
-    RESULTS.mkdir(exist_ok=True)
+    LINES.parent.mkdir(exist_ok=True)
     if not options.summary_only:
         model = build_model(load_description(ROOT / "urdf" / "paper_sms.toml"))
         exact = ReducedDynamics(model)
