@@ -21,6 +21,7 @@ from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.slosh_state import estimate_slosh
 from smsid.identify.ssi import ssi_cov
 from smsid.identify.ssi_input import ssi_cov_input
+from smsid.identify.ssi_uncertainty import UncertainPoles, ssi_cov_uncertain
 from smsid.identify.tls import TlsSolution, total_least_squares
 from smsid.identify.translation import AxisData, AxisEstimate, Combined, combine, identify_axis
 
@@ -44,6 +45,7 @@ __all__ = [
     "StepA",
     "TlsSolution",
     "TranslationResult",
+    "UncertainPoles",
     "combine",
     "estimate_slosh",
     "identify",
@@ -60,6 +62,7 @@ __all__ = [
     "smooth_modes",
     "ssi_cov",
     "ssi_cov_input",
+    "ssi_cov_uncertain",
     "step_a",
     "step_b",
     "step_b_printed",
