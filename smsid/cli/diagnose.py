@@ -9,8 +9,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from smsid.errors import SmsidError
-
 if TYPE_CHECKING:
     from smsid.diagnose import Diagnosis
 
@@ -33,7 +31,6 @@ def diagnose_command(
     extended: Annotated[
         Path | None, typer.Option(help="description with the causes in it; by default extended.toml beside")
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
 ) -> None:
     """Say what the simulation gets wrong, name the cause, extend the model and measure the gain.
 
@@ -49,8 +46,6 @@ def diagnose_command(
     loaded = [load_recording(path) for path in recordings]
     judged = [load_recording(path) for path in validate or []]
     known = load_estimate(estimate) if estimate is not None else None
-    if report is not None and find_report() is None:
-        raise SmsidError("Reports are not part of this version.", advice="Leave out --report.")
     with console.status("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged)
     save_diagnosis(found.diagnosis, output)
@@ -59,24 +54,12 @@ def diagnose_command(
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
         written.append(str(place))
-    if report is not None:
-        find_report()(found, report)  # type: ignore[misc]
-        written.append(str(report))
     for part in diagnosis_tables(found.diagnosis):
         console.print(part)
     console.print(f"wrote {', '.join(written)}")
     code = EXIT_CODES[found.diagnosis.verdict]
     if code:
         raise typer.Exit(code)
-
-
-def find_report():
-    """Return the function that writes a report of a diagnosis, if there is one."""
-    try:
-        from smsid.report.diagnosis import write_diagnosis_report
-    except ImportError:
-        return None
-    return write_diagnosis_report
 
 
 def diagnosis_tables(d: Diagnosis) -> list[Table | str]:

@@ -67,10 +67,10 @@ def quantised_channels(data: Measured) -> list[Fault]:
         if block.quantity == "attitude":
             continue
         x = data.values[np.isfinite(data.values[:, row]), row]
-        gaps = np.diff(np.unique(x))
+        gaps: np.ndarray = np.diff(np.unique(x)).astype(float)
         if len(gaps) < 3:
             continue
-        step = float(np.min(gaps[gaps > 1e-9 * np.ptp(x)], initial=np.inf))
+        step = min((float(g) for g in gaps[gaps > 1e-9 * np.ptp(x)]), default=np.inf)
         if not np.isfinite(step) or step < 0.3 * data.sigma[row]:
             continue
         off = np.abs(gaps / step - np.round(gaps / step))

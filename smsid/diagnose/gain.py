@@ -75,8 +75,10 @@ def gain(
     for block in data.blocks:
         errors = [_open_loop(run, later, block.rows) for run in opened]
         noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
-        channels.append(ChannelGain(block.channel, recording.unit(block.channel), *errors, noise))
-    return Gain(recording.name, closed[0].samples, *rms, *excess, tuple(channels))
+        unit = recording.unit(block.channel)
+        channels.append(ChannelGain(block.channel, unit, errors[0], errors[1], noise))
+    name, samples = recording.name, closed[0].samples
+    return Gain(name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels))
 
 
 def _open_loop(run: Run, later: np.ndarray, rows: slice) -> float:

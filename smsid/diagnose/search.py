@@ -20,6 +20,7 @@ from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
+SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain and be believed
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 
 
@@ -203,6 +204,8 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
             continue
         ratio = 2.0 * (current.objective - found.objective)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
+        if ratio > SURPLUS * s.ratio + levels.linear:
+            continue  # it is the other parameters that moved: their fit had not come to rest
         fitted.append((ratio - (s.ratio - s.information_gain(samples)), s, found))
     if not fitted:
         return None
