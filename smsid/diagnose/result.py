@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import smsid
-from smsid._files import atomic_write
+from smsid._files import atomic_write, json_ready
 from smsid.diagnose.gain import Gain
 from smsid.errors import SmsidError
 
@@ -135,7 +134,7 @@ class Diagnosis:
             "timing": {k: {"value": v, "unit": "s of CPU"} for k, v in self.timing.items()},
             "notes": list(self.notes),
         }
-        return json.dumps(_finite(document), indent=1, allow_nan=False) + "\n"
+        return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
     def _gain(self) -> dict[str, Any]:
         if self.gain is None:
@@ -158,13 +157,3 @@ def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
         raise SmsidError(f"'{file}' is no diagnosis.", advice="Run `smsid diagnose` to make one.")
     return document
-
-
-def _finite(x: Any) -> Any:
-    if isinstance(x, float) and not math.isfinite(x):
-        return None
-    if isinstance(x, dict):
-        return {k: _finite(v) for k, v in x.items()}
-    if isinstance(x, list | tuple):
-        return [_finite(v) for v in x]
-    return x

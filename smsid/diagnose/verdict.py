@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from smsid.diagnose.candidates import Candidate, Score
+from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.point import Unknown
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.search import Cause, Search
@@ -150,8 +150,3 @@ def describe(cause: FoundCause) -> str:
         what += f", from {cause.onset:.3g} s on"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")
-
-
-def lasting(score: Score) -> bool:
-    """Whether a score says anything at all."""
-    return score.freedom > 0

@@ -8,10 +8,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import smsid
-from smsid._files import atomic_write
+from smsid._files import atomic_write, json_ready
 from smsid.errors import SmsidError
 
 SCHEMA_VERSION = 1
@@ -144,7 +144,7 @@ class Estimate:
             "conditions": {k: {"value": v, "unit": "1"} for k, v in self.conditions.items()},
             "notes": list(self.notes),
         }
-        return json.dumps(_finite(document), indent=1, allow_nan=False) + "\n"
+        return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
 
 def save_estimate(estimate: Estimate, path: str | os.PathLike[str]) -> None:
@@ -188,13 +188,3 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
         raise SmsidError(
             f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?"
         ) from error
-
-
-def _finite(x: Any) -> Any:
-    if isinstance(x, float) and not math.isfinite(x):
-        return None
-    if isinstance(x, dict):
-        return {k: _finite(v) for k, v in x.items()}
-    if isinstance(x, list | tuple):
-        return [_finite(v) for v in x]
-    return x
