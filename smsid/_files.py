@@ -64,7 +64,7 @@ def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> Path:
 
 
 def json_ready(x: Any) -> Any:
-    """Return a document with every number that is not finite as ``None``, as JSON has no other word for it."""
+    """Return a document with every number that is not finite as ``None``: JSON has no word for it."""
     if isinstance(x, float) and not math.isfinite(x):
         return None
     if isinstance(x, dict):
