@@ -16,11 +16,13 @@ from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Noise, Problem, Run
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.point import Point, Unknown
+from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain and be believed
+ONSETS = 9  # times an effect may begin at, a round; three rounds, each finer
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 
 
@@ -93,7 +95,7 @@ def search(
     levels = levels or Levels()
     clock = {"nominal": time.process_time()}
     nominal, problem, noise = _fit_noise(point, problem, tuple(unknowns))
-    current, causes, taken = nominal, [], []
+    current, causes = nominal, []
     clock["search"] = time.process_time()
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}
@@ -102,6 +104,8 @@ def search(
         best = _best(scores, len(candidates), current.run.samples, levels)
         if best is None or len(causes) == levels.causes:
             break
+        leading = [with_onset(current, s, levels) for s in scores[: levels.contenders]]
+        best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         accepted = _accept(current, best, scores, levels)
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
@@ -110,8 +114,7 @@ def search(
         causes.append(cause)
         if cause.ratio > levels.linear:
             columns.clear()
-        taken.append(best.candidate)
-        rest = [c for c in rest if c.key != best.candidate.key]
+        rest = [c for c in rest if c.key != cause.score.candidate.key]
     causes, current = _pruned(causes, current, nominal, levels, len(candidates))
     clock["tests"] = time.process_time()
     blocks = adequacy(current)
@@ -192,11 +195,12 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner."""
     samples = current.run.samples
     gain = best.information_gain(samples)
-    near = [s for s in scores if gain - s.information_gain(samples) < levels.alias]
+    rivals = [s for s in scores if s.candidate.key != best.candidate.key]
+    near = [s for s in rivals if gain - s.information_gain(samples) < levels.alias]
     contenders = [best]
     if best.ratio > levels.linear:
-        others = [s for s in scores if s is not best and s.ratio > 0.9 * best.ratio]
-        contenders += others[: levels.contenders - 1]
+        close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
+        contenders += close[: levels.contenders - 1]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
         found = _refit(current, s)
@@ -217,10 +221,39 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
         refitted = {id(s): v for v, s, _ in fitted}
         near = [s for s in contenders if value - refitted.get(id(s), -np.inf) < levels.alias]
         near += [
-            s for s in scores if s not in contenders and gain - s.information_gain(samples) < levels.alias
+            s for s in rivals if s not in contenders and gain - s.information_gain(samples) < levels.alias
         ]
     aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio), found
+
+
+def with_onset(current: Fit, s: Score, levels: Levels) -> Score:
+    """Return the score with the time its effect begins, where beginning midway explains clearly more.
+
+    A grid over the recording, then a finer one about its best; what the grid costs is paid in the criterion.
+    """
+    effect = s.candidate.effect
+    if not isinstance(effect, Starting) or effect.start is not None:
+        return s
+    times = current.run.states.time
+    best, width = s, float(times[-1] - times[0]) / (ONSETS + 1)
+    centre = float(times[0]) + width * (ONSETS + 1) / 2.0
+    for _ in range(3):
+        about = centre + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
+        tried = [
+            replace(s.candidate, effect=effect.model_copy(update={"start": float(t)}), grid=3 * ONSETS)
+            for t in about
+            if times[0] < t < times[-1]
+        ]
+        columns = signatures(current, tried)
+        scores = [score(current, tried[i], c) for i, c in columns.items()]
+        best = max([best, *scores], key=lambda x: x.ratio)
+        begun = getattr(best.candidate.effect, "start", None)
+        if begun is None:
+            return s
+        centre, width = begun, 2.0 * width / ONSETS
+    paid = 2.0 * float(np.log(3 * ONSETS)) + levels.alias
+    return best if best.ratio - s.ratio > paid else s
 
 
 def _refit(current: Fit, s: Score) -> Fit | None:

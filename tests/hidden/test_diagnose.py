@@ -5,6 +5,8 @@ Seeds and strengths are fixed here; the study over many is benchmarks/hidden_eff
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -62,3 +64,14 @@ def test_hidden(run, wanted, tmp_path):
 def test_hidden_slow(run, wanted, tmp_path):
     row = run_and_judge(run, tmp_path)
     assert row["outcome"] in wanted, f"{row['outcome']}: named {row['named']}; {row['sentence']}"
+
+
+def test_when_it_began(tmp_path):
+    effect = hidden_effects("arm")["joint_friction:viscous@joint2"]
+    rng = np.random.default_rng([17, 80])
+    hidden = inject("arm", effect, 10.0, rng, 35.0)
+    row = run_and_judge(Run(17, "onset", "arm", (hidden,)), tmp_path)
+    assert row["outcome"] in RIGHT, row["sentence"]
+    document = json.loads((tmp_path / "diagnosis.json").read_text())
+    (cause,) = document["causes"]
+    assert abs(cause["onset"] - 35.0) < 2.0
