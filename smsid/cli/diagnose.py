@@ -50,7 +50,7 @@ def diagnose_command(
         found = diagnose(described, loaded, estimate=known, validation=judged)
     save_diagnosis(found.diagnosis, output)
     written = [str(output)]
-    if found.diagnosis.verdict in ("explained", "unexplained") and found.diagnosis.causes:
+    if found.diagnosis.verdict == "explained":
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
         written.append(str(place))

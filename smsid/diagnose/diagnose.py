@@ -119,9 +119,11 @@ def _diagnose(
         faults += more
         problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, levels)
-    named = (*(_fault(f) for f in _per_channel(faults)), *causes(found))
-    decided, sentence = verdict(found, named)
-    extended = extended_description(found)
+    seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
+    decided, sentence = verdict(found, (*seen, *named))
+    # what explains a part only is a hint: a cause outside the catalogue looks like several within
+    partial, named = (named, ()) if decided == "unexplained" else ((), named)
+    extended = description if partial else extended_description(found)
     gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
     foreign = _foreign(found)
     if foreign:
@@ -137,7 +139,8 @@ def _diagnose(
         verdict=decided,
         sentence=sentence,
         priors=known.stated,
-        causes=named,
+        causes=(*seen, *named),
+        partial=partial,
         gain=gained,
         gain_reason=reason,
         remaining=remaining(found),

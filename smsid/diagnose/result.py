@@ -91,7 +91,10 @@ class Limit:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a recording says of a simulation."""
+    """What a recording says of a simulation.
+
+    ``partial`` are candidates that explain a part where the whole stays unexplained: hints, no causes.
+    """
 
     description: str
     recordings: tuple[str, ...]
@@ -99,6 +102,7 @@ class Diagnosis:
     sentence: str
     priors: str = ""
     causes: tuple[FoundCause, ...] = ()
+    partial: tuple[FoundCause, ...] = ()
     gain: Gain | None = None
     gain_reason: str = ""
     remaining: tuple[Remaining, ...] = ()
@@ -110,12 +114,6 @@ class Diagnosis:
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
-        causes = []
-        for cause in self.causes:
-            table = asdict(cause)
-            for entry, value in zip(table["parameters"], cause.parameters, strict=True):
-                entry["interval"], entry["interval_level"] = list(value.interval), 0.95
-            causes.append(table)
         document = {
             "schema": SCHEMA_VERSION,
             "kind": "diagnosis",
@@ -125,7 +123,8 @@ class Diagnosis:
             "verdict": self.verdict,
             "sentence": self.sentence,
             "priors": self.priors,
-            "causes": causes,
+            "causes": [_table(c) for c in self.causes],
+            "partial": [_table(c) for c in self.partial],
             "gain": self._gain(),
             "remaining": [asdict(r) for r in self.remaining],
             "limits": [asdict(x) for x in self.limits],
@@ -140,6 +139,13 @@ class Diagnosis:
         if self.gain is None:
             return {"status": "not_evaluated", "reason": self.gain_reason}
         return {"status": "evaluated", **asdict(self.gain), "explained": self.gain.explained}
+
+
+def _table(cause: FoundCause) -> dict[str, Any]:
+    table = asdict(cause)
+    for entry, value in zip(table["parameters"], cause.parameters, strict=True):
+        entry["interval"], entry["interval_level"] = list(value.interval), 0.95
+    return table
 
 
 def save_diagnosis(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:

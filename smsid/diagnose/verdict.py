@@ -122,18 +122,14 @@ def remaining(found: Search) -> tuple[Remaining, ...]:
 
 
 def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]:
-    """Return the verdict and one sentence."""
+    """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them."""
     left = found.left
     words = "; ".join(describe(c) for c in named)
     if left:
         worst = left[0]
         what = f"{worst.where} still depends on {worst.dependence}"
-        if named:
-            return (
-                "unexplained",
-                f"Partly explained by {words}, but {what}: no cause in the catalogue fits it.",
-            )
-        return "unexplained", f"The simulation does not explain the recording: {what}, and no cause fits it."
+        sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
+        return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."

@@ -92,7 +92,7 @@ def write_estimate(n: Numbers, path: Path) -> Path:
                 "unit": p.unit,
                 "sigma": p.sigma,
                 "status": "identifiable" if good else "not_identifiable",
-                "group": "maximum_likelihood",
+                "group": "known",
                 "nominal": p.value,
                 "reference": None,
                 "small": False,
