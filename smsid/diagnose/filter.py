@@ -20,6 +20,7 @@ from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
 SUBSTEP = 0.025  # [s] longest step of the integration between samples
+RAMP = 0.01  # [s] the same where commands vary within it; they are taken as constant over a step
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
     """Return the applied generalised forces on the clock of the samples."""
     times = problem.data.times
     signal = inputs.driven(plant.model).applied(plant.model)
-    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / SUBSTEP - 1e-9)))
+    longest = SUBSTEP if problem.timing.hold == "held" else RAMP
+    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / longest - 1e-9)))
     n += n % 2  # the middle of a sample interval is an end of a step
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
     edges = np.append((times[:-1, None] + np.diff(times)[:, None] * parts).ravel(), times[-1])

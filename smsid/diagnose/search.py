@@ -21,7 +21,7 @@ from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
-SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain and be believed
+SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 ONSETS = 9  # times an effect may begin at, a round; three rounds, each finer
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 
@@ -207,14 +207,17 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
-        LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
         if ratio > SURPLUS * s.ratio + levels.linear:
-            continue  # it is the other parameters that moved: their fit had not come to rest
+            # the others' fit had perhaps not come to rest: what do they reach from here without it?
+            current = _without(current, found, s.candidate)
+            ratio = 2.0 * (current.objective - found.objective)
+        LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
         fitted.append((ratio - (s.ratio - s.information_gain(samples)), s, found))
     if not fitted:
         return None
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
+    value = ratio - (winner.ratio - winner.information_gain(samples))
     if value <= 0.0 or chi2.sf(ratio, max(winner.freedom, 1)) * len(scores) > levels.candidate:
         return None
     if best.ratio > levels.linear:
@@ -225,6 +228,22 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
         ]
     aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio), found
+
+
+def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
+    """Return the better of a fit and its continuation from where a candidate's refit ended, without it."""
+    point = found.point
+    if candidate.effect is not None:
+        known = {e.name for e in current.point.description.effect}
+        kept = tuple(e for e in point.description.effect if e.name in known)
+        point = replace(point, description=point.description.model_copy(update={"effect": kept}))
+        mine = [e for e in current.point.description.effect if e.name == candidate.effect.name]
+        point = point.with_effect(mine[0]) if mine else point
+    try:
+        further = fit(point, current.unknowns, current.problem, iterations=8)
+    except (SmsidError, np.linalg.LinAlgError):
+        return current
+    return further if further.objective < current.objective else current
 
 
 def with_onset(current: Fit, s: Score, levels: Levels) -> Score:
