@@ -123,7 +123,7 @@ def _diagnose(
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
     partial, named = (named, ()) if decided == "unexplained" else ((), named)
-    extended = description if partial else extended_description(found)
+    extended = extended_description(found) if decided == "explained" else description
     gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
     foreign = _foreign(found)
     if foreign:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import logging
+
 from smsid.description.schema import Description
 from smsid.diagnose.search import Search
 from smsid.effects.base import known_effect
+from smsid.errors import DescriptionError
+from smsid.model import rebuild
 from smsid.model.regressor import body_names
 
+LOGGER = logging.getLogger(__name__)
 INERTIA_ORDER = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 def with_inertial_shifts(found: Search) -> Description:
-    """Return the last fit's description; shifts of inertial parameters become ``body_error`` effects."""
+    """Return the last fit's description; shifts of inertial parameters become ``body_error`` effects.
+
+    Where a shifted body could not exist - the recording determines combinations of bodies only - all bodies
+    stay as described.
+    """
     point = found.last.point
     description = point.description
     cls = known_effect("body_error")
@@ -38,4 +47,10 @@ def with_inertial_shifts(found: Search) -> Description:
                 }
             )
         )
-    return description.with_effects(*effects)
+    extended = description.with_effects(*effects)
+    try:
+        rebuild(point.base, extended)
+    except DescriptionError as error:
+        LOGGER.warning("bodies are left as described: %s", error)
+        return description
+    return extended

@@ -12,7 +12,6 @@ import pinocchio as pin
 from smsid.description.schema import Description
 from smsid.effects.base import Effect
 from smsid.model import build_model, rebuild
-from smsid.model.assembly import pseudo_inertia
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
@@ -118,13 +117,17 @@ class Point:
         return model
 
     def physical(self) -> bool:
-        """Whether every body whose inertial parameters were shifted can exist."""
+        """Whether masses are positive and so is the whole mass matrix at home.
+
+        How inertia is shared out between bodies is known in combinations only; that a single body could exist
+        is not asked, as the motion does not tell.
+        """
         model = self.model()
-        for j in {c // 10 + 1 for c in self.inertial}:
-            theta = dynamic_parameters(model.pin.inertias[j])
-            if theta[0] <= 0.0 or np.linalg.eigvalsh(pseudo_inertia(theta))[0] < -1e-9 * np.abs(theta).max():
-                return False
-        return True
+        if any(model.pin.inertias[c // 10 + 1].mass <= 0.0 for c in self.inertial):
+            return False
+        mass = pin.crba(model.pin, model.pin.createData(), model.home)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        return bool(np.linalg.eigvalsh(mass)[0] > 0.0)
 
     def sensors(self) -> tuple[Sensor, ...]:
         """Return the sensors as effects and biases leave them."""
