@@ -1,6 +1,6 @@
 """Hide friction in a simulated flight, ask what the simulation without it gets wrong, and measure the gain.
 
-    python examples/09_name_the_cause.py [folder]
+python examples/09_name_the_cause.py [folder]
 """
 
 import sys
