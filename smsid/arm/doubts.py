@@ -6,12 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.arm.identify import rigid_arm, torque_rows
-from smsid.arm.motion import joint_motion, measured_channel
-from smsid.arm.scales import TorqueScale, torque_scales
+from smsid.arm.motion import measured_channel
+from smsid.arm.scales import TorqueScale, link_torques, torque_scales
 from smsid.description import Description
-from smsid.errors import DescriptionError
-from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 
 FAR = 2.0
@@ -110,15 +107,7 @@ def _scale_sentence(s: TorqueScale) -> str:
 
 def _error(description: Description, recording: Recording, cutoff: float | None) -> float:
     """Relative torque error with one positive scale per joint for the links, and the effects fitted."""
-    model = rigid_arm(description)
-    motion = joint_motion(model, recording, cutoff)
-    rows, _, _ = torque_rows(model, motion.q, motion.v, motion.a)
-    theta = Regressor(model).parameters
-    if not np.any(theta):
-        raise DescriptionError(
-            "The links have no inertia to compare torques with.", advice="Give the URDF inertias."
-        )
-    links, extra = rows[:, :, : theta.size] @ theta, rows[:, :, theta.size :]
+    _, motion, links, extra = link_torques(description, recording, cutoff)
     square = 0.0
     for j in range(motion.torque.shape[1]):
         measured = motion.torque[:, j]

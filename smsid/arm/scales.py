@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, torque_rows
-from smsid.arm.motion import joint_motion
+from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.regression import solve_joints
 from smsid.description import Description
 from smsid.effects import Gear
 from smsid.errors import DescriptionError, NotIdentifiableError
 from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 SURE = 3.0
@@ -46,15 +47,12 @@ class TorqueScale:
         return 1.0 / self.value
 
 
-def torque_scales(
-    description: Description, recording: Recording, *, cutoff: float | None = None
-) -> tuple[TorqueScale, ...]:
-    """Return the scale of every joint's torque signal; infinite sigma where its links' torque does not show.
+def link_torques(
+    description: Description, recording: Recording, cutoff: float | None
+) -> tuple[SpacecraftModel, JointMotion, np.ndarray, np.ndarray]:
+    """Return model, motion, the torques (N, joints) that the described links need, and the effects' columns.
 
-    Args:
-        description: a welded arm whose link inertias are known; its effects are fitted.
-        recording: joint angles and torque signals, see `joint_motion`.
-        cutoff: of the low-pass [Hz].
+    The columns (N, joints, columns) are those of friction, rotors and offsets.
 
     Raises:
         DescriptionError: not a welded arm, or links without inertia.
@@ -69,6 +67,24 @@ def torque_scales(
             "The links have no inertia to compare torques with.", advice="Give the URDF inertias."
         )
     links, extra = rows[:, :, : theta.size] @ theta, rows[:, :, theta.size :]
+    return model, motion, links, extra
+
+
+def torque_scales(
+    description: Description, recording: Recording, *, cutoff: float | None = None
+) -> tuple[TorqueScale, ...]:
+    """Return the scale of every joint's torque signal; infinite sigma where its links' torque does not show.
+
+    Args:
+        description: a welded arm whose link inertias are known; its effects are fitted.
+        recording: joint angles and torque signals, see `joint_motion`.
+        cutoff: of the low-pass [Hz].
+
+    Raises:
+        DescriptionError: not a welded arm, or links without inertia.
+        RecordingError: as `joint_motion`.
+    """
+    model, motion, links, extra = link_torques(description, recording, cutoff)
     found = []
     for name, j in zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True):
         own = extra[:, j]
