@@ -66,12 +66,12 @@ def _bodies(n: Numbers) -> list[Hidden]:
         size = 0.3 * float(np.sqrt(np.trace(inertia) / (2 * mass)))
         for axis, unit in zip("xyz", np.eye(3), strict=True):
             moment = np.concatenate([[0], unit, np.zeros(6)])
-            found.append(_body(link, f"first_moment.{axis}", "kg m", 0.01 * mass, moment, cap=size * mass))
+            cap = bodies.reach(theta, moment, size * mass)
+            found.append(_body(link, f"first_moment.{axis}", "kg m", 0.01 * mass, moment, cap))
         for axis, k in (("xx", 4), ("yy", 6), ("zz", 9)):
             about = float(np.diag(inertia)["xyz".index(axis[0])])
-            found.append(
-                _body(link, f"inertia.{axis}", "kg m^2", 0.02 * theta[k], np.eye(10)[k], cap=0.1 * about)
-            )
+            cap = bodies.reach(theta, np.eye(10)[k], 0.1 * about)
+            found.append(_body(link, f"inertia.{axis}", "kg m^2", 0.02 * theta[k], np.eye(10)[k], cap))
     return found
 
 
