@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .effect import Hidden, after, plain
-from .numbers import JOINTS, WHEELS, Drivetrain, Numbers
+from .numbers import JOINTS, ROTOR, WHEELS, Drivetrain, Numbers
 from .plant import Change, Force, Plant
 
 ROUGH = 0.003  # rate at which the smoothed sign turns [rad/s]
@@ -24,7 +24,6 @@ SHAPES = {
     "position_cos": ("position-dependent",),
 }
 STIFF = 1.2e-3  # [s] of rotor and spring: below it the spring has no dynamics of its own
-ROTOR = 2.0  # [kg m2] reflected spin inertia of a drivetrain
 
 
 def joint_effects(n: Numbers) -> list[Hidden]:

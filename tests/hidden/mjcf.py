@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import bodies
-from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Drivetrain, Mode, Numbers
+from .numbers import AXES, JOINTS, LINKS, TIPS, WHEELS, Drivetrain, Mode, Numbers, rotor_theta
 
 Array = np.ndarray
 TINY = 1e-6  # [kg m2] MuJoCo asks every moving body for inertia; taken off the bus again
@@ -112,22 +112,15 @@ def _arm(n: Numbers) -> str:
         else:
             out += _rotor(joint, axis, text(place), drive)
             out += f'<body name="{link}">{_spring(joint, axis, drive)}'
-            out += inertial(theta - rotor_theta(joint, drive))
+            out += inertial(theta - rotor_theta(joint, drive.rotor))
         place = TIPS[link]
     closing = sum(2 if joint in n.drivetrain else 1 for joint in JOINTS)
     return out + "</body>" * closing
 
 
-def rotor_theta(joint: str, drive: Drivetrain) -> Array:
-    """Parameters (10,) of a rotor on the joint's axis: a disc, nearly without mass."""
-    axis = np.array(AXES[joint])
-    disc = drive.rotor * (0.5 * np.eye(3) + 0.5 * np.outer(axis, axis))
-    return bodies.theta(1e-3, np.zeros(3), disc)
-
-
 def _rotor(joint: str, axis: str, place: str, drive: Drivetrain) -> str:
     hinge = f'<joint name="{joint}" type="hinge" axis="{axis}"/>'
-    return f'<body name="{joint}.rotor" pos="{place}">{hinge}{inertial(rotor_theta(joint, drive))}'
+    return f'<body name="{joint}.rotor" pos="{place}">{hinge}{inertial(rotor_theta(joint, drive.rotor))}'
 
 
 def _spring(joint: str, axis: str, drive: Drivetrain) -> str:

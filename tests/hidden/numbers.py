@@ -122,6 +122,7 @@ ARM = {
     "link3": bodies.theta(50.0, (0.95, -0.02, 0.03), _matrix(2.1, 16.4, 16.9, -0.2, 0.15, 0.1)),
 }
 TIPS = {"link1": (0.0, 0.0, 0.5), "link2": (2.0, 0.0, 0.0), "link3": (2.0, 0.0, 0.0)}
+ROTOR = 0.5  # [kg m2] reflected spin inertia of a drivetrain
 AXES = {"joint1": (0.0, 0.0, 1.0), "joint2": (0.0, 1.0, 0.0), "joint3": (0.0, 1.0, 0.0)}
 BUS = bodies.theta(2000.0, (0.01, -0.02, 0.015), _matrix(1500.0, 1420.0, 1610.0, 12.0, -18.0, 9.0))
 TANK = Tank("tank", (0.03, -0.04, 0.05), 50.0, (4.0, 4.6, 3.6), (0.4, 0.42, 0.38))
@@ -205,14 +206,25 @@ def moved(n: Numbers, change: Mapping[str, float]) -> Numbers:
     return n
 
 
+def rotor_theta(joint: str, spin: float) -> Array:
+    """Parameters (10,) of a rotor on a joint's axis with a spin inertia [kg m2]: a disc, nearly massless."""
+    axis = np.array(AXES[joint])
+    disc = spin * (0.5 * np.eye(3) + 0.5 * np.outer(axis, axis))
+    return bodies.theta(1e-3, np.zeros(3), disc)
+
+
 def draw(n: Numbers, rng: np.random.Generator) -> Numbers:
     """True numbers: nominal ones plus errors of their standard deviations, drawn again while unphysical."""
     parameters = nominal(n)
+    discs = {link: rotor_theta(joint, ROTOR) for link, joint in zip(LINKS, JOINTS, strict=True)}
+    # a drive train takes its rotor out of the link, where the link is large enough to have one
+    discs = {link: disc for link, disc in discs.items() if bodies.is_physical(n.body[link] - disc)}
     for _ in range(100):
         errors = rng.standard_normal(len(parameters))
         true = moved(n, {p.name: p.sigma * e for p, e in zip(parameters, errors, strict=True)})
         dampings = [d for t in true.tanks for d in t.damping]
         dampings += [true.plate.damping_ratio] if true.plate else []
-        if all(bodies.is_physical(t) for t in true.body.values()) and min(dampings, default=1.0) > 0.0:
+        left = [true.body[link] - disc for link, disc in discs.items()]
+        if all(map(bodies.is_physical, (*true.body.values(), *left))) and min(dampings, default=1.0) > 0.0:
             return true
     raise RuntimeError("no physical numbers in 100 draws: the standard deviations are too large")
