@@ -97,7 +97,8 @@ def inertial(
     matrix = base.matrix @ (np.eye(len(theta)) + to_bus)[parts.unknown]
     values, nominal = matrix @ theta, matrix @ described.theta()
     sizes = np.linalg.norm(np.vstack(spins)[:, base.independent], axis=0) * np.abs(values)
-    shares = sizes / np.linalg.norm(np.concatenate(known))
+    # without wheels, slosh and modes no momentum is known: judged against the largest share of it
+    shares = sizes / (float(np.linalg.norm(np.concatenate(known))) or float(sizes.max()))
     kinds = [_kind(name) for name in base.names]
     found = []
     for i, name in enumerate(base.names):
