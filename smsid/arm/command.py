@@ -34,6 +34,7 @@ def identify_and_judge(
         DescriptionError: as `identify_arm`.
         NotIdentifiableError: as `identify_arm`.
     """
+    from smsid.cli.output import working
     from smsid.cli.tables import estimate_table
 
     train = [r for r in recordings if r.role != "validation"]
@@ -51,8 +52,9 @@ def identify_and_judge(
             console.print(
                 f"{s.joint}: {s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
             )
-    found = identify_arm(description, train[0], cutoff=cutoff)
-    judged = [(r.name, r.role, found.judge(r)) for r in recordings]
+    with working("identifying the arm"):
+        found = identify_arm(description, train[0], cutoff=cutoff)
+        judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
     for table in estimate_table(found.estimate):
         console.print(table)

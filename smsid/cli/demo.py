@@ -2,56 +2,49 @@
 
 from __future__ import annotations
 
+import json
 import time
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+import typer
 
-from smsid.description import Description, load_description
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Seed
+from smsid.cli.output import console, counting, working
 from smsid.errors import MissingDependencyError
-from smsid.experiments import fly, named_experiment
-from smsid.identify.estimate import Estimate, ParameterEstimate, save_estimate
-from smsid.identify.pipeline import identify
-from smsid.model import build_model
-from smsid.paths import oracle_folder, urdf_folder
-from smsid.recording import Recording, import_recording, save_recording
-from smsid.sensing import add_noise
+
+if TYPE_CHECKING:
+    import numpy as np
+    from rich.console import Console
+
+    from smsid.description import Description
+    from smsid.identify.estimate import Estimate
+    from smsid.recording import Recording
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row of the paper's Table 2: parameter, true value, the paper's estimate and error [%]."""
+def demo_command(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="folder for recordings, estimate and view")
+    ] = Path("demo-out"),
+    seed: Seed = 1,
+) -> Outcome:
+    """Fly both experiments of the paper, identify the spacecraft, print Tables 2 and 3 beside the paper's."""
+    import numpy as np
 
-    label: str
-    names: tuple[str, ...]
-    truth: float
-    paper: str
-    paper_error: str
+    from smsid.description import load_description
+    from smsid.experiments import fly, named_experiment
+    from smsid.model import build_model
+    from smsid.paths import oracle_folder, urdf_folder
+    from smsid.recording import import_recording, save_recording
 
-
-TABLE_2 = (
-    Row("M [kg]", ("total.mass",), 2256.8, "2255.9 (printed 2155.9)", "0.04"),
-    Row("m_s [kg]", ("tank.mass",), 49.6, "49.9", "0.6"),
-    Row("k_s [N/m]", ("tank.stiffness.x", "tank.stiffness.y", "tank.stiffness.z"), 0.41, "0.407", "0.78"),
-    Row("b_s [N s/m]", ("tank.damping.x", "tank.damping.y", "tank.damping.z"), 0.02, "-", ">>"),
-    Row("rho [kg/m] (linear)", ("panel.linear_density",), 16.2, "16.567 (2761.17 kg/m^3)", "2.266"),
-    Row("clamped f1 [Hz]", ("panel.mode1.frequency",), 0.045696, "0.0459", "0.114"),
-    Row("clamped f2 [Hz]", ("panel.mode2.frequency",), 0.286370, "0.287", "0.354"),
-    Row("clamped f3 [Hz]", ("panel.mode3.frequency",), 0.801844, "0.800", "0.245"),
-)
-
-
-def run_demo(output: Path, seed: int, console: Console) -> None:
-    """Run the demonstration and write recordings, estimates and a 3-D view into ``output``."""
+    out = console()
     started = time.perf_counter()
+    written = []
     output.mkdir(parents=True, exist_ok=True)
     description = load_description(urdf_folder() / "paper_sms.toml")
     model = build_model(description)
-    console.print(
+    out.print(
         f"The paper's spacecraft: {model.mass:.1f} kg, "
         f"{model.nv} degrees of freedom, from {description.urdf}.\n\n"
         "1. Simulated by smsid itself, with sensor noise: shows the path of the data, proves little."
@@ -59,115 +52,70 @@ def run_demo(output: Path, seed: int, console: Console) -> None:
     recordings = []
     rng = np.random.default_rng(seed)
     for name in ("exp1", "exp2"):
-        flight = fly(model, named_experiment(name, model), rng)
+        plan = named_experiment(name, model)
+        with counting(f"simulating {name}", plan.duration, "s") as tell:
+            flight = fly(model, plan, rng, progress=tell)
         audit = flight.trajectory.audit()
-        console.print(
+        out.print(
             f"   {name}: {flight.trajectory.stop:g} s, momentum drift {audit.momentum_drift:.0e}, energy "
             f"drift {audit.energy_drift:.0e} J"
             + "".join(f"\n   limit exceeded: {u}" for u in flight.exceeded)
         )
         save_recording(flight.recording, output / f"{name}.nc")
+        written.append(output / f"{name}.nc")
         recordings.append(flight.recording)
     estimate = _identify(description, recordings, output / "estimate.json")
-    _print(estimate, console)
+    _print(estimate, out)
+    written.append(output / "estimate.json")
+    document = {"estimate": json.loads(estimate.to_json())}
     folder = oracle_folder()
     if folder is None:
-        console.print(
-            "\n2. Recordings of an independent engine: SMSID_ORACLE is not set or no folder; left out."
-        )
+        out.print("\n2. Recordings of an independent engine: SMSID_ORACLE is not set or no folder; left out.")
     else:
-        console.print("\n2. Recordings of an independent engine (MuJoCo), with the same sensor noise.")
+        out.print("\n2. Recordings of an independent engine (MuJoCo), with the same sensor noise.")
         described = load_description(urdf_folder() / "paper_sms.toml")
         foreign = [
             _noisy(import_recording(folder / f"{name}.npz", mapping), described, rng)
             for name, mapping in (("exp1_xyz_modal3", "oracle_exp1"), ("exp2_modal3", "oracle_exp2"))
         ]
-        _print(_identify(described, foreign, output / "estimate_oracle.json"), console)
+        estimate = _identify(described, foreign, output / "estimate_oracle.json")
+        _print(estimate, out)
+        written.append(output / "estimate_oracle.json")
+        document["estimate_oracle"] = json.loads(estimate.to_json())
     try:
         from smsid.view import view_main
 
-        view_main(urdf_folder() / "paper_sms.toml", output / "exp2.nc", output / "exp2.html")
-        console.print(f"\n3-D replay of Exp. 2: {output / 'exp2.html'}")
+        with working("drawing"):
+            view_main(urdf_folder() / "paper_sms.toml", output / "exp2.nc", output / "exp2.html")
+        written.append(output / "exp2.html")
+        out.print(f"\n3-D replay of Exp. 2: {output / 'exp2.html'}")
     except MissingDependencyError as error:
-        console.print(f"\nno 3-D replay: {error}", markup=False)
-    console.print(f"recordings and estimates are in {output}; {time.perf_counter() - started:.0f} s in all")
+        out.print(f"\nno 3-D replay: {error}", markup=False)
+    out.print(f"recordings and estimates are in {output}; {time.perf_counter() - started:.0f} s in all")
+    return Outcome(document, written)
 
 
 def _noisy(recording: Recording, description: Description, rng: np.random.Generator) -> Recording:
+    from smsid.sensing import add_noise
+
     sensors = [s for s in description.sensor if all(c in recording for c in s.channels)]
     return add_noise(recording, sensors, rng)
 
 
 def _identify(description: Description, recordings: list[Recording], path: Path) -> Estimate:
-    estimate = identify(description, recordings).estimate
+    from smsid.identify.estimate import save_estimate
+    from smsid.identify.pipeline import identify
+
+    with working("identifying"):
+        estimate = identify(description, recordings).estimate
     save_estimate(estimate, path)
     return estimate
 
 
-def _print(estimate: Estimate, console: Console) -> None:
-    console.print(table_2(estimate))
-    console.print(table_3(estimate))
+def _print(estimate: Estimate, out: Console) -> None:
+    from smsid.cli.paper_tables import table_2, table_3
+
+    out.print(table_2(estimate))
+    out.print(table_3(estimate))
     parts = ", ".join(f"{k} {v:.2f}" for k, v in estimate.timing.items() if k != "total")
-    console.print(f"identified in {estimate.timing['total']:.2f} s (paper: 7 s in Matlab); {parts}")
-
-
-def table_2(estimate: Estimate) -> Table:
-    """Return the paper's Table 2 beside the estimate; values given per axis are averaged."""
-    table = Table(title="Table 2: Exp. 1", title_justify="left", header_style="bold")
-    for name in ("parameter", "true", "paper", "error %", "here", "± 95 %", "error %", "status"):
-        table.add_column(name, justify="left" if name in ("parameter", "status") else "right")
-    for row in TABLE_2:
-        found = [estimate[n] for n in row.names if n in estimate]
-        if not found:
-            table.add_row(
-                Text(row.label), f"{row.truth:g}", row.paper, row.paper_error, "not found", "", "", ""
-            )
-            continue
-        value = float(np.mean([p.value for p in found]))
-        half = 1.96 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
-        error = 100 * abs(value / row.truth - 1)
-        status = {p.status for p in found}
-        table.add_row(
-            Text(row.label),
-            f"{row.truth:g}",
-            row.paper,
-            row.paper_error,
-            f"{value:.6g}",
-            f"{half:.1g}",
-            f"{error:.3g}",
-            " / ".join(sorted(status)).replace("_", " "),
-        )
-    return table
-
-
-def table_3(estimate: Estimate) -> Table:
-    """Return best and worst parameters of Step B, as the paper's Table 3 gives them."""
-    table = Table(title="Table 3: Exp. 2, best and worst identifiable parameters", title_justify="left")
-    for name in ("", "parameter", "true", "here", "± 95 %", "error %"):
-        table.add_column(name, justify="left" if name in ("", "parameter") else "right", overflow="fold")
-    table.add_row("paper, best", "pi_m(2)", "336028.408", "335988.01", "", "0.01")
-    table.add_row("paper, worst", "pi_m(12)", "-1.06", "-1.11", "", "4.80")
-    for label, group in (("with slosh state", "exp2.step_b"), ("as printed", "exp2.step_b_printed")):
-        usable = [
-            p for p in estimate.group(group) if p.status == "identifiable" and not p.small and p.nominal
-        ]
-        ranked = sorted(usable, key=_error)
-        shown = [("best", p) for p in ranked[:2]] + [("worst", p) for p in ranked[-2:]]
-        for rank, p in shown:
-            table.add_row(
-                f"{label}, {rank}",
-                Text(_short(p.name)),
-                f"{p.nominal:.6g}",
-                f"{p.value:.6g}",
-                f"{1.96 * p.sigma:.2g}",
-                f"{100 * _error(p):.3g}",
-            )
-    return table
-
-
-def _short(name: str, width: int = 52) -> str:
-    return name if len(name) <= width else name[: width - 4] + " ..."
-
-
-def _error(p: ParameterEstimate) -> float:
-    return p.relative_error(p.nominal) if p.nominal else float("inf")
+    out.print(f"identified in {estimate.timing['total']:.2f} s (paper: 7 s in Matlab); {parts}")

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output, writable
+from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from smsid.diagnose import Diagnosis
 
-console = Console()
 EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
 
 
@@ -25,13 +29,14 @@ def diagnose_command(
     validate: Annotated[
         list[Path] | None, typer.Option(help="recordings the gain is measured on; may be given repeatedly")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="JSON to write, whole or not at all")] = Path(
-        "diagnosis.json"
-    ),
+    output: Output = Path("diagnosis.json"),
     extended: Annotated[
-        Path | None, typer.Option(help="description with the causes in it; by default extended.toml beside")
+        Path | None,
+        typer.Option(
+            callback=writable, help="description with the causes in it; by default extended.toml beside"
+        ),
     ] = None,
-) -> None:
+) -> Outcome:
     """Say what the simulation gets wrong, name the cause, extend the model and measure the gain.
 
     Exit code 0: adequate or explained, 3: unexplained, 4: not evaluated.
@@ -46,24 +51,26 @@ def diagnose_command(
     loaded = [load_recording(path) for path in recordings]
     judged = [load_recording(path) for path in validate or []]
     known = load_estimate(estimate) if estimate is not None else None
-    with console.status("diagnosing"):
+    with working("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged)
     save_diagnosis(found.diagnosis, output)
-    written = [str(output)]
+    written = [output]
     if found.diagnosis.verdict == "explained":
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
-        written.append(str(place))
+        written.append(place)
+    out = console()
     for part in diagnosis_tables(found.diagnosis):
-        console.print(part)
-    console.print(f"wrote {', '.join(written)}")
-    code = EXIT_CODES[found.diagnosis.verdict]
-    if code:
-        raise typer.Exit(code)
+        out.print(part)
+    out.print(f"wrote {', '.join(map(str, written))}")
+    document = {"diagnosis": json.loads(found.diagnosis.to_json())}
+    return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 
 
 def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
     """Return what to print of a diagnosis: the verdict, causes, gain and what remains."""
+    from rich.table import Table
+
     parts: list[Table | str] = [f"{d.verdict.replace('_', ' ')}: {d.sentence}"]
     if d.causes:
         table = Table("cause", "where", "parameter", "value", "95 % interval", "unit", "not told from")

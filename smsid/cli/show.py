@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.table import Table
-from rich.text import Text
+import typer
 
-from smsid.cli.tables import estimate_table, recording_table
-from smsid.description import load_description
-from smsid.description.files import read_toml
+from smsid.cli.manners import Outcome
+from smsid.cli.output import console
 from smsid.errors import SmsidError
-from smsid.experiments import load_experiment
-from smsid.identify.estimate import load_estimate
-from smsid.model import SpacecraftModel, build_model
-from smsid.recording import load_recording
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from smsid.model import SpacecraftModel
+    from smsid.recording import Recording
+
+
+def show_command(
+    file: Annotated[Path, typer.Argument(help="a recording, estimate, description or experiment")],
+) -> Outcome:
+    """Show what is in a file."""
+    out = console()
+    for part in show_file(file):
+        out.print(part)
+    return Outcome(file_document(file))
 
 
 def show_file(path: Path) -> Iterable[Any]:
@@ -24,22 +35,100 @@ def show_file(path: Path) -> Iterable[Any]:
 
     Raises `SmsidError` for a file that is none of these.
     """
-    if not path.is_file():
-        raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
-    match path.suffix.lower():
-        case ".nc" | ".h5" | ".hdf5":
+    match _kind(path):
+        case "recording":
             yield from _recording(path)
-        case ".json":
+        case "estimate":
+            from smsid.cli.tables import estimate_table
+            from smsid.identify.estimate import load_estimate
+
             estimate = load_estimate(path)
             sources = ", ".join(estimate.recordings)
             yield f"estimate of '{estimate.description}' by method {estimate.method} from {sources}"
             yield from estimate_table(estimate, everything=True)
             yield from (f"note: {n}" for n in estimate.notes)
-        case ".urdf":
+        case "experiment":
+            yield from _experiment(path)
+        case _:
             yield from _description(path)
+
+
+def file_document(path: Path) -> dict[str, Any]:
+    """Return the same as a document; raises as `show_file`."""
+    kind = _kind(path)
+    match kind:
+        case "recording":
+            from smsid.recording import load_recording
+
+            found: dict[str, Any] = recording_document(load_recording(path))
+        case "estimate":
+            from smsid.identify.estimate import load_estimate
+
+            found = json.loads(load_estimate(path).to_json())
+        case "experiment":
+            from smsid.experiments import load_experiment
+
+            found = load_experiment(path).model_dump(mode="json", exclude_none=True)
+        case _:
+            from smsid.description import load_description
+            from smsid.model import build_model
+
+            description = load_description(path)
+            model = build_model(description)
+            found = description.model_dump(mode="json", exclude_none=True)
+            found |= {"degrees_of_freedom": model.nv, "mass": {"value": model.mass, "unit": "kg"}}
+    return {"kind": kind, kind: found}
+
+
+def recording_document(recording: Recording) -> dict[str, Any]:
+    """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
+    import numpy as np
+
+    channels = []
+    for name in recording.channels:
+        values, time = recording[name], recording.time(name)
+        channels.append(
+            {
+                "name": name,
+                "unit": recording.unit(name),
+                "shape": list(values.shape),
+                "rate": 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else None,
+                "from": float(time[0]),
+                "to": float(time[-1]),
+                "smallest": float(np.nanmin(values)),
+                "largest": float(np.nanmax(values)),
+            }
+        )
+    try:
+        recording.check()
+        check = ""
+    except SmsidError as error:
+        check = str(error)
+    provenance = {k: v for k, v in recording.provenance.items()}
+    return {
+        "name": recording.name,
+        "role": recording.role,
+        "channels": channels,
+        "check": check,
+        "provenance": provenance,
+    }
+
+
+def _kind(path: Path) -> str:
+    """Return recording, estimate, experiment or description; raises `SmsidError` for anything else."""
+    if not path.is_file():
+        raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
+    match path.suffix.lower():
+        case ".nc" | ".h5" | ".hdf5":
+            return "recording"
+        case ".json":
+            return "estimate"
+        case ".urdf":
+            return "description"
         case ".toml":
-            tables = read_toml(path, SmsidError)
-            yield from (_experiment(path) if "duration" in tables else _description(path))
+            from smsid.description.files import read_toml
+
+            return "experiment" if "duration" in read_toml(path, SmsidError) else "description"
         case suffix:
             raise SmsidError(
                 f"'{path}' ends in '{suffix}', which is no recording (.nc), estimate (.json), description or "
@@ -49,6 +138,11 @@ def show_file(path: Path) -> Iterable[Any]:
 
 
 def _recording(path: Path) -> Iterable[Any]:
+    from rich.text import Text
+
+    from smsid.cli.tables import recording_table
+    from smsid.recording import load_recording
+
     recording = load_recording(path)
     yield recording_table(recording)
     try:
@@ -62,6 +156,11 @@ def _recording(path: Path) -> Iterable[Any]:
 
 
 def _experiment(path: Path) -> Iterable[Any]:
+    from rich.table import Table
+    from rich.text import Text
+
+    from smsid.experiments import load_experiment
+
     experiment = load_experiment(path)
     yield f"experiment '{experiment.name}': {experiment.note or 'no note'}"
     table = Table(header_style="bold")
@@ -75,6 +174,11 @@ def _experiment(path: Path) -> Iterable[Any]:
 
 
 def _description(path: Path) -> Iterable[Any]:
+    from rich.table import Table
+
+    from smsid.description import load_description
+    from smsid.model import build_model
+
     description = load_description(path)
     model = build_model(description)
     yield (
@@ -100,6 +204,8 @@ def _description(path: Path) -> Iterable[Any]:
 
 
 def _joints(model: SpacecraftModel) -> Table:
+    from rich.table import Table
+
     roles = {int(j): "wheel" for j in model.wheels.joints}
     roles |= {int(j): "bending mode" for j in model.modes.joints}
     roles |= {j.joint: "slosh mass" for j in model.slosh}

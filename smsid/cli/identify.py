@@ -1,0 +1,82 @@
+"""``smsid identify``: from recordings to an identified spacecraft or arm."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import DescriptionPath, Output
+from smsid.cli.output import console, working
+from smsid.errors import SmsidError
+
+
+def identify_command(
+    description: DescriptionPath,
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust); of an arm that is welded to the "
+            "ground: one to identify from, and any in the role validation to judge by"
+        ),
+    ],
+    output: Output = Path("estimate.json"),
+    method: Annotated[
+        str,
+        typer.Option(
+            help="ml: maximum likelihood started from the paper's method; paper: the linear method alone"
+        ),
+    ] = "ml",
+    cutoff: Annotated[
+        float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
+    ] = None,
+    gains: Annotated[
+        bool,
+        typer.Option(
+            "--gains", help="welded arm: first find the gain of every torque signal from the described links"
+        ),
+    ] = False,
+    show_all: Annotated[
+        bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
+    ] = False,
+) -> Outcome:
+    """Identify a spacecraft from recordings; the description's values are only the starting guess."""
+    from smsid.cli.tables import comparison_table, estimate_table
+    from smsid.description import load_description
+    from smsid.identify.estimate import save_estimate
+    from smsid.identify.pipeline import identify
+    from smsid.recording import load_recording
+
+    if method not in ("ml", "paper"):
+        raise SmsidError(f"There is no method '{method}'.", advice="Use --method ml or --method paper.")
+    out = console()
+    described = load_description(description)
+    loaded = [load_recording(path) for path in recordings]
+    if described.root == "fixed":
+        from smsid.arm.command import identify_and_judge
+
+        identify_and_judge(described, loaded, output, cutoff, out, gains=gains)
+        return Outcome({"estimate": json.loads(output.read_text(encoding="utf-8"))}, [output])
+    if cutoff is not None or gains:
+        option = "--gains" if gains else "--cutoff"
+        raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
+    with working("identifying by the paper's method"):
+        linear = identify(described, loaded)
+    estimate = linear.estimate
+    tables = list(estimate_table(estimate, everything=show_all))
+    if method == "ml":
+        from smsid.likelihood import refine
+
+        with working("refining by maximum likelihood"):
+            estimate = refine(described, loaded, linear).estimate
+        tables = [comparison_table(estimate, linear.estimate, everything=show_all)]
+    save_estimate(estimate, output)
+    for table in tables:
+        out.print(table)
+    for note in dict.fromkeys((*linear.estimate.notes, *estimate.notes)):
+        out.print(f"note: {note}", markup=False, highlight=False)
+    out.print(f"{estimate.timing['total']:.1f} s; wrote {output}")
+    return Outcome({"estimate": json.loads(estimate.to_json())}, [output])

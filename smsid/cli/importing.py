@@ -1,0 +1,34 @@
+"""``smsid import``: a log becomes a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output
+from smsid.cli.output import console, working
+
+
+def import_command(
+    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT or HDF5 file")],
+    mapping: Annotated[
+        str,
+        typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones"),
+    ],
+    output: Output = Path("recording.nc"),
+) -> Outcome:
+    """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
+    from smsid.cli.show import recording_document
+    from smsid.cli.tables import recording_table
+    from smsid.recording import import_recording, save_recording
+
+    with working(f"importing {file.name}"):
+        recording = import_recording(file, mapping)
+        save_recording(recording, output)
+    out = console()
+    out.print(recording_table(recording))
+    out.print(f"wrote {output}")
+    return Outcome({"recording": recording_document(recording)}, [output])

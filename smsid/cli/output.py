@@ -1,0 +1,129 @@
+"""What a command says and where: results on stdout, progress and warnings on stderr, JSON, or nothing."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+PIPED_WIDTH = 132  # columns of output that goes into a file or another program
+
+
+@dataclass(frozen=True)
+class Manners:
+    """How the command under way was asked to speak: as ``json``, or ``quiet``, or to people."""
+
+    json: bool = False
+    quiet: bool = False
+
+
+_now = Manners()
+
+
+@contextmanager
+def behaving(manners: Manners) -> Iterator[None]:
+    """Keep to these manners inside the block."""
+    global _now
+    before, _now = _now, manners
+    try:
+        yield
+    finally:
+        _now = before
+
+
+def console() -> Console:
+    """Return the console for results (stdout); silent where a command runs ``--json`` or ``--quiet``."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+
+
+def error_console() -> Console:
+    """Return the console for progress, warnings and errors (stderr)."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr, unless ``--quiet``."""
+    if not _now.quiet:
+        error_console().print(
+            f"warning: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True
+        )
+
+
+@contextmanager
+def working(label: str) -> Iterator[Callable[[str], None]]:
+    """Show on a terminal's stderr that something is under way, for how long, and what the library logs.
+
+    Yields a function that changes the label. Nothing is left on the screen.
+    """
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        TextColumn("[dim]{task.fields[news]}"),
+    )
+    with _bar(*columns) as bar:
+        task = bar.add_task(label, total=None, news="")
+        with _listening(lambda news: bar.update(task, news=news)):
+            yield lambda text: bar.update(task, description=text)
+
+
+@contextmanager
+def counting(label: str, total: float, unit: str = "") -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal's stderr; yields a function that takes how much of ``total`` is done."""
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+
+    amount = TextColumn("{task.completed:.0f}/{task.total:.0f} " + unit)
+    with _bar(TextColumn("{task.description}"), BarColumn(), amount, TimeRemainingColumn()) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _bar(*columns: object) -> Progress:
+    from rich.progress import Progress
+
+    shown = error_console()
+    return Progress(
+        *columns,  # type: ignore[arg-type]
+        console=shown,
+        transient=True,
+        disable=_now.quiet or not shown.is_terminal,
+        redirect_stdout=False,  # results go where the user sends them, not to stderr
+        redirect_stderr=False,
+    )
+
+
+class _Listener(logging.Handler):
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self.tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage().replace("[", r"\[")
+        self.tell(text if len(text) < 60 else text[:57] + "...")
+
+
+@contextmanager
+def _listening(tell: Callable[[str], None]) -> Iterator[None]:
+    """Pass on what the library logs at INFO, without printing it."""
+    logger, listener = logging.getLogger("smsid"), _Listener(tell)
+    before = logger.level
+    logger.addHandler(listener)
+    logger.setLevel(min(logging.INFO, logger.getEffectiveLevel()))
+    try:
+        yield
+    finally:
+        logger.removeHandler(listener)
+        logger.setLevel(before)

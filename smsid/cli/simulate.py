@@ -1,0 +1,74 @@
+"""``smsid simulate``: fly an experiment and record it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import DescriptionPath, Output, Seed, writable
+from smsid.cli.output import console, counting, warn
+from smsid.errors import SmsidError
+
+
+def simulate_command(
+    description: DescriptionPath,
+    experiment: Annotated[
+        str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")
+    ],
+    output: Output = Path("recording.nc"),
+    seed: Seed = 1,
+    role: Annotated[str, typer.Option(help="estimation or validation")] = "estimation",
+    save_experiment_to: Annotated[
+        Path | None,
+        typer.Option("--save-experiment", callback=writable, help="also write the experiment as a TOML"),
+    ] = None,
+) -> Outcome:
+    """Fly an experiment in simulation and record it with the description's sensors."""
+    import numpy as np
+
+    from smsid.cli.tables import limits_table
+    from smsid.description import load_description
+    from smsid.experiments import fly, momentum_condition, named_experiment, save_experiment
+    from smsid.model import build_model
+    from smsid.recording import save_recording
+
+    if role not in ("estimation", "validation"):
+        raise SmsidError(f"'{role}' is no role of a recording.", advice="Use estimation or validation.")
+    model = build_model(load_description(description))
+    plan = named_experiment(experiment, model)
+    with counting(f"simulating {plan.name}", plan.duration, "s") as tell:
+        flight = fly(model, plan, np.random.default_rng(seed), role=role, progress=tell)
+    audit = flight.trajectory.audit()
+    recording = flight.recording.with_provenance({"seed": seed})
+    save_recording(recording, output)
+    written = [output]
+    if save_experiment_to is not None:
+        save_experiment(plan, save_experiment_to)
+        written.append(save_experiment_to)
+    out = console()
+    out.print(limits_table(flight.limits))
+    out.print(
+        f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
+        f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"
+    )
+    document = {
+        "experiment": plan.name,
+        "duration": {"value": plan.duration, "unit": "s"},
+        "seed": seed,
+        "limits": [{**asdict(use), "exceeded": use.exceeded} for use in flight.limits],
+        "audit": asdict(audit),
+    }
+    if plan.force is None and len(model.arm_joints):
+        times = np.arange(flight.trajectory.start, flight.trajectory.stop, 0.1)
+        states = flight.trajectory.states(times)
+        condition = momentum_condition(model, states.q, states.v)
+        out.print(f"condition number of the column-scaled momentum regressor: {condition:.0f}")
+        document["condition"] = {"value": condition, "unit": "1"}
+    for use in flight.exceeded:
+        warn(f"{use} exceeded")
+    out.print(f"wrote {output}")
+    return Outcome(document, written)
