@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -24,8 +25,10 @@ def identify_and_judge(
     console: Console,
     *,
     gains: bool = False,
-) -> None:
+) -> list[dict[str, Any]]:
     """Identify from the recording in the role estimation, judge by those in the role validation, and print.
+
+    Returns for each recording how far its torques are predicted.
 
     With ``gains`` the gears' torque gains are found first, the described links taken as known.
 
@@ -67,3 +70,7 @@ def identify_and_judge(
     for note in found.estimate.notes:
         console.print(f"note: {note}", markup=False, highlight=False)
     console.print(f"{found.estimate.timing['total']:.2f} s; wrote {output}", markup=False, highlight=False)
+    return [
+        {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
+        for name, role, e in judged
+    ]

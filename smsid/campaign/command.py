@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import writable
+from smsid.cli.output import console, error_console, is_quiet, warn
 
 
 def campaign_command(
     plan: Annotated[Path, typer.Argument(help="plan of the campaign: a TOML")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="results, one line per run; an existing file is continued")
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            callback=writable,
+            help="results, one line per run; an existing file is continued",
+        ),
     ] = Path("campaign.jsonl"),
     runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
     workers: Annotated[int | None, typer.Option(help="worker processes; default: one per core")] = None,
@@ -20,12 +30,11 @@ def campaign_command(
     dask: Annotated[str | None, typer.Option(help="address of a dask scheduler, tcp://host:port")] = None,
     retry_failed: Annotated[bool, typer.Option(help="do runs again that ended in an error")] = False,
     level: Annotated[float, typer.Option(help="family-wise level of the bands in the summary")] = 0.01,
-) -> None:
+) -> Outcome:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.main import campaign_main, summary_path
     from smsid.campaign.table import summary_tables
 
-    console, errors = Console(), Console(stderr=True)
     try:
         summary = campaign_main(
             plan,
@@ -36,13 +45,15 @@ def campaign_command(
             retry_failed=retry_failed,
             runs=runs,
             level=level,
-            console=errors,
+            console=None if is_quiet() else error_console(),
         )
     except KeyboardInterrupt:
-        errors.print(f"Finished runs are in {output}; the same command goes on from there.", highlight=False)
+        warn(f"finished runs are in {output}; the same command goes on from there")
         raise typer.Abort from None
+    out = console()
     for table in summary_tables(summary):
-        console.print(table)
+        out.print(table)
     if summary.failed:
-        errors.print(f"warning: {summary.failed} of {summary.runs} runs failed", style="yellow")
-    console.print(f"wrote {output} and {summary_path(output)}")
+        warn(f"{summary.failed} of {summary.runs} runs failed")
+    out.print(f"wrote {output} and {summary_path(output)}")
+    return Outcome({"summary": json.loads(summary.to_json())}, [output, summary_path(output)])

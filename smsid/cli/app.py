@@ -20,7 +20,7 @@ COMMANDS = {
         "smsid.cli.simulate:simulate_command", "Fly an experiment in simulation and record it."
     ),
     "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
-    "inspect": Entry("smsid.recording.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
+    "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
     "control": Entry("smsid.control.command:control_command", "Design a controller from what is identified."),

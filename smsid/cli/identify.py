@@ -58,8 +58,9 @@ def identify_command(
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
-        identify_and_judge(described, loaded, output, cutoff, out, gains=gains)
-        return Outcome({"estimate": json.loads(output.read_text(encoding="utf-8"))}, [output])
+        judged = identify_and_judge(described, loaded, output, cutoff, out, gains=gains)
+        document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
+        return Outcome(document, [output])
     if cutoff is not None or gains:
         option = "--gains" if gains else "--cutoff"
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')

@@ -38,6 +38,11 @@ def behaving(manners: Manners) -> Iterator[None]:
         _now = before
 
 
+def is_quiet() -> bool:
+    """Return whether nothing but errors is to be printed."""
+    return _now.quiet
+
+
 def console() -> Console:
     """Return the console for results (stdout); silent where a command runs ``--json`` or ``--quiet``."""
     from rich.console import Console

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output
+from smsid.cli.output import console, working
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
     from smsid.control.design import Design
-
-# piped output is not squeezed into 80 columns
-console = Console(width=None if sys.stdout.isatty() else 132)
 
 
 def control_command(
@@ -40,14 +38,12 @@ def control_command(
         int, typer.Option(help="plants drawn from the estimate for the robust analysis")
     ] = 1000,
     seed: Annotated[int, typer.Option(help="of what is drawn")] = 0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")] = Path(
-        "controller.json"
-    ),
+    output: Output = Path("controller.json"),
     study: Annotated[
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
-) -> None:
+) -> Outcome:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
@@ -59,8 +55,7 @@ def control_command(
     if study is not None:
         from smsid.control.study_command import fly_study
 
-        fly_study(described, found, draws, output, console)
-        return
+        return Outcome({"study": fly_study(described, found, draws, output, console())}, [output])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -71,11 +66,11 @@ def control_command(
             "Gains are tuned to identified natural frequencies, and no estimate is given.",
             advice="Pass the JSON that `smsid identify` wrote.",
         )
-    from smsid.control.controller_file import save_controller
+    from smsid.control.controller_file import controller_document, save_controller
     from smsid.control.design import DesignRequest, design
 
     pair = None if tune else _pair(gains)
-    with console.status("designing and examining the loop"):
+    with working("designing and examining the loop"):
         made = design(
             described,
             found,
@@ -83,9 +78,11 @@ def control_command(
             np.random.default_rng(seed),
         )
     save_controller(made, output)
+    out = console()
     for part in _report(made):
-        console.print(part)
-    console.print(f"wrote {output}")
+        out.print(part)
+    out.print(f"wrote {output}")
+    return Outcome({"controller": controller_document(made)}, [output])
 
 
 def _pair(text: str) -> tuple[float, float]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from smsid._files import atomic_write
+from smsid.cli.output import working
 from smsid.control.identified_model import identified_model
 from smsid.control.table4 import CONTROLLERS, Study, Variant, cases
 from smsid.control.table4_summary import improvements, orderings, summarise
@@ -23,8 +25,10 @@ TOGETHER = 20
 
 def fly_study(
     description: Description, estimate: Estimate | None, draws: int, output: Path, console: Console
-) -> None:
+) -> dict[str, Any]:
     """Fly every case ``draws`` times on the described spacecraft; with an estimate case D has its model.
+
+    Returns the document that is written.
 
     Raises `ControlError` for less than one draw, and as `Study` and `identified_model` do.
     """
@@ -34,10 +38,10 @@ def fly_study(
     chosen = cases()
     study = Study(build_model(description), Variant(), identified=models)
     runs = []
-    with console.status("flying") as status:
+    with working("flying") as tell:
         for case in chosen:
             for controller in CONTROLLERS:
-                status.update(f"case {case.name}, {controller}, {draws} draws")
+                tell(f"case {case.name}, {controller}, {draws} draws")
                 for begin in range(0, draws, TOGETHER):
                     runs += study.fly_many(case, controller, range(begin, min(begin + TOGETHER, draws)))
     rows = summarise(runs, chosen)
@@ -76,6 +80,7 @@ def fly_study(
     }
     atomic_write(output, json.dumps(result, indent=1, allow_nan=False) + "\n")
     console.print(f"wrote {output}")
+    return result
 
 
 def _verdict(found: object) -> str:

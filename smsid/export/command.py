@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.output import console, working
 
 
 def export_command(
@@ -17,29 +20,26 @@ def export_command(
     mujoco: Annotated[
         bool, typer.Option("--mujoco/--no-mujoco", help="write the MuJoCo XML of the whole spacecraft")
     ] = True,
-) -> None:
+) -> Outcome:
     """Export for other programs: identified URDF, TOML, parameters as CSV, MuJoCo XML."""
-    from rich.console import Console
-
     from smsid.description import load_description
     from smsid.export.folder import export_folder
     from smsid.identify.estimate import load_estimate
 
-    console = Console()
-    found = export_folder(
-        load_description(description),
-        output,
-        None if estimate is None else load_estimate(estimate),
-        mujoco=mujoco,
-    )
+    described = load_description(description)
+    known = None if estimate is None else load_estimate(estimate)
+    with working("exporting"):
+        found = export_folder(described, output, known, mujoco=mujoco)
+    out = console()
+    document: dict[str, Any] = {"notes": list(found.notes)}
     if found.bodies is not None:
-        console.print(
+        document |= {"combinations": found.bodies.combinations, "misfit": found.bodies.misfit}
+        out.print(
             f"bodies agree with {found.bodies.combinations} identified combinations to "
             f"{found.bodies.misfit:.2f} standard deviations (root mean square)",
             soft_wrap=True,
         )
     for note in dict.fromkeys(found.notes):
-        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    console.print(
-        f"wrote {', '.join(found.files)} to {output}", markup=False, highlight=False, soft_wrap=True
-    )
+        out.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"wrote {', '.join(found.files)} to {output}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome(document, [output / name for name in found.files])

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output
+from smsid.cli.output import console, working
 from smsid.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -25,26 +29,29 @@ lab_app = typer.Typer(
     rich_markup_mode=None,
 )
 RecordingPath = Annotated[Path, typer.Argument(help="recording (.nc of `smsid import` or `smsid lab fetch`)")]
-Written = Annotated[Path, typer.Option("--output", "-o", help="estimate to write (JSON)")]
 
 
 @lab_app.command()
 def fetch(
     name: Annotated[str, typer.Argument(help="staubli_tx40, silverbox, antisloshing or cessipy_slab")],
     output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings and description")],
-) -> None:
+) -> Outcome:
     """Write a public data set as recordings (and descriptions): from SMSID_DATA, else downloaded."""
     from smsid.description import Description, save_description
     from smsid.recording import save_recording
 
     output.mkdir(parents=True, exist_ok=True)
-    console = _console()
-    for file, part in _parts(name).items():
+    out, written = console(), []
+    with working(f"fetching {name}"):
+        parts = _parts(name)
+    for file, part in parts.items():
         if isinstance(part, Description):
             save_description(part, output / file)
         else:
             save_recording(part, output / file)
-        console.print(f"wrote {output / file}", markup=False, highlight=False, soft_wrap=True)
+        written.append(output / file)
+        out.print(f"wrote {output / file}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"data_set": name}, written)
 
 
 def _parts(name: str) -> dict[str, Description | Recording]:
@@ -95,8 +102,8 @@ def tank(
     models: Annotated[
         str, typer.Option(help="models to compare, simplest first")
     ] = "rigid,slosh,softening spring,softening inertia",
-    output: Written = Path("tank.json"),
-) -> None:
+    output: Output = Path("tank.json"),
+) -> Outcome:
     """Slosh from force and motion of a container: frequency, damping, mass, lag, and what is left."""
     from smsid.identify.estimate import save_estimate
     from smsid.lab.tank import tank_test
@@ -118,23 +125,29 @@ def tank(
     else:
         assert arm is not None and frame is not None
         motion = _carried(log, arm, frame)
-    test = tank_test(_component(log, force), motion, cutoff=cutoff)
-    found = compare_tank_models(test, [m for m in MODELS if m in asked])
+    with working("comparing models of the tank"):
+        test = tank_test(_component(log, force), motion, cutoff=cutoff)
+        found = compare_tank_models(test, [m for m in MODELS if m in asked])
     best = found.fits[found.named]
     save_estimate(best.estimate, output)
-    console = _console()
-    _print(console, best.estimate)
+    out = console()
+    _print(out, best.estimate)
     low, high = test.lag.interval
-    console.print(f"force behind motion by cross-correlation: {test.lag.value:.4g} s [{low:.4g}, {high:.4g}]")
+    out.print(f"force behind motion by cross-correlation: {test.lag.value:.4g} s [{low:.4g}, {high:.4g}]")
     before = test.time < test.time[~test.at_rest][0]
     quiet = float(np.sqrt(np.mean(best.residual[before] ** 2)))
     for model, fit in found.fits.items():
         mark = "named" if model == found.named else ""
-        console.print(
-            f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}"
-        )
-    console.print(f"before the motion {quiet:.4g} N are left")
-    console.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+        out.print(f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}")
+    out.print(f"before the motion {quiet:.4g} N are left")
+    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    left = {
+        model: {"ring_down": fit.ring_down, "moving": fit.moving, "unit": "N"}
+        for model, fit in found.fits.items()
+    }
+    lag = {"value": test.lag.value, "interval": [low, high], "unit": "s"}
+    document = {"named": found.named, "lag": lag, "left": left, "left_at_rest": {"value": quiet, "unit": "N"}}
+    return Outcome({"estimate": json.loads(best.estimate.to_json()), **document}, [output])
 
 
 @lab_app.command()
@@ -143,8 +156,8 @@ def modal(
     highest: Annotated[float, typer.Option(help="highest frequency sought [Hz]")],
     channel: Annotated[str | None, typer.Option(help="channel of the outputs; default the only one")] = None,
     seed: Annotated[int, typer.Option(help="of the resampling")] = 0,
-    output: Written = Path("modes.json"),
-) -> None:
+    output: Output = Path("modes.json"),
+) -> Outcome:
     """Modes of a structure from its vibration alone: no order to pick, harmonics told apart."""
     from smsid.identify.estimate import save_estimate
     from smsid.lab.modal import ambient_modes
@@ -161,19 +174,22 @@ def modal(
     times = log.time(name)
     rate = (times.size - 1) / (times[-1] - times[0])
     even = log.resampled(rate)[name]
-    found = ambient_modes(
-        even.reshape(len(even), -1), rate, highest_frequency=highest, rng=np.random.default_rng(seed)
-    )
+    with working("looking for modes"):
+        found = ambient_modes(
+            even.reshape(len(even), -1), rate, highest_frequency=highest, rng=np.random.default_rng(seed)
+        )
     estimate = found.estimate(log.name)
     save_estimate(estimate, output)
-    console = _console()
-    _print(console, estimate)
+    out = console()
+    _print(out, estimate)
     for k, mode in enumerate(found.modes, start=1):
         if mode.impulsive:
-            console.print(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
+            out.print(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
     for f in found.harmonics:
-        console.print(f"{f:.4g} Hz is a harmonic of the excitation, no mode")
-    console.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+        out.print(f"{f:.4g} Hz is a harmonic of the excitation, no mode")
+    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
+    return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": harmonics}, [output])
 
 
 @lab_app.command()
@@ -185,8 +201,8 @@ def oscillator(
     terms: Annotated[str, typer.Option(help="beyond linear: quadratic,cubic,quintic,damping_growth")] = "",
     damping: Annotated[float, typer.Option(help="first guess")] = 0.05,
     validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
-    output: Written = Path("oscillator.json"),
-) -> None:
+    output: Output = Path("oscillator.json"),
+) -> Outcome:
     """Driven oscillator with a spring that need not be linear, by the error of its simulation."""
     from smsid.identify.estimate import save_estimate
     from smsid.lab.oscillator import Oscillator, fit_oscillator
@@ -201,32 +217,31 @@ def oscillator(
     run_in = 8.0 / (2 * np.pi * frequency * damping) * rate
     pieces = int(np.clip(times.size / (5.0 * run_in), 1, 10))
     u, y, start = log[drive], log[answer], Oscillator(frequency, damping, 1.0)
-    found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
-    if chosen:
-        found = fit_oscillator(u, y, rate, found.oscillator, terms=chosen, unit=unit, pieces=pieces)
+    with working("fitting the oscillator"):
+        found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
+        if chosen:
+            found = fit_oscillator(u, y, rate, found.oscillator, terms=chosen, unit=unit, pieces=pieces)
     save_estimate(found.estimate, output)
-    console = _console()
-    _print(console, found.estimate)
-    console.print(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
+    out = console()
+    _print(out, found.estimate)
+    out.print(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
+    errors = {"simulation": {"recording": log.name, "value": found.rmse, "unit": unit}}
     if validate is not None:
         other = load_recording(validate)
         error = other[answer] - found.oscillator.simulate(other[drive], rate)
-        console.print(f"free-running error {np.sqrt(np.mean(error**2)):.5g} {unit} on '{other.name}'")
-    console.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+        free = float(np.sqrt(np.mean(error**2)))
+        out.print(f"free-running error {free:.5g} {unit} on '{other.name}'")
+        errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
+    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, [output])
 
 
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console()
-
-
-def _print(console: Console, estimate: Estimate) -> None:
+def _print(out: Console, estimate: Estimate) -> None:
     from smsid.cli.tables import parameter_table
 
-    console.print(parameter_table(f"{estimate.description}: {estimate.method}", estimate.parameters))
+    out.print(parameter_table(f"{estimate.description}: {estimate.method}", estimate.parameters))
     for note in estimate.notes:
-        console.print(f"note: {note}", markup=False, highlight=False)
+        out.print(f"note: {note}", markup=False, highlight=False)
 
 
 def _component(log: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:

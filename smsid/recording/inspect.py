@@ -11,14 +11,12 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
-from smsid._files import atomic_write
-from smsid.errors import RecordingError, SmsidError
+from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
 from smsid.recording._guess import Group, groups, is_clock, suspicion, written_unit
 from smsid.recording._suspicion import suspicions
@@ -177,65 +175,6 @@ def draft(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group
             if any(name.startswith(f"{source}.") for name in taken):
                 lines += [f"[clock.{source}]", f"column = {_quoted(clock)}", 'unit = "s"', ""]
     return "\n".join([*lines, *body]).rstrip() + "\n"
-
-
-def inspect_command(
-    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag or MCAP")],
-    output: Annotated[
-        Path | None, typer.Option("--map", help="write the drafted mapping to this TOML")
-    ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option("--with", help="mapping that says what the columns are (TOML)")
-    ] = None,
-    description: Annotated[
-        Path | None,
-        typer.Option(
-            help="welded arm (TOML): also compare signs and torques with it; needs --with, and joint labels"
-        ),
-    ] = None,
-    cutoff: Annotated[float | None, typer.Option(help="with --description: low-pass [Hz]")] = None,
-) -> None:
-    """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
-    if description is not None and mapping is None:
-        raise SmsidError("--description needs --with.", advice="Say what the columns are in a mapping.")
-    report = inspect_file(file, mapping)
-    doubts = list(report.suspicions)
-    if description is not None and mapping is not None:
-        from smsid.arm import joint_doubts
-        from smsid.description import load_description
-
-        recording = import_recording(file, mapping, check=False)
-        doubts += [d.sentence for d in joint_doubts(load_description(description), recording, cutoff=cutoff)]
-    table = Table("clock", "samples", "rate [Hz]", "jitter", "from", "to", "unit")
-    for c in report.clocks:
-        numbers = (
-            str(c.samples),
-            f"{c.rate:.6g}",
-            f"{100 * c.jitter:.2g} %",
-            f"{c.start:.9g}",
-            f"{c.end:.9g}",
-        )
-        table.add_row(c.name, *numbers, c.unit)
-    console.print(table)
-    table = Table("column", "shape", "from", "to")
-    for column in report.columns:
-        table.add_row(column.name, str(column.shape), f"{column.low:.6g}", f"{column.high:.6g}")
-    console.print(table)
-    for sentence in doubts:
-        console.print(f"suspicious: {sentence}", style="yellow", markup=False, soft_wrap=True)
-    if not doubts:
-        console.print("nothing suspicious")
-    if mapping is not None:
-        return
-    if output is None:
-        console.print(report.mapping, markup=False, highlight=False)
-    else:
-        atomic_write(output, report.mapping)
-        console.print(f"wrote {output}")
 
 
 def _clock(name: str, values: NDArray[Any]) -> ClockReport:
