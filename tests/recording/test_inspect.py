@@ -11,10 +11,11 @@ from arm.mujoco_arm import JOINTS, described, motion
 from typer.testing import CliRunner
 
 from smsid.arm import with_joint_effects
+from smsid.cli.inspect import inspect_command
 from smsid.description import save_description
 from smsid.errors import RecordingError
 from smsid.recording import import_recording
-from smsid.recording.inspect import inspect_command, inspect_file
+from smsid.recording.inspect import inspect_file
 from smsid.recording.mapping import parse_mapping
 
 T = np.arange(0.0, 4.0, 0.01)
