@@ -1,0 +1,35 @@
+"""Reports: one self-contained HTML from each command, with a verdict on top and everything behind it below."""
+
+from smsid.report.heat import HeatCell, HeatMap
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
+from smsid.report.plot import Band, Curve, Plot, Rule
+from smsid.report.provenance import provenance
+from smsid.report.render import render, write_report
+from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.traces import Trace, Traces
+
+__all__ = [
+    "Band",
+    "Bar",
+    "Cell",
+    "Curve",
+    "Figure",
+    "Grid",
+    "HeatCell",
+    "HeatMap",
+    "Mark",
+    "Plot",
+    "Provenance",
+    "Report",
+    "Row",
+    "RowChart",
+    "Rule",
+    "Section",
+    "Table",
+    "Text",
+    "Trace",
+    "Traces",
+    "provenance",
+    "render",
+    "write_report",
+]

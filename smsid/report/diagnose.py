@@ -1,0 +1,176 @@
+"""The report of ``smsid diagnose``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from smsid.description.schema import Description
+from smsid.diagnose.blocks import Block, adequacy
+from smsid.diagnose.diagnose import RATE, Diagnosed
+from smsid.diagnose.nominal import nominal
+from smsid.diagnose.result import Diagnosis
+from smsid.diagnose.search import Search
+from smsid.errors import SmsidError
+from smsid.identify.estimate import Estimate
+from smsid.recording import Recording
+from smsid.report.diagnosis_candidates import alias_matrix, candidate_ranking, rescored
+from smsid.report.diagnosis_map import diagnosis_map
+from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
+from smsid.report.innovations import innovation_traces, open_loop_traces, whitened_groups
+from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, share
+from smsid.report.residuals import residual_table
+from smsid.report.spectra import spectrum_grid
+from smsid.report.traces import Trace, Traces
+
+LOGGER = logging.getLogger(__name__)
+BUDGET = 250_000
+TONES: dict[str, Tone] = {
+    "adequate": "good",
+    "explained": "good",
+    "unexplained": "bad",
+    "not_evaluated": "neutral",
+}
+TITLES = {
+    "adequate": "adequate",
+    "explained": "explained",
+    "unexplained": "unexplained",
+    "not_evaluated": "not evaluated",
+}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a diagnosis was asked: the description, its recordings, the estimate and the held-out ones."""
+
+    description: Description
+    recordings: Sequence[Recording]
+    estimate: Estimate | None = None
+    validation: Sequence[Recording] = ()
+    rate: float = RATE
+
+
+def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Report:
+    """Return the report of a diagnosis; what was not evaluated is said to be so."""
+    d = found.diagnosis
+    sections = [causes_section(d)]
+    if found.search is not None:
+        sections += search_sections(found.search, asked)
+    sections += _gain_section(found, asked)
+    if d.remaining:
+        table = remaining_table(d)
+        sections.append(Section("remaining", "What still depends on something", (table,), f"{len(d.remaining)}"))
+    if d.limits:
+        gist = "what this recording could have shown"
+        table = limit_table(d)
+        sections.append(Section("limits", "Detection limits", (table,), gist, open=False))
+    notes = tuple(x for x in (d.priors, *d.notes) if x)
+    if notes:
+        sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
+    title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
+    verdict = f"{TITLES[d.verdict].capitalize()}: {d.sentence}"
+    return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
+
+
+def causes_section(d: Diagnosis) -> Section:
+    """Return the causes with their parameters, intervals and aliases; or that there are none."""
+    tables: list[Text | Table] = list(cause_tables(d))
+    if not tables:
+        why = {
+            "adequate": "No cause is needed: nothing significant is left.",
+            "not_evaluated": f"Not evaluated: {d.sentence}",
+        }
+        tables = [Text((why.get(d.verdict, "No cause in the catalogue fits what is left."),))]
+    return Section("causes", "Causes", tuple(tables), f"{len(d.causes)} named" if d.causes else "none named")
+
+
+def search_sections(search: Search, asked: Asked) -> list[Section]:
+    """Return the maps, the candidates and the innovations of a search."""
+    changed = bool(search.causes)
+    before: Sequence[Block] = adequacy(search.nominal) if changed else search.blocks
+    level = search.levels.block
+    caption = (
+        "Every equation and sensor channel against what it may depend on. A cell is minus the decimal logarithm "
+        "of the chance of as much when nothing is wrong, corrected for the number of tests; framed cells are "
+        "significant. Joint and wheel rows are torques, the bus's are forces and torques on it; a wheel's rate "
+        "is its speed."
+    )
+    first = "Before any cause: nominal parameters refitted" if changed else "Nominal parameters refitted"
+    maps = [diagnosis_map("map-before", first, before, level=level, caption=caption)]
+    if changed:
+        maps.append(diagnosis_map("map-after", "With the causes in the model", search.blocks, level=level))
+    left, total = len(search.left), len(search.blocks)
+    was = sum(b.p_value * total < level for b in before)
+    gist = f"{was} of {total} tests significant before, {left} after" if changed else f"{left} of {total}"
+    out = [Section("map", "Map of equation by dependence", tuple(m for m in maps if m is not None), gist)]
+    scores = rescored(search)
+    parts = [x for x in (candidate_ranking(search, scores), alias_matrix(search, scores)) if x is not None]
+    if parts:
+        gist = f"{search.candidates} tried"
+        out.append(Section("candidates", "Candidates and their aliases", tuple(parts), gist))
+    groups = whitened_groups(search)
+    labels = ("before any cause", "with the causes") if changed else ("", "innovations")
+    if not changed:
+        groups = {c: tuple(_alone(t) for t in own) for c, own in groups.items()}
+    grid = spectrum_grid("spectrum", groups, labels=labels)
+    out.append(Section("spectra", "Spectra of the innovations", (grid,), "before and after" if changed else ""))
+    traces = [t for own in innovation_traces(search, asked.recordings[0]).values() for t in own]
+    traces = traces if changed else [_alone(t) for t in traces]
+    parts_ = _explored("traces", traces, "Measured, and predicted one sample ahead",
+                       ("measured", "predicted", "error", "error before any cause"))  # fmt: skip
+    out.append(Section("residuals", "Measured against predicted", parts_, asked.recordings[0].name))
+    return out
+
+
+def _gain_section(found: Diagnosed, asked: Asked) -> list[Section]:
+    d = found.diagnosis
+    if d.gain is None:
+        reason = d.gain_reason or "no validation recording was given"
+        return [Section("gain", "Gain on held-out data", (Text((f"Not evaluated: {reason}.",)),), "not evaluated")]
+    parts: list[Text | Table | Figure | Grid] = list(gain_parts(d.gain))
+    held = [*asked.validation, *asked.recordings[1:]]
+    if found.search is not None and held:
+        try:
+            given = nominal(asked.description, asked.estimate).point
+            traces = open_loop_traces(given, found.search.last.point, found.search, held[0], asked.rate)
+            flat = [t for own in traces.values() for t in own]
+            parts += _explored("open-loop", flat, f"Simulated open loop on {held[0].name}",
+                               ("measured", "simulated, extended", "error, extended", "error, as given"),
+                               table=False)  # fmt: skip
+        except SmsidError as error:
+            LOGGER.info("open loop: %s", error)
+    return [Section("gain", "Gain on held-out data", tuple(parts), f"on {d.gain.recording}")]
+
+
+def _explored(
+    name: str, traces: Sequence[Trace], title: str, labels: tuple[str, str, str, str], table: bool = True
+) -> tuple[Figure | Table, ...]:
+    worst = max(range(len(traces)), key=lambda k: _off(traces[k]))
+    body = Traces(tuple(traces), title, worst, labels, BUDGET)
+    caption = "Below: what is left, with the band of two standard deviations expected of it."
+    figure = Figure(name, title, body, caption)
+    return (figure, residual_table(name, traces)) if table else (figure,)
+
+
+def _off(t: Trace) -> float:
+    was = t.before if t.before is not None else t.residual
+    rms = Trace(t.name, t.unit, t.time, t.measured, None, was, t.sigma).whitened_rms
+    return rms if rms == rms else 0.0
+
+
+def _alone(t: Trace) -> Trace:
+    return Trace(t.name, t.unit, t.time, t.measured, t.simulated, t.residual, t.sigma)
+
+
+def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
+    out = [("verdict", TITLES[d.verdict])]
+    if d.whitened_rms:
+        rms = [number(x, 4) for x in dict.fromkeys(d.whitened_rms.values())]
+        out.append(("whitened rms", " → ".join(rms)))
+    if d.gain is not None and d.gain.explained == d.gain.explained:
+        out.append(("excess explained, held out", share(d.gain.explained, 3)))
+    if d.timing:
+        out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))
+    return tuple(out)

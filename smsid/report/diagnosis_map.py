@@ -1,0 +1,138 @@
+"""The map of equation by dependence: where a simulation fails, and on what the failure depends."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from scipy.stats import chi2
+
+from smsid.report.heat import HeatCell, HeatMap, step_of
+from smsid.report.model import Figure
+from smsid.report.numbers import number
+
+COLUMNS = (
+    "angle",
+    "ripple over the angle",
+    "rate",
+    "load",
+    "acceleration",
+    "time",
+    "amplitude",
+    "its own value",
+    "its own rate",
+    "its own past",
+)
+EDGES = (1e-9, 1.3, 3.0, 6.0, 12.0, 25.0, 50.0)
+"""Steps of colour by minus the decimal logarithm of the corrected p-value; colour begins at 0.001."""
+LEVEL = 0.001
+
+
+class Tested(Protocol):
+    """A generic test: an equation or channel against what it may depend on."""
+
+    @property
+    def where(self) -> str:
+        """The equation or channel."""
+        ...
+
+    @property
+    def dependence(self) -> str:
+        """What it may depend on."""
+        ...
+
+    @property
+    def ratio(self) -> float:
+        """Chi-squared."""
+        ...
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom."""
+        ...
+
+
+def evidence(test: Tested, tests: int) -> float:
+    """Return minus the decimal logarithm of a test's p-value, corrected for ``tests`` of them; zero at least."""
+    if not test.freedom:
+        return 0.0
+    return max(0.0, -(float(chi2.logsf(test.ratio, test.freedom)) + math.log(max(tests, 1))) / math.log(10.0))
+
+
+def diagnosis_map(
+    name: str, title: str, tests: Iterable[Tested], *, level: float = LEVEL, caption: str = ""
+) -> Figure | None:
+    """Return the map of all generic tests, or ``None`` when there are none.
+
+    Rows are equations (joint and wheel torques, the bus's wrench, slosh, modes) and sensor channels, a row
+    for all components of a channel; a cell has the strongest test. ``level``: over all tests together.
+    """
+    found = list(tests)
+    if not found:
+        return None
+    best: dict[tuple[str, str], Tested] = {}
+    for t in found:
+        key = row_of(t.where), t.dependence
+        if key not in best or evidence(t, 1) > evidence(best[key], 1):
+            best[key] = t
+    rows = ordered(dict.fromkeys(k for k, _ in best))
+    known = [c for c in COLUMNS if any(d == c for _, d in best)]
+    columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
+    limit = -math.log10(level)
+    cells = tuple(tuple(_cell(best.get((r, c)), len(found), limit) for c in columns) for r in rows)
+    significant = sum(c.marked for row in cells for c in row)
+    scale = ((0, "no evidence"), (2, "0.05"), (3, f"{level:g}"), (4, "10⁻⁶"), (5, "10⁻¹²"), (6, "10⁻²⁵"),
+             (7, "10⁻⁵⁰ and below"), (-1, f"significant: below {level:g} over all {len(found)} tests"))  # fmt: skip
+    body = HeatMap(
+        tuple(rows),
+        tuple(_heading(c) for c in columns),
+        cells,
+        f"{title}: {significant} of {len(found)} tests are significant",
+        scale,
+        "−log₁₀ p, corrected",
+    )
+    return Figure(name, title, body, caption)
+
+
+def row_of(where: str) -> str:
+    """Return the row of the map that an equation or a channel's component belongs to."""
+    return re.sub(r"\[.*\]$", "", where)
+
+
+def ordered(rows: Iterable[str]) -> list[str]:
+    """Return rows with equations first, then sensor channels."""
+    kinds = ("torque of", "force on", "torque on", "slosh", "mode")
+    known = list(rows)
+    equations = [r for r in known if r.startswith(kinds)]
+    rank = {r: next(i for i, k in enumerate(kinds) if r.startswith(k)) for r in equations}
+    first = sorted(equations, key=lambda r: (rank[r], _natural(r)))
+    return [*first, *sorted(r for r in known if r not in rank)]
+
+
+def _natural(text: str) -> list[object]:
+    return [int(x) if x.isdigit() else x for x in re.split(r"(\d+)", text)]
+
+
+def _cell(test: Tested | None, tests: int, limit: float) -> HeatCell:
+    if test is None:
+        return HeatCell()
+    strength = evidence(test, tests)
+    shown = "0" if strength < 0.05 else f"{strength:.1f}" if strength < 9.95 else f"{strength:.0f}"
+    p = 10.0**-strength if strength < 300 else 0.0
+    tip = (
+        f"{test.where} against {test.dependence}: chi-squared {number(test.ratio, 4)} on {test.freedom}, "
+        f"corrected p {number(p, 2)}"
+    )
+    return HeatCell(step_of(strength, EDGES), shown, tip, strength > limit)
+
+
+def _heading(dependence: str) -> str:
+    extra = {"its own past": " (frequency)", "amplitude": " (slosh, bending)"}
+    return dependence + extra.get(dependence, "")
+
+
+def strongest(tests: Sequence[Tested]) -> Tested | None:
+    """Return the most significant test."""
+    return max(tests, key=lambda t: evidence(t, 1), default=None)

@@ -1,0 +1,193 @@
+"""The report of ``smsid identify``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from smsid.description.schema import Description
+from smsid.errors import SmsidError
+from smsid.identify.estimate import Estimate
+from smsid.identify.pipeline import Identification
+from smsid.likelihood.refine import Refinement
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, unit
+from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported
+from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
+from smsid.report.spectra import spectrum_grid
+from smsid.report.stabilisation import diagrams, stabilisation_figures
+
+LOGGER = logging.getLogger(__name__)
+BUDGET = 400_000
+
+
+def identify_report(
+    description: Description,
+    recordings: Sequence[Recording],
+    linear: Identification,
+    refined: Refinement | None,
+    origin: Provenance,
+    known: Known | None = None,
+) -> Report:
+    """Return the report of an identification.
+
+    Args:
+        description: what it started from.
+        recordings: what it was made from.
+        linear: the linear method's result.
+        refined: the refinement, if there is one; then ``linear`` stands beside it.
+        origin: versions, command, files.
+        known: truth and the paper's errors where they are known.
+    """
+    estimate = refined.estimate if refined is not None else linear.estimate
+    known = known or Known()
+    if refined is not None and known.other is None:
+        known = Known(known.truth, known.paper, linear.estimate, "linear method")
+    left, problem = _residuals(description, recordings, linear, refined)
+    sections = identify_sections(description, recordings, linear, refined, known, left, problem)
+    sentence, tone = verdict(estimate, left)
+    good = [p for p in reported(estimate) if p.status == "identifiable"]
+    glance = [("identifiable", f"{len(good)} of {len(reported(estimate))}")]
+    glance += [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
+    worst = worst_ratio(left)
+    glance += [("residual / noise, worst", number(worst[1], 3))] if worst else []
+    glance += [("time", f"{number(linear.estimate.timing['total'] + _extra(refined), 3)} s")]
+    method = "maximum likelihood" if refined is not None else "the paper's linear method"
+    return Report(
+        f"Identification by {method}", description.name, sentence, tone, sections, origin, tuple(glance)
+    )
+
+
+def identify_sections(
+    description: Description,
+    recordings: Sequence[Recording],
+    linear: Identification,
+    refined: Refinement | None,
+    known: Known,
+    left: Sequence[Residuals],
+    problem: str = "",
+    *,
+    prefix: str = "",
+    budget: int = BUDGET,
+) -> tuple[Section, ...]:
+    """Return the sections of an identification; ``prefix`` tells several on one page apart."""
+    estimate = refined.estimate if refined is not None else linear.estimate
+    own = reported(estimate)
+    single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
+    parts: list[Text | Table | Figure | Grid] = []
+    for key, title, some in (
+        ("single", "Mass, slosh, appendages and single inertial parameters", single),
+        ("mixed", "Combinations of inertial parameters that the motion depends on", mixed),
+    ):
+        if some:
+            parts.append(identifiability(f"{prefix}known-{key}", some, known))
+            parts.append(parameter_table(title, some, known))
+    out = [Section(f"{prefix}parameters", "Parameters", tuple(parts), f"{len(own)} with intervals")]
+    if left:
+        out += residual_sections(prefix, left, budget)
+    elif problem:
+        text = Text((f"Not evaluated: {problem}",))
+        out.append(Section(f"{prefix}residuals", "Measured against simulated", (text,)))
+    out += _modes(description, recordings, linear, prefix)
+    out += _aliases(refined, prefix)
+    notes = tuple(dict.fromkeys((*linear.estimate.notes, *estimate.notes)))
+    if notes:
+        out.append(Section(f"{prefix}notes", "Notes", (Text(notes, bullets=True),), f"{len(notes)}", open=False))
+    return tuple(out)
+
+
+def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> list[Section]:
+    """Return measured against simulated, and the spectra of what is left."""
+    figure, table = residual_parts(f"{prefix}traces", left, budget=budget)
+    worst = worst_ratio(left)
+    gist = f"largest residual / noise {number(worst[1], 3)}, {worst[0]}" if worst else ""
+    groups = {f"{r.recording}: {c}": traces for r in left for c, traces in r.channels.items()}
+    labels = ("as described", "as identified")
+    return [
+        Section(f"{prefix}residuals", "Measured against simulated", (figure, table), gist),
+        Section(
+            f"{prefix}spectra",
+            "Spectra of the residuals, before and after",
+            (spectrum_grid(f"{prefix}spectrum", groups, labels=labels),),
+            "before: as described, initial pose and biases fitted",
+        ),
+    ]
+
+
+def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
+    """Return one sentence on an identification, and what it is worth."""
+    own = reported(estimate)
+    weak = [p.name for p in own if p.status != "identifiable"]
+    good = len(own) - len(weak)
+    sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
+    if weak:
+        named = ", ".join(weak[:4]) + (f" and {len(weak) - 4} more" if len(weak) > 4 else "")
+        sentence += f"; not {named}"
+    worst = worst_ratio(left)
+    if worst is None:
+        return f"{sentence}. Whether the simulation explains the recordings was not evaluated.", "neutral"
+    if worst[1] <= EXPLAINED:
+        return f"{sentence}. The simulation explains every channel to its noise.", "good" if good else "warn"
+    text = f"The simulation leaves {number(worst[1], 3)} times the noise in {worst[0]}"
+    return f"{sentence}. {text}; smsid diagnose says why.", "warn" if worst[1] < 2.0 else "bad"
+
+
+def worst_ratio(left: Sequence[Residuals]) -> tuple[str, float] | None:
+    """Return the channel with the largest residual beside its noise, with the ratio."""
+    pairs = [(t.name, t.whitened_rms) for r in left for t in r.traces if t.sigma]
+    return max(pairs, key=lambda x: x[1]) if pairs else None
+
+
+def _residuals(
+    description: Description,
+    recordings: Sequence[Recording],
+    linear: Identification,
+    refined: Refinement | None,
+) -> tuple[tuple[Residuals, ...], str]:
+    try:
+        return residuals_of(description, recordings, linear, refined), ""
+    except SmsidError as error:
+        LOGGER.info("residuals: %s", error)
+        return (), str(error)
+
+
+def _modes(
+    description: Description, recordings: Sequence[Recording], linear: Identification, prefix: str
+) -> list[Section]:
+    if linear.translation is None or not linear.translation.modes:
+        return []
+    known = {name: seen.modes.clamped for name, seen in linear.translation.modes.items()}
+    model = build_model(description)
+    found = [d for r in recordings for d in diagrams(model, r, known)][:6]
+    figures = stabilisation_figures(f"{prefix}stabilisation", found)
+    if not figures:
+        return []
+    caption = (
+        "Poles of SSI-COV with the base acceleration as known input, by model order. A ring has the same "
+        "frequency, damping and shape one order below. Modes are clusters of rings, no order picked by hand."
+    )
+    grid = Grid("Poles over model orders", figures, caption)
+    count = sum(len(d.modes) for d in found)
+    return [Section(f"{prefix}modes", "Stabilisation diagram", (grid,), f"{count} modes read")]
+
+
+def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
+    if refined is None:
+        return []
+    own = reported(refined.estimate)
+    figure = correlations(f"{prefix}correlation", refined.estimate.parameters[: len(own)],
+                          refined.covariance[: len(own), : len(own)])  # fmt: skip
+    lines = tuple(unit(d.text) for d in refined.unseen)
+    out = []
+    if figure is not None:
+        out.append(Section(f"{prefix}aliases", "What moves together", (figure,), "correlations of estimates"))
+    if lines:
+        gist = f"{len(lines)} directions, in words"
+        out.append(Section(f"{prefix}unseen", "What is not seen", (Text(lines, True),), gist, open=False))
+    return out
+
+
+def _extra(refined: Refinement | None) -> float:
+    return refined.estimate.timing["total"] if refined is not None else 0.0

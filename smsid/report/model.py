@@ -1,0 +1,104 @@
+"""What a report says, before anything is drawn: sections of text, tables and figures, and where it is from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from smsid.report.heat import HeatMap
+from smsid.report.plot import Plot
+from smsid.report.rows import RowChart
+from smsid.report.traces import Traces
+
+Tone = Literal["good", "warn", "bad", "neutral"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry of a table: the text shown, the number behind it (copied as CSV), what it is worth.
+
+    ``spark`` is the path of a small curve in a box 100 wide and 24 high, drawn in place of a text.
+    """
+
+    text: str
+    value: float | None = None
+    tone: Tone = "neutral"
+    spark: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table. ``columns`` starting with ``#`` hold numbers and stand to the right; the first names the row.
+
+    ``picks``: rows choose the trace of that number in the figure ``target`` of the same section.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+    target: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure with its title and a caption that says what to see in it. ``name`` marks it in the page."""
+
+    name: str
+    title: str
+    body: Plot | RowChart | HeatMap | Traces
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Small figures side by side, as many as fit."""
+
+    title: str
+    figures: tuple[Figure, ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Text:
+    """Paragraphs, or the items of a list."""
+
+    lines: tuple[str, ...]
+    bullets: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part that folds. ``name`` is its anchor; ``open``: unfolded at first; ``summary``: one line beside."""
+
+    name: str
+    title: str
+    parts: tuple[Text | Table | Figure | Grid, ...]
+    summary: str = ""
+    open: bool = True
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a report came to be: versions, command, seed, sha256 sums of the files it was made from."""
+
+    made: str
+    command: str
+    versions: Mapping[str, str]
+    machine: str
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    seed: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report: title, the verdict in one sentence, a few figures at a glance, sections, provenance."""
+
+    title: str
+    subject: str
+    verdict: str
+    tone: Tone
+    sections: tuple[Section, ...]
+    provenance: Provenance
+    glance: tuple[tuple[str, str], ...] = ()

@@ -1,0 +1,60 @@
+"""Numbers as a reader wants them: significant digits, no trailing noise, real minus signs and powers of ten."""
+
+from __future__ import annotations
+
+import math
+import re
+
+PLAIN = 1e6  # numbers below are written out
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(x: float | None, digits: int = 4) -> str:
+    """Return a number with significant digits; powers of ten where plain digits would be long.
+
+    Not-a-number and ``None`` are a dash, infinities a sign.
+    """
+    if x is None or math.isnan(x):
+        return "–"
+    if math.isinf(x):
+        return "∞" if x > 0 else "−∞"
+    text = f"{x:.{digits}g}"
+    if "e+" in text and abs(x) < PLAIN:
+        text = f"{float(text):.0f}"
+    if "e" in text:
+        mantissa, _, exponent = text.partition("e")
+        return f"{mantissa}·{power(int(exponent))}".replace("-", "−")
+    return text.replace("-", "−")
+
+
+def power(exponent: int) -> str:
+    """Return ten to an integer, as on an axis."""
+    return {0: "1", 1: "10"}.get(exponent, "10" + str(exponent).translate(_RAISED))
+
+
+def share(x: float, digits: int = 2) -> str:
+    """Return a share as percentage."""
+    return f"{number(100.0 * x, digits)} %"
+
+
+def plain(x: float) -> str:
+    """Return a number as a tick's label: short, and exact for round ones."""
+    if x == 0.0:
+        return "0"
+    return number(float(f"{x:.6g}"), 6)
+
+
+def half(value: float, low: float, high: float) -> str:
+    """Return an interval about a value: ``± h`` where it is symmetric, else its two ends."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return f"{number(low, 4)} … {number(high, 4)}"
+    if abs((high - value) - (value - low)) <= 1e-6 * max(high - low, 1e-300):
+        return f"± {number(0.5 * (high - low), 2)}"
+    return f"{number(low, 4)} … {number(high, 4)}"
+
+
+def unit(text: str) -> str:
+    """Return a unit with raised exponents; that of a pure number is nothing."""
+    if text == "1":
+        return ""
+    return re.sub(r"\^(-?\d+)", lambda m: m.group(1).translate(_RAISED), text)

@@ -1,0 +1,178 @@
+"""Parameters in a report: the table with intervals, what is identifiable, and what moves together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate, ParameterEstimate
+from smsid.report.axes import Axis
+from smsid.report.heat import HeatCell, HeatMap, step_of
+from smsid.report.model import Cell, Figure, Table, Tone
+from smsid.report.numbers import half, number, share, unit
+from smsid.report.rows import Bar, Mark, Row, RowChart
+
+STATUS: dict[str, Tone] = {"identifiable": "good", "not_identifiable": "warn"}
+SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis
+ROWS = 70
+ALIASES = 15
+CORRELATED = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
+QUANTILE = 1.959964
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known beside an estimate: the truth by name, the paper's errors [1], another method's estimate."""
+
+    truth: Mapping[str, float] = field(default_factory=dict)
+    paper: Mapping[str, float] = field(default_factory=dict)
+    other: Estimate | None = None
+    other_name: str = ""
+
+
+def reported(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
+    """Return the parameters of a spacecraft in an estimate: no nuisances, no second view of the same."""
+    skipped = ("nuisance", "exp2.step_b_printed", "exp2.step_a", "exp2.pose_point")
+    return tuple(p for p in estimate.parameters if p.group not in skipped and p.status != "by_product")
+
+
+def parameter_table(title: str, parameters: Iterable[ParameterEstimate], known: Known) -> Table:
+    """Return a table of parameters with intervals beside the description, the truth and another method."""
+    columns = ["parameter", "#value", "#95 % interval", "unit", "#described"]
+    columns += ["#truth", "#error"] if known.truth else []
+    columns += [f"#{known.other_name}", "#95 %"] if known.other is not None else []
+    columns += ["#relative σ", "status"]
+    rows = []
+    for p in parameters:
+        low, high = p.interval
+        row = [
+            Cell(p.name),
+            Cell(number(p.value, 6), p.value),
+            Cell(half(p.value, low, high), 0.5 * (high - low)),
+            Cell(unit(p.unit)),
+            Cell("" if p.nominal is None else number(p.nominal, 6), p.nominal),
+        ]
+        if known.truth:
+            row += _truth(p, known.truth.get(p.name))
+        if known.other is not None:
+            row += _other(p.name, known.other)
+        relative = p.relative_sigma
+        status = p.status.replace("_", " ")
+        row += [
+            Cell(share(relative) if math.isfinite(relative) else "–", relative),
+            Cell(status, tone=STATUS.get(p.status, "neutral")),
+        ]
+        rows.append(tuple(row))
+    return Table(title, tuple(columns), tuple(rows))
+
+
+def _truth(p: ParameterEstimate, truth: float | None) -> list[Cell]:
+    if truth is None:
+        return [Cell(""), Cell("")]
+    low, high = p.interval
+    error = p.relative_error(truth, p.reference)
+    tone: Tone = "good" if low <= truth <= high else "warn"
+    return [Cell(number(truth, 6), truth), Cell(share(error), error, tone)]
+
+
+def _other(name: str, other: Estimate) -> list[Cell]:
+    if name not in other:
+        return [Cell(""), Cell("")]
+    q = other[name]
+    low, high = q.interval
+    return [Cell(number(q.value, 6), q.value), Cell(half(q.value, low, high), 0.5 * (high - low))]
+
+
+def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: Known) -> Figure:
+    """Return how well each parameter is known: its interval, and how far truth, description and paper are.
+
+    All relative to the parameter's size (of its kind on the body, for a small one), on one logarithmic axis.
+    """
+    shown = [p for p in parameters if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0][:ROWS]
+    values: list[float] = [IDENTIFIABLE_BELOW * QUANTILE]
+    rows = []
+    for p in shown:
+        width = QUANTILE * p.relative_sigma
+        items: list[Mark | Bar] = [Bar(width, 0 if p.status == "identifiable" else 2, tip=f"± {share(width)}")]
+        values.append(width)
+        for label, value, series, shape in (
+            ("description", p.nominal, 5, "ring"),
+            ("truth", known.truth.get(p.name), 1, "dot"),
+        ):
+            if value is None or (label == "description" and known.truth):
+                continue
+            off = max(p.relative_error(value, p.reference), SMALLEST)
+            if math.isfinite(off):
+                items.append(Mark(off, series=series, shape=shape, tip=f"off the {label} by {share(off)}"))
+                values.append(off)
+        if p.name in known.paper:
+            off = max(known.paper[p.name], SMALLEST)
+            items.append(Mark(off, series=4, shape="square", tip=f"the paper: {share(off)}"))
+            values.append(off)
+        tone: Tone = "neutral" if p.status == "identifiable" else "warn"
+        rows.append(Row(p.name, tuple(items), f"± {share(width)}", tone=tone))
+    legend = [("half of the 95 % interval", 0, "bar")]
+    legend += [("the same, not identifiable", 2, "bar")] if any(r.tone == "warn" for r in rows) else []
+    legend += [("error against the truth", 1, "dot")] if known.truth else [("off the description", 5, "ring")]
+    legend += [("error in the paper", 4, "square")] if any(p.name in known.paper for p in shown) else []
+    axis = Axis.over("share of the parameter's size", values, log=True, within=(SMALLEST, 1e3))
+    chart = RowChart(
+        axis,
+        tuple(rows),
+        f"95 % intervals of {len(rows)} parameters relative to their size",
+        tuple(legend),
+        ((IDENTIFIABLE_BELOW * QUANTILE, "limit of identifiable"),),
+    )
+    caption = "Left is better. " + (
+        "The error against the truth lies within the bar for 95 % of parameters when intervals are right."
+        if known.truth
+        else "A ring to the right of its bar: the recordings contradict the description's value."
+    )
+    return Figure(name, "How well each parameter is known", chart, caption)
+
+
+def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance: np.ndarray) -> Figure | None:
+    """Return the parameters that most move together, as a map of correlations; covariance (n, n)."""
+    sigma = np.sqrt(np.diag(covariance))
+    good = np.isfinite(sigma) & (sigma > 0.0)
+    index = np.flatnonzero(good)
+    if len(index) < 2:
+        return None
+    r = covariance[np.ix_(index, index)] / np.outer(sigma[index], sigma[index])
+    strongest = np.abs(r - np.eye(len(r))).max(axis=1)
+    kept = np.sort(np.argsort(-strongest)[:ALIASES])
+    names = [parameters[int(index[k])].name for k in kept]
+    cells = tuple(
+        tuple(
+            HeatCell(
+                step_of(abs(float(r[i, j])), CORRELATED) if i != j else 0,
+                f"{float(r[i, j]):.2f}".replace("-", "−") if i != j else "1",
+                f"{names[a]} and {names[b]}: {float(r[i, j]):.3f}",
+                i != j and abs(float(r[i, j])) >= 0.9,
+            )
+            for b, j in enumerate(kept)
+        )
+        for a, i in enumerate(kept)
+    )
+    labels = tuple(f"{clipped(n, 30)}  {k}" for k, n in enumerate(names, 1))
+    body = HeatMap(
+        labels,
+        tuple(str(k) for k in range(1, len(names) + 1)),
+        cells,
+        "correlations of the parameters that move together most",
+        ((0, "below 0.1"), (3, "0.5"), (5, "0.8"), (6, "0.9"), (7, "0.97"), (-1, "0.9 and above")),
+        square=True,
+    )
+    caption = (
+        f"The {len(names)} parameters with the strongest correlations. Where two have almost one, this experiment "
+        "knows their sum or difference better than either."
+    )
+    return Figure(name, "Alias matrix: which parameters move together", body, caption)
+
+
+def clipped(text: str, length: int) -> str:
+    """Return a text of at most ``length`` characters."""
+    return text if len(text) <= length else text[: length - 1] + "…"

@@ -1,0 +1,48 @@
+"""Where a report is from: versions, command line, seed, and the sha256 sums of the files it was made from."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import sys
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import smsid
+from smsid.report.model import Provenance
+
+PACKAGES = {"pinocchio": "pin", "numpy": "numpy", "scipy": "scipy"}
+
+
+def provenance(inputs: Iterable[str | os.PathLike[str]] = (), *, seed: object = None) -> Provenance:
+    """Return how what is running now came to be; files that a description names are to be given too.
+
+    The machine is told by system and processor, without its name.
+    """
+    versions = {"smsid": smsid.__version__, "python": platform.python_version()}
+    for name, package in PACKAGES.items():
+        try:
+            versions[name] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return Provenance(
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        command=" ".join([Path(sys.argv[0]).name, *(shlex.quote(a) for a in sys.argv[1:])]),
+        versions=versions,
+        machine=f"{platform.system()} {platform.machine()}",
+        inputs={str(p): sha256(p) for p in dict.fromkeys(map(str, inputs))},
+        seed="" if seed is None else str(seed),
+    )
+
+
+def sha256(path: str | os.PathLike[str]) -> str:
+    """Return the sha256 sum of a file, or that it is not there."""
+    file = Path(path)
+    if not file.is_file():
+        return "not a file"
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

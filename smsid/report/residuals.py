@@ -1,0 +1,182 @@
+"""Measured against simulated: what an estimate leaves of the recordings, and what the description left before."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.errors import SmsidError
+from smsid.identify.pipeline import Identification
+from smsid.identify.robust import white_sigma
+from smsid.likelihood.channels import Channel
+from smsid.likelihood.fit import minimised
+from smsid.likelihood.local import Local, Nuisance
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.piece import Piece, piece_of
+from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.refine import Refinement
+from smsid.likelihood.starting import candidates
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.report.model import Cell, Figure, Table, Tone
+from smsid.report.numbers import number, unit
+from smsid.report.traces import Trace, Traces, spark
+
+LOGGER = logging.getLogger(__name__)
+UNITS = {
+    "position": "m",
+    "velocity": "m/s",
+    "attitude": "rad",
+    "angular_rate": "rad/s",
+    "acceleration": "m/s^2",
+}
+EXPLAINED = 1.05
+"""Residual over noise up to which a channel counts as explained."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What is left of one recording, a trace per component, by channel; ``before``: by the description."""
+
+    recording: str
+    channels: dict[str, tuple[Trace, ...]]
+
+    @property
+    def traces(self) -> tuple[Trace, ...]:
+        """All components."""
+        return tuple(t for own in self.channels.values() for t in own)
+
+
+def residuals_of(
+    description: Description,
+    recordings: Sequence[Recording],
+    linear: Identification | None,
+    refined: Refinement | None,
+) -> tuple[Residuals, ...]:
+    """Return measured, simulated and residual of every recording, by the refinement or else the linear result.
+
+    Initial poses and sensor biases are fitted in each case, the parameters held: as described for ``before``.
+    Recordings that cannot be predicted (an arm welded to the ground) raise `SmsidError`.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        if refined is not None:
+            pieces, described, seen = refined.fit.pieces, refined.described, refined.fit.seen
+            locals_ = seen.point.locals
+        else:
+            model = build_model(description)
+            described = Parameters.of(model)
+            pairs = [piece_of(model, r, Nuisance()) for r in recordings]
+            pieces, locals_ = tuple(p for p, _ in pairs), tuple(local for _, local in pairs)
+            seen = _held(pieces, candidates(described, linear)[-1], locals_)
+        try:
+            before = _held(pieces, described, locals_)
+        except SmsidError as error:
+            LOGGER.info("the description cannot be simulated beside: %s", error)
+            before = None
+    out = []
+    for k, piece in enumerate(pieces):
+        own = seen.residuals[k]
+        was = before.residuals[k] if before is not None else [None] * len(own)
+        pairs_ = zip(piece.channels, own, was, strict=True)
+        local = seen.point.locals[k]
+        out.append(
+            Residuals(piece.name, {c.name: _channel(piece.name, c, local, r, b) for c, r, b in pairs_})
+        )
+    return tuple(out)
+
+
+def _held(pieces: Sequence[Piece], at: Parameters, locals_: Sequence[Local]) -> Seen:
+    """What is seen with the parameters held and everything else fitted."""
+    found = minimised(pieces, Point(at, tuple(locals_)), Prior(at), np.arange(at.size))
+    return Seen.at(pieces, found.point)
+
+
+def _channel(
+    recording: str, c: Channel, local: Local, residual: np.ndarray, before: np.ndarray | None
+) -> tuple[Trace, ...]:
+    if c.quantity == "attitude":
+        measured = Rotation.from_quat(c.values)
+        start = measured[0].inv()
+        values = (start * measured).as_rotvec()
+        simulated = (start * measured * Rotation.from_rotvec(-residual)).as_rotvec()
+    else:
+        values, simulated = c.values, c.values - residual
+    noise = np.asarray(white_sigma(residual), dtype=float)
+    label = f"{recording}: {c.sensor.name} {c.quantity.replace('_', ' ')}"
+    return tuple(
+        Trace(
+            f"{label} {_component(k, c.width)}".strip(),
+            UNITS[c.quantity],
+            c.times,
+            values[:, k],
+            simulated[:, k],
+            residual[:, k],
+            float(noise[k]) or None,
+            None if before is None else before[:, k],
+        )
+        for k in range(c.width)
+    )
+
+
+def _component(k: int, width: int) -> str:
+    return f"{'xyz'[k % 3]}{f' at station {k // 3 + 1}' if width > 3 else ''}"
+
+
+def residual_parts(
+    name: str, found: Sequence[Residuals], *, budget: int, with_before: bool = False
+) -> tuple[Figure, Table]:
+    """Return the figure to look into every channel, and the table of all with what is left beside the noise."""
+    traces = [t for r in found for t in r.traces]
+    if not with_before:
+        traces = [_without_before(t) for t in traces]
+    rms = np.array([t.whitened_rms for t in traces])
+    first = int(np.nanargmax(rms)) if np.isfinite(rms).any() else 0
+    body = Traces(tuple(traces), "measured and simulated over time, with what is left", first, budget=budget)
+    caption = (
+        "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
+        "that samples show between each other. Attitudes are rotation vectors from the start."
+    )
+    figure = Figure(name, "Measured and simulated", body, caption)
+    return figure, residual_table(name, traces)
+
+
+def residual_table(target: str, traces: Sequence[Trace]) -> Table:
+    """Return one row per trace: residual, noise, their ratio, the correlation of neighbours, a small curve."""
+    rows = []
+    for t in traces:
+        r = t.residual
+        assert r is not None
+        x = r[np.isfinite(r)]
+        rms = float(np.sqrt(np.mean(x**2)))
+        centred = x - x.mean()
+        lag = float(centred[1:] @ centred[:-1] / max(centred @ centred, 1e-300))
+        ratio = t.whitened_rms
+        tone: Tone = "good" if ratio <= EXPLAINED else "warn" if ratio <= 2.0 else "bad"
+        rows.append(
+            (
+                Cell(t.name),
+                Cell(unit(t.unit)),
+                Cell(number(rms, 3), rms),
+                Cell(number(t.sigma, 3), t.sigma),
+                Cell(number(ratio, 3), ratio, tone),
+                Cell(number(round(lag, 3), 2), lag),
+                Cell(f"residual of {t.name}", spark=spark(x)),
+            )
+        )
+    columns = ("channel", "unit", "#residual, rms", "#noise", "#ratio", "#neighbours' correlation", "residual")
+    note = (
+        "Noise: the standard deviation of the part that is white, from third differences. A ratio of one means "
+        "nothing but noise is left."
+    )
+    return Table("Every channel (choose one to see it above)", columns, tuple(rows), note, target)
+
+
+def _without_before(t: Trace) -> Trace:
+    return Trace(t.name, t.unit, t.time, t.measured, t.simulated, t.residual, t.sigma)
