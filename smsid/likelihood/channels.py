@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.robust import white_sigma
+from smsid.identify.usable import usable
 from smsid.likelihood.timeline import POINTS, Timeline
-from smsid.likelihood.usable import usable
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -66,8 +66,8 @@ class Channel:
         """Matrix (k, k) that makes the noise of a sample white with unit variance."""
         return np.linalg.inv(np.linalg.cholesky(self.covariance))
 
-    def only(self, kept: np.ndarray) -> Channel:
-        """Return the channel with some of its samples (N,)."""
+    def only(self, kept: np.ndarray, *, counted: bool = True) -> Channel:
+        """Return the channel with some of its samples (N,); ``counted``: the others as dropped."""
         coarse = csr_array(self.coarse_weights[kept])
         return replace(
             self,
@@ -76,7 +76,7 @@ class Channel:
             weights=csr_array(self.weights[kept]),
             coarse_weights=coarse,
             root=gram_root(coarse),
-            dropped=self.dropped + int(np.count_nonzero(~kept)),
+            dropped=self.dropped + (int(np.count_nonzero(~kept)) if counted else 0),
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Channel:

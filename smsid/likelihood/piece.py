@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.sparse import csr_array
 
+from smsid.identify.usable import outliers
 from smsid.likelihood.channels import Channel, described_sigma, measured_channels, present, spanned
 from smsid.likelihood.drive import Drive, measured_drive
 from smsid.likelihood.input_noise import with_input_noise
@@ -16,7 +17,6 @@ from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
 from smsid.likelihood.timeline import Timeline
-from smsid.likelihood.usable import outliers
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

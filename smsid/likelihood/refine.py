@@ -10,10 +10,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, RecordingError
+from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import Identification
-from smsid.likelihood.clocks import doubtful_clocks
+from smsid.likelihood.clocks import GUARD, away_from_jumps, carried, doubtful_clocks
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit, fit
@@ -30,6 +30,8 @@ from smsid.likelihood.unseen import UnseenDirection, unseen_directions
 from smsid.likelihood.unseen import notes as unseen_notes
 from smsid.model import build_model
 from smsid.recording import Recording
+
+ROUNDS = 6  # of searches for clocks
 
 
 @dataclass(frozen=True)
@@ -110,22 +112,24 @@ def _refine(
         points = [Point(p, locals_) for p in candidates(described, start)]
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
-    found = fit(pieces, first, prior)
-    doubtful = sorted({n for x in _doubts(found) for n in x})
-    if doubtful:
+    found = _searched(pieces, first, prior)
+    doubtful: list[str] = []
+    while worst := _most_doubtful(found):
+        doubtful.append(worst)
         clocks = replace(nuisance, clocks=(*nuisance.clocks, *doubtful))
         pairs = [piece_of(model, r, clocks) for r in recordings]
-        both = zip(found.point.locals, pairs, strict=True)
-        locals_ = tuple(replace(local, clock=own.clock) for local, (_, own) in both)
-        again = Point(found.point.parameters, locals_)
-        found = fit([p for p, _ in pairs], again, prior)
+        locals_ = [
+            replace(local, clock={**own.clock, **local.clock})
+            for local, (_, own) in zip(found.point.locals, pairs, strict=True)
+        ]
+        found = _searched([p for p, _ in pairs], Point(found.point.parameters, tuple(locals_)), prior)
     searched = time.perf_counter()
     at = found.point.parameters
     pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
     predictions = [x for p, x in pairs_ if not p.drive.held]
     combinations, notes = reported(at, described, predictions)
     if doubtful:
-        notes.append(f"clocks that do not agree with the rest, estimated too: {', '.join(doubtful)}")
+        notes.append(f"clocks that do not agree with the rest, estimated too: {', '.join(sorted(doubtful))}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
     seen = jacobian @ covariance
@@ -171,10 +175,28 @@ def _check(recording: Recording) -> None:
             raise
 
 
-def _doubts(found: Fit) -> list[tuple[str, ...]]:
+def _searched(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
+    """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
+    for _ in range(ROUNDS):
+        own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
+        found = fit(own, start, prior)
+        moved = carried(start.locals, found.point.locals, found.pieces)
+        if moved < GUARD / 2:
+            return found
+        start = Point(found.point.parameters, found.point.locals)
+    raise NotIdentifiableError(
+        f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",
+        advice="Correct the sensors' clocks first: `smsid.recording.lag.estimate_lag` compares two of them.",
+        moved=moved,
+    )
+
+
+def _most_doubtful(found: Fit) -> str | None:
+    """The sensor whose clock agrees least with the rest, if one does not."""
     seen = found.seen
     parts = zip(found.pieces, seen.predictions, seen.residuals, strict=True)
-    return [doubtful_clocks(p, seen.point.parameters, x, r) for p, x, r in parts]
+    scores = [x for p, y, r in parts for x in doubtful_clocks(p, seen.point.parameters, y, r).items()]
+    return max(scores, key=lambda x: x[1])[0] if scores else None
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from smsid.likelihood.usable import outliers, spikes
+from smsid.identify.usable import outliers, spikes
 
 DEGREE = 5
 CLEANINGS = 3

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from smsid.errors import RecordingError
+from smsid.identify.usable import outliers, spikes, usable
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.local import Nuisance
 from smsid.likelihood.piece import piece_of
 from smsid.likelihood.spline import Samples, fit_motion
-from smsid.likelihood.usable import outliers, spikes, usable
 from smsid.recording import Recording
 
 from . import twin
