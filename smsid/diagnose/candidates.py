@@ -43,7 +43,7 @@ class Candidate:
         return self.kind, self.location, self.shape
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
-        """Return the parameters it frees as unknowns without prior."""
+        """Return the parameters it frees as unknowns, without prior where its effect states none."""
         if self.effect is None:
             by_name = {u.name: u for u in nominal}
             return tuple(by_name[name].unbound() for name in self.free)
@@ -51,7 +51,8 @@ class Candidate:
         found = []
         for name, step in zip(self.free, self.steps, strict=True):
             p = by_name_[name]
-            found.append(Unknown(name, "effect", p.unit, p.value, np.inf, step, lower=p.lower, upper=p.upper))
+            sigma = np.inf if p.sigma is None else p.sigma
+            found.append(Unknown(name, "effect", p.unit, p.value, sigma, step, lower=p.lower, upper=p.upper))
         return tuple(found)
 
     def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
@@ -75,6 +76,17 @@ class Candidate:
         mine = [e for e in point.description.effect if e.name == self.effect.name]
         return mine[0] if mine else self.effect
 
+    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+        """Return its score on a fit, from its whitened columns (N rows, d)."""
+        left = found.left(columns)
+        raw = np.einsum("ij,ij->j", columns, columns)
+        estimate, covariance, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
+        excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
+        if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
+            ratio = 0.0
+        freedom = int((values > EXCITED).sum())
+        return Score(self, ratio, freedom, estimate, covariance, excited, left, found.taken(columns))
+
 
 @dataclass(frozen=True)
 class Score:
@@ -96,8 +108,12 @@ class Score:
 
     @property
     def p_value(self) -> float:
-        """Chance of a ratio as large when the candidate is not there, before correction."""
-        return float(chi2.sf(self.ratio, self.freedom)) if self.freedom else 1.0
+        """Chance of a ratio as large when the candidate is not there; variants are corrected for, other
+        candidates are not.
+        """
+        return (
+            min(1.0, self.candidate.grid * float(chi2.sf(self.ratio, self.freedom))) if self.freedom else 1.0
+        )
 
     def information_gain(self, samples: int) -> float:
         """Return the gain in Bayes's information criterion, searched variants paid for."""
@@ -125,28 +141,34 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
 
 def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
     """Return the score of a candidate, the fitted parameters free to move within their priors."""
-    left = found.left(columns)
-    slope = left.T @ found.residual
-    raw = np.einsum("ij,ij->j", columns, columns)
+    return candidate.scored(found, columns)
+
+
+def least_squares(
+    gram: np.ndarray, slope: np.ndarray, raw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Return estimate (d,), covariance (d, d), gain in chi-squared, and the shares of information left (d,).
+
+    ``gram`` and ``slope`` are of columns with the nuisance projected out, ``raw`` (d,) their squares before:
+    directions of which less than `EXCITED` is left count as not excited.
+    """
     size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
-    values, vectors = np.linalg.eigh((left.T @ left) / np.outer(size, size))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     keep = values > EXCITED
-    excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
     directions = vectors[:, keep] / np.sqrt(values[keep])
     scaled = directions.T @ (slope / size)
-    estimate = (directions @ scaled) / size
     covariance = (directions @ directions.T) / np.outer(size, size)
-    ratio = float(scaled @ scaled)
-    if len(estimate) == 1 and not _allowed(candidate, estimate):
-        ratio = 0.0
-    return Score(candidate, ratio, int(keep.sum()), estimate, covariance, excited, left, found.taken(columns))
+    return (directions @ scaled) / size, covariance, float(scaled @ scaled), values
 
 
 def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:
     if candidate.effect is None:
         return True
-    p = next(p for p in candidate.effect.parameters() if p.name == candidate.free[0])
-    return p.lower <= p.value + candidate.steps[0] * float(estimate[0])
+    by_name = {p.name: p for p in candidate.effect.parameters()}
+    return all(
+        by_name[n].lower <= by_name[n].value + step * float(x)
+        for n, step, x in zip(candidate.free, candidate.steps, estimate, strict=True)
+    )
 
 
 def correlation(first: Score, second: Score) -> float:

@@ -24,7 +24,8 @@ class Block:
     """One channel: its rows in the stacked measurement, and how the sensor's errors act on it.
 
     The reading is ``gain @ x + bias`` of the ideal x, late by ``delay`` [s] (attitudes: bias and gain do not
-    act; a misalignment is part of `bias` as rotation vector). ``stations`` are those of an appendage.
+    act; a misalignment is part of `bias` as rotation vector). ``later`` are biases that begin at a time [s].
+    ``stations`` are those of an appendage.
     """
 
     sensor: Sensor
@@ -35,7 +36,15 @@ class Block:
     gain: np.ndarray
     bias: np.ndarray
     delay: float
-    plain: bool  # it reads what is there
+    plain: bool  # it reads what is there, but for `later`
+    later: tuple[tuple[float, np.ndarray], ...] = ()
+
+    def begun(self, times: np.ndarray) -> np.ndarray:
+        """Return what `later` adds to the reading at times (N,): (N, rows of the block)."""
+        out = np.zeros((len(times), self.rows.stop - self.rows.start))
+        for start, bias in self.later:
+            out[times >= start] += np.resize(bias, out.shape[1])
+        return out
 
     @property
     def channel(self) -> str:
@@ -77,6 +86,9 @@ class Measured:
             if block.quantity == "attitude" and rotation is not None:
                 turn = rotation.T @ _matrix(self.attitude[block.channel][k])
                 out[block.rows] = pin.log3(turn) - predicted[block.rows]
+            for start, bias in block.later:
+                if self.times[k] >= start:
+                    out[block.rows] -= np.resize(bias, block.rows.stop - block.rows.start)
         return out
 
     def with_blocks(self, sensors: Sequence[Sensor]) -> Measured:
@@ -193,23 +205,32 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     still = errors
     gain, bias = np.eye(width), np.zeros(width)
     if quantity == "attitude":
-        bias = np.asarray(errors.bias, dtype=float) + np.asarray(errors.misalignment, dtype=float)
-        bias = np.broadcast_to(bias, 3).copy()
-        return Block(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any())
+        whole, part = _begins(np.broadcast_to(np.asarray(errors.bias, dtype=float), 3), errors.bias_from)
+        bias = whole + np.asarray(errors.misalignment, dtype=float)
+        return Block(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any(), part)
     turn = sensor.rotation if any(sensor.orientation) and width == 3 else np.eye(width)
     if still.misaligned:
         turn_by = pin.exp3(np.asarray(still.misalignment, dtype=float))
         gain = turn_by.T
     scale = np.broadcast_to(np.asarray(still.scale_error, dtype=float), (width,))
     gain = (1.0 + scale)[:, None] * gain
-    bias = np.broadcast_to(np.asarray(still.bias, dtype=float), (width,)).copy()
+    bias, later = _begins(np.broadcast_to(np.asarray(still.bias, dtype=float), (width,)), still.bias_from)
     for key, own in errors.components.items():
         if key.isdigit():  # of one axis, joint or wheel
             gain[int(key)] *= 1.0 + own.scale_error
-            bias[int(key)] += own.bias
+            whole, part = _begins(own.bias * np.eye(width)[int(key)], own.bias_from)
+            bias, later = bias + whole, (*later, *part)
     gain, bias = turn @ gain @ turn.T, turn @ bias
+    later = tuple((start, turn @ x) for start, x in later)
     plain = not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
-    return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain)
+    return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later)
+
+
+def _begins(bias: np.ndarray, start: float | None) -> tuple[np.ndarray, tuple[tuple[float, np.ndarray], ...]]:
+    """Return the part of a bias that is there all the time, and the part that begins midway."""
+    if start is None or not bias.any():
+        return bias.copy(), ()
+    return np.zeros_like(bias), ((start, bias.copy()),)
 
 
 class Outputs:
@@ -236,6 +257,16 @@ class Outputs:
                 h[block.rows] = block.bias
         return h, cq, cv, ca
 
+    def twisted(self, h: np.ndarray, tau: np.ndarray, a: np.ndarray) -> None:
+        """Add to predictions h (rows,) what encoders see of gears that give at once, under forces tau (nv,).
+
+        How that depends on the state is left out: the compliance of such a gear times a rotor's inertia.
+        """
+        if self.model.twists:
+            for block in self.data.blocks:
+                if block.quantity == "joint_position":
+                    h[block.rows] += block.gain @ self.model.encoder_twist(tau, a)
+
     def all(self, s: States) -> np.ndarray:
         """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone."""
         out = np.empty((len(s.time), self.data.rows))
@@ -244,9 +275,10 @@ class Outputs:
             for block in (b for b in self.data.blocks if b.sensor.name == sensor.name):
                 if block.quantity == "attitude":
                     out[:, block.rows] = block.bias
-                    continue
-                x = ideal[block.channel].reshape(len(s.time), -1, len(block.gain))
-                out[:, block.rows] = (x @ block.gain.T + block.bias).reshape(len(s.time), -1)
+                else:
+                    x = ideal[block.channel].reshape(len(s.time), -1, len(block.gain))
+                    out[:, block.rows] = (x @ block.gain.T + block.bias).reshape(len(s.time), -1)
+                out[:, block.rows] += block.begun(s.time)
         return out
 
     def _linear(self, block: Block) -> Callable[..., None]:

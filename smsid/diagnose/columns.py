@@ -146,6 +146,8 @@ class Changes:
         states = self._states(where)
         known = self._own_passive[where] if origin is self.model else self._passive(origin, states)
         out = self._passive(model, states) - known
+        if any(a != b for a, b in zip(origin.pin.jointPlacements, model.pin.jointPlacements, strict=True)):
+            return out - _inverse(model, states) + _inverse(origin, states)
         theta = _inertial(model) - _inertial(origin)
         changed = np.flatnonzero(theta)
         if len(changed):
@@ -177,7 +179,7 @@ class Changes:
             not np.array_equal(a.scale, b.scale) or a.appendage != b.appendage or a.drawn is not b.drawn
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )
-        if before == after and not scaled:
+        if before == after and not (scaled or origin.twists or model.twists):
             return None
         old, new = (self.problem.data.with_blocks(s) for s in (before, after))
         out = Outputs(model, new).all(self.run.states) - Outputs(origin, old).all(self.run.states)
@@ -185,6 +187,13 @@ class Changes:
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
         return out
+
+
+def _inverse(model: SpacecraftModel, states: States) -> np.ndarray:
+    """Return the generalised forces (N, nv) that the bodies' motion takes."""
+    data = model.pin.createData()
+    rows = zip(states.q, states.v, states.a, strict=True)
+    return np.array([pin.rnea(model.pin, data, q, v, a) for q, v, a in rows])
 
 
 def _inertial(model: SpacecraftModel) -> np.ndarray:

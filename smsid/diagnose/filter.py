@@ -150,9 +150,10 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         lin = plant.linear(times[k], q, v, drive.at[k])
         at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
         if late.any():
-            h, cq, cv, ca = _delayed(outputs, late, q, v, lin.a, plant)
+            h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v, drive.at[k]), lin.a, plant)
         else:
             h, cq, cv, ca = outputs.predict(q, v, lin.a)
+        outputs.twisted(h, drive.at[k], lin.a)
         big_h = np.hstack([cq + ca @ lin.by_q, cv + ca @ lin.by_v])
         predicted[k] = h
         residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
@@ -218,13 +219,20 @@ class _Store:
 
 
 def _delayed(
-    outputs: Outputs, late: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, plant: Plant
+    outputs: Outputs,
+    late: np.ndarray,
+    t: float,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    a: np.ndarray,
+    plant: Plant,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Predict what late sensors read: the state carried back by each delay, acceleration held."""
+    """Predict what late sensors read: the state (q, v, tau) carried back by each delay, forces held."""
+    q, v, tau = state
     full = outputs.predict(q, v, a)
     for delay in np.unique(late[late != 0.0]):
         back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * a)
-        then = outputs.predict(back, v - delay * a, a)
+        before = v - delay * a
+        then = outputs.predict(back, before, plant.acceleration(t - delay, back, before, tau))
         for block, own in zip(outputs.data.blocks, late, strict=True):
             if own == delay:
                 for now, old in zip(full, then, strict=True):
@@ -265,8 +273,8 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
         sigma[0:3], sigma[3:6], sigma[nv : nv + 3], sigma[nv + 3 : nv + 6] = 0.1, 0.01, 0.05, 0.005
     sigma[model.arm_joints.v], sigma[nv + model.arm_joints.v] = 0.01, 0.01
     sigma[model.wheels.v], sigma[nv + model.wheels.v] = 1e-3, 1.0
-    hidden = [np.arange(s.v.start, s.v.stop) for s in model.slosh] + [model.modes.v]
-    index = np.concatenate(hidden).astype(int)
+    known = (np.arange(6 if model.free else 0), model.arm_joints.v, model.wheels.v)
+    index = np.setdiff1d(np.arange(nv), np.concatenate(known))  # slosh, modes, and whatever else effects add
     sigma[index], sigma[nv + index] = problem.noise.hidden
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9
     return np.diag(sigma**2)

@@ -11,9 +11,11 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
+from smsid.diagnose.additions import more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.point import Point, Unknown
+from smsid.diagnose.searched import Imbalance, Leak
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
@@ -22,6 +24,7 @@ from smsid.model.regressor import INERTIAL_NAMES
 LOGGER = logging.getLogger(__name__)
 AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
+ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
 
 
 def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[Candidate]:
@@ -35,7 +38,9 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
         *_joints(point, problem),
         *_bodies(point, nominal),
         *_fuel(point, nominal),
+        *more_slosh(point, problem),
         *_panels(point, nominal),
+        *more_modes(point, problem),
         *_outside(point, problem),
         *_sensors(point, problem),
         *_users(point),
@@ -79,6 +84,10 @@ def _one(
     yield Candidate(kind, location, family, shape, effect, names, tuple(free.values()), more)
 
 
+def _as(cls: type[Candidate], c: Candidate, **more: Any) -> Candidate:
+    return cls(c.kind, c.location, c.family, c.shape, c.effect, c.free, c.steps, c.also, **more)
+
+
 def _vector(key: str, step: float) -> dict[str, float]:
     return {f"{key}.{axis}": step for axis in AXES}
 
@@ -86,6 +95,7 @@ def _vector(key: str, step: float) -> dict[str, float]:
 def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
     model = point.base
     held = set(problem.locked.tolist())
+    mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
     for group, wheel in ((model.arm_joints, False), (model.wheels, True)):
         for name, v in zip(group.names, group.v, strict=True):
             if int(v) in held:
@@ -97,9 +107,11 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             late = {"actuator": name}
             yield from _one("actuator_delay", name, "actuator", "delay", late, {"delay": 1e-3})
             if wheel:
-                on = {"wheel": name}
-                imbalance = {"static": 1e-4}
-                yield from _one("wheel_imbalance", name, "actuator", "imbalance", on, imbalance)
+                for size, step in (("static", 1e-4), ("dynamic", 1e-4)):
+                    free = {size: step, "phase": 1e-2}
+                    shape = f"{size} imbalance"
+                    for c in _one("wheel_imbalance", name, "actuator", shape, {"wheel": name}, free):
+                        yield _as(Imbalance, c, joint=model.pin.getJointId(name))
                 continue
             yield from _one("joint_friction", name, "friction", "load-dependent", at, {"load": 1e-3})
             varying = {"position_cos": 1e-3, "position_sin": 1e-3}
@@ -108,6 +120,12 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck)
             none = at | {"inertia": 0.0}
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
+            gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
+            rotor = ROTOR * float(mass[v])
+            gear["prior"] = {"motor_inertia": rotor}
+            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
+            yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
+            yield from _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, ["turn_torque"])
 
 
 def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -136,7 +154,9 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
         where = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
-        yield from _one("mass_loss", where["frame"], "inertia", "mass loss", where, {"rate": 1e-3})
+        free = {"rate": 1e-3, **_vector("position", 0.1)}
+        for c in _one("mass_loss", where["frame"], "inertia", "mass loss", where, free):
+            yield _as(Leak, c)
 
 
 def _shift(
@@ -243,9 +263,8 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                     "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
                 )
             elif q == "attitude":
-                yield from _one(
-                    "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
-                )
+                # turned axes of an attitude sensor are, to first order, a bias of its rotation vector
+                yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
             else:
                 group = point.base.wheels if q == "wheel_rate" else point.base.arm_joints
                 for label in group.names:

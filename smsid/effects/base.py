@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
@@ -267,6 +268,17 @@ def _flatten(value: Any) -> list[tuple[str, float]]:
     if isinstance(value, tuple):
         return [(f".{axis}", float(x)) for axis, x in zip(AXES[len(value)], value, strict=True)]
     return [("", float(np.float64(value)))]
+
+
+@dataclass(frozen=True)
+class Twist:
+    """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
+
+    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times the joint's acceleration.
+    """
+
+    angle: Callable[[np.ndarray], np.ndarray]
+    inertia: float
 
 
 ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]

@@ -4,6 +4,10 @@ The motor's angle, as seen at the joint, is the joint's plus the twist phi of th
 its own that moves no link. With rotor inertia I at the joint the kinetic energy gains ``1/2 I (qd +
 phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays on the link's side. Source:
 Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
+
+A gear too stiff to ring within a sample is ``quasistatic``: its twist follows the torque it hands on at once,
+which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then, and the encoder on the
+motor's side reads the joint's angle and the twist; the rate of the twist is left out.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.base import Effect, Twist, physical, register
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -31,23 +35,36 @@ class ElasticGear(Effect):
     encoder: Literal["motor", "link"] = Field(
         default="motor", description="side of the gear on which the joint's encoder sits"
     )
+    inertia_in_link: bool = Field(
+        default=False, description="whether the link's inertia about the joint counts the rotor already"
+    )
+    quasistatic: bool = Field(
+        default=False, description="whether the twist follows the torque at once, without a joint of its own"
+    )
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
         raise NotImplementedError
 
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return the twist [rad] at rest under torques [N m] of any shape."""
+        raise NotImplementedError
+
     @model_validator(mode="after")
     def _rotor_has_inertia(self) -> ElasticGear:
-        if not self.rigid() and self.motor_inertia <= 0.0:
-            raise ValueError("a gear that gives needs a positive `motor_inertia`")
+        if not (self.quasistatic or self.rigid()) and self.motor_inertia <= 0.0:
+            raise ValueError("a gear that gives needs a positive `motor_inertia`, or to be `quasistatic`")
         return self
 
     def twist(self, assembly: Assembly) -> int | None:
-        """Add the rotor; return the joint of the twist, or ``None`` for a rigid gear."""
+        """Add the rotor; return the joint of the twist, or ``None`` for a rigid or quasistatic gear."""
         number, model, inertia = assembly.joint_id(self.joint), assembly.model, self.motor_inertia
         link = model.joints[number].idx_v
-        if self.rigid():
-            model.armature[link] += inertia
+        counted = 0.0 if self.inertia_in_link else inertia
+        if self.rigid() or self.quasistatic:
+            model.armature[link] += counted
+            if not self.rigid() and self.encoder == "motor":
+                assembly.twists[number] = Twist(self.bent, inertia)
             return None
         joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
         gear = model.joints[joint].idx_v
@@ -55,7 +72,7 @@ class ElasticGear(Effect):
 
         def coupling(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             mass = np.zeros((len(v), len(v)))
-            mass[link, link] = mass[link, gear] = mass[gear, link] = inertia
+            mass[link, link], mass[link, gear], mass[gear, link] = counted, inertia, inertia
             return mass, np.zeros(len(v))
 
         def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
@@ -83,6 +100,10 @@ class GearCompliance(ElasticGear):
         """Whether the gear does not give."""
         return self.compliance == 0.0
 
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return compliance times torque."""
+        return self.compliance * torque
+
     def attach(self, assembly: Assembly) -> None:
         """Add rotor, spring and damper."""
         joint = self.twist(assembly)
@@ -108,10 +129,17 @@ class Backlash(ElasticGear):
     contact_damping: float = physical(
         "N m s/rad", lower=0.0, default=0.0, description="of the teeth when they touch"
     )
+    turn_torque: float = physical(
+        "N m", lower=1e-6, default=0.3, description="torque that takes the motor across, when quasistatic"
+    )
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
         return self.gap == 0.0
+
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return half the gap, to the side the motor pushes; the teeth do not give."""
+        return 0.5 * self.gap * np.tanh(torque / self.turn_torque)
 
     def attach(self, assembly: Assembly) -> None:
         """Add rotor and teeth."""

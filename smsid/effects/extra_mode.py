@@ -32,7 +32,7 @@ class ExtraMode(Effect):
     kind: Literal["extra_mode"] = "extra_mode"
     appendage: str = Field(description="name of the appendage, which stands before this effect")
     mass: float = physical("kg", lower=0.0, default=0.0, description="modal mass, the square of L_t")
-    position: Vector3 = Field(description="where it sits, appendage axes [m]")
+    position: Vector3 = physical("m", description="where it sits, appendage axes")
     direction: Vector3 = Field(default=(0.0, 0.0, 1.0), description="along which it moves, appendage axes")
     frequency: float = physical("Hz", lower=0.0, gt=0.0, description="of the clamped mode")
     damping: float = physical("1", lower=0.0, default=0.005, description="damping ratio")

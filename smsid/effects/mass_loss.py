@@ -31,7 +31,7 @@ class MassLoss(Starting):
     strength: ClassVar[tuple[str, ...]] = ("rate",)
     kind: Literal["mass_loss"] = "mass_loss"
     frame: str | None = Field(default=None, description="frame it leaves from; the bus frame when not given")
-    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="where it leaves, in `frame` [m]")
+    position: Vector3 = physical("m", default=(0.0, 0.0, 0.0), description="where it leaves, in `frame`")
     rate: float = physical("kg/s", lower=0.0, description="mass lost per time")
 
     def attach(self, assembly: Assembly) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from smsid.effects.base import Effect, physical, register
-from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -76,19 +75,9 @@ class MotorCoupling(Effect):
         return self.ratios or (1.0,) * len(self.joints)
 
     def attach(self, assembly: Assembly) -> None:
-        """Add the friction of s as a generalised force.
-
-        Raises:
-            DescriptionError: the motor has inertia; Pinocchio's forward dynamics knows rotors of single
-                joints only. Identification from torques (`smsid.arm`) needs no forward dynamics and takes it.
+        """Add the friction of s as a generalised force, and the rotor's inertia ``inertia w w'`` on the
+        joints' rates.
         """
-        if self.inertia > 0.0:
-            raise DescriptionError(
-                f"'{self.name}' has inertia {self.inertia:g} kg m^2 on a sum of joints, which cannot be "
-                "simulated.",
-                advice="Set its inertia to zero, or share it out over `motor_inertia` effects of the joints.",
-                effect=self.name,
-            )
         index = np.array([assembly.model.joints[assembly.joint_id(name)].idx_v for name in self.joints])
         weights = np.asarray(self.weights)
         viscous, coulomb, smoothing = self.viscous, self.coulomb, self.smoothing
@@ -97,4 +86,14 @@ class MotorCoupling(Effect):
             rate = weights @ v[index]
             tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
 
-        assembly.add_force(force)
+        if viscous or coulomb:
+            assembly.add_force(force)
+        if self.inertia > 0.0:
+            shared = np.outer(weights, weights) * self.inertia
+
+            def rotor(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+                matrix = np.zeros((v.size, v.size))
+                matrix[np.ix_(index, index)] = shared
+                return matrix, np.zeros(v.size)
+
+            assembly.add_inertia_term(rotor)

@@ -9,6 +9,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -29,17 +30,32 @@ class Slosh(Effect):
     kind: Literal["slosh"] = "slosh"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     position: Vector3 = Field(description="equilibrium c_s of the mass in `frame` [m]")
-    mass: float = physical("kg", lower=0.0, gt=0.0, description="m_s, beside the mass of the bus")
+    offset: Vector3 | None = physical(
+        "m", default=None, description="of the equilibrium from `position`, where that is uncertain"
+    )
+    mass: float = physical(
+        "kg", lower=0.0, gt=0.0, description="m_s, beside the mass of the body that carries it"
+    )
     stiffness: Vector3 = physical("N/m", lower=0.0, description="of the springs along the axes of `frame`")
     damping: Vector3 = physical("N s/m", lower=0.0, description="of the dampers along the axes of `frame`")
+    mass_in_bus: bool = Field(
+        default=False, description="whether the body that carries it counts the mass already; it is taken out"
+    )
+
+    @property
+    def equilibrium(self) -> np.ndarray:
+        """c_s (3,) in `frame` [m]."""
+        return np.asarray(self.position) + (0.0 if self.offset is None else np.asarray(self.offset))
 
     def attach(self, assembly: Assembly) -> None:
         """Add a translation joint carrying the point mass, with its springs and dampers."""
-        placement = pin.SE3(np.eye(3), np.asarray(self.position))
+        placement = pin.SE3(np.eye(3), self.equilibrium)
         joint = assembly.add_joint(self.frame, pin.JointModelTranslation(), placement, self.name)
         assembly.add_inertia(joint, pin.Inertia(self.mass, np.zeros(3), np.zeros((3, 3))))
         assembly.add_springs(joint, self.stiffness, self.damping)
         assembly.note_slosh(self.name, joint)
+        if self.mass_in_bus:
+            assembly.add_remainder(self.frame, point_parameters(-self.mass, np.zeros(3)), placement)
 
 
 @register

@@ -40,9 +40,12 @@ class WheelImbalance(Effect):
     def attach(self, assembly: Assembly) -> None:
         """Add first moment and product of inertia to the wheel."""
         joint = assembly.joint_id(self.wheel)
-        if not (self.static or self.dynamic):
-            return
-        model = assembly.model
+        if self.static or self.dynamic:
+            theta = self.inertia(assembly.model, joint)
+            assembly.add_inertia_term(extra_inertia(assembly.model, joint, lambda t: theta))
+
+    def inertia(self, model: pin.Model, joint: int) -> np.ndarray:
+        """Return its inertial parameters (10,) in the frame of the wheel's joint."""
         jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), joint)
         axis = jacobian[3:, model.joints[joint].idx_v]
         reference = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
@@ -51,5 +54,4 @@ class WheelImbalance(Effect):
         radial = np.cos(self.phase) * first + np.sin(self.phase) * np.cross(axis, first)
         product = -self.dynamic * (np.outer(axis, radial) + np.outer(radial, axis))
         rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
-        theta = np.concatenate([[0.0], self.static * radial, product[rows, columns]])
-        assembly.add_inertia_term(extra_inertia(model, joint, lambda t: theta))
+        return np.concatenate([[0.0], self.static * radial, product[rows, columns]])

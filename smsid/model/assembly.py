@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import ForceTerm, InertiaTerm
+from smsid.effects.base import ForceTerm, InertiaTerm, Twist
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class Assembly:
     inertias: list[InertiaTerm] = field(default_factory=list)
     breakpoints: list[float] = field(default_factory=list)  # times at which a force jumps [s]
     motors: dict[int, int] = field(default_factory=dict)  # joint: joint whose angle the encoder adds
+    twists: dict[int, Twist] = field(default_factory=dict)  # joint: twist that its encoder adds at once
     slosh: dict[str, int] = field(default_factory=dict)
     appendages: list[AppendageJoints] = field(default_factory=list)
 

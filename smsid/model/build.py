@@ -104,6 +104,11 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         inertial=inertial,
         breakpoints=tuple(sorted(set(assembly.breakpoints))),
         motors=_motors(model, all_joints, assembly.motors),
+        twists=tuple(
+            (i, int(all_joints.v[i]), assembly.twists[int(j)])
+            for i, j in enumerate(all_joints.joints)
+            if int(j) in assembly.twists
+        ),
         source=source,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description.schema import Description
-from smsid.effects.base import ForceTerm
+from smsid.effects.base import ForceTerm, Twist
 from smsid.model.assembly import AppendageJoints
 from smsid.model.inertial_forces import InertialForces
 
@@ -99,6 +99,7 @@ class SpacecraftModel:
     inertial: InertialForces | None = None
     breakpoints: tuple[float, ...] = ()
     motors: tuple[tuple[int, int, int], ...] = ()  # index of the arm joint, q and v of what its encoder adds
+    twists: tuple[tuple[int, int, Twist], ...] = ()  # index of the arm joint, its v, what its encoder adds
     source: Source | None = None
 
     @property
@@ -183,6 +184,16 @@ class SpacecraftModel:
         for i, _, k in self.motors:
             rates[..., i] += v[..., k]
         return rates
+
+    def encoder_twist(self, tau: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return what encoders of the arm joints see of gears that give at once: (..., joints) [rad].
+
+        ``tau`` (..., nv) are the applied forces, ``a`` (..., nv) the accelerations.
+        """
+        out = np.zeros((*np.shape(tau)[:-1], len(self.arm_joints)))
+        for i, k, twist in self.twists:
+            out[..., i] += twist.angle(tau[..., k] - twist.inertia * a[..., k])
+        return out
 
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return a copy of q (nq,) with the arm joints at these angles."""

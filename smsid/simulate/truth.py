@@ -71,7 +71,8 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
             }
         case "encoder":
             found = {
-                "joint_position": _unwrapped(model.encoder_angles(s.q)),
+                "joint_position": _unwrapped(model.encoder_angles(s.q))
+                + model.encoder_twist(s.tau + s.reaction, s.a),
                 "joint_velocity": model.encoder_rates(s.v),
             }
         case "tachometer":

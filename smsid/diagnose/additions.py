@@ -1,0 +1,72 @@
+"""Candidates that add joints: a tank more, a bending mode more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from smsid.diagnose.filter import Problem
+from smsid.diagnose.oscillating import Oscillating, Springs
+from smsid.diagnose.point import Point
+from smsid.effects.appendage import Appendage
+from smsid.model.regressor import body_names
+
+SLOSH = (0.03, 1.0)  # [Hz] between which a tank's frequency is looked for
+MODE = (0.08, 3.0)  # [Hz] the same of a bending mode
+RATIO = 1.13  # of neighbours in the grid
+CYCLES = 1.5  # least number of them in a recording
+PER_CYCLE = 5.0  # least number of samples
+
+
+def more_slosh(point: Point, problem: Problem) -> Iterator[Oscillating]:
+    """Yield the candidate of one more slosh mass in the bus."""
+    model = point.base
+    if not model.free:
+        return
+    springs = Springs(np.zeros(3), np.eye(3), np.eye(3))
+    name = _unused(point, "slosh_more")
+    grid = _grid(problem, SLOSH)
+    yield Oscillating(
+        "slosh", body_names(model.pin)[0], "slosh", "another slosh mass", None, (), (),
+        name=name, springs=springs, frequencies=grid,
+    )  # fmt: skip
+
+
+def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
+    """Yield the candidate of one more mode of every appendage of the bus, that bends as its first does."""
+    model = point.base
+    for joints in model.appendages:
+        part: Appendage = joints.appendage
+        if not model.free or joints.parent != 1:
+            continue
+        bending = [m for m in part.modal_data() if np.linalg.norm(m.translation) > 0.0]
+        if not bending:
+            continue
+        along = np.asarray(bending[0].translation)
+        size = float(np.linalg.norm(along))
+        rest = np.cross(along, np.asarray(bending[0].rotation)) / size**2
+        turn, root = joints.placement.rotation, joints.placement.translation
+        across = [k for k in range(3) if k != int(np.argmax(np.abs(along)))]
+        springs = Springs(
+            root + turn @ rest, (turn @ along / size)[None], np.array([turn[:, k] for k in across])
+        )
+        yield Oscillating(
+            "extra_mode", part.name, "appendage", "another mode", None, (), (),
+            name=_unused(point, f"{part.name}_more"), springs=springs, frequencies=_grid(problem, MODE),
+            appendage=part.name, turn=turn.T, root=root,
+        )  # fmt: skip
+
+
+def _unused(point: Point, name: str) -> str:
+    taken = {e.name for e in point.description.effect}
+    return next(n for n in (name, *(f"{name}{k}" for k in range(2, 99))) if n not in taken)
+
+
+def _grid(problem: Problem, band: tuple[float, float]) -> tuple[float, ...]:
+    """Return frequencies [Hz] of a band that the recording is long and dense enough for."""
+    times = problem.data.times
+    low = max(band[0], CYCLES / float(times[-1] - times[0]))
+    high = min(band[1], 1.0 / (PER_CYCLE * float(np.median(np.diff(times)))))
+    count = max(2, int(np.ceil(np.log(max(high / low, 1.01)) / np.log(RATIO))))
+    return tuple(float(f) for f in np.geomspace(low, max(high, 1.01 * low), count))

@@ -1,0 +1,279 @@
+"""One more mass on springs - a second tank, a mode left out - as a candidate: its frequency is searched.
+
+A small mass moves by the acceleration of the place it hangs at, and what it pulls with beyond a mass bolted
+there is its own acceleration relative to the bus. Both are linear, so the motion the filter found drives unit
+masses of all frequencies at once, and mass and first moment follow by least squares. Coriolis forces and the
+displacement's own lever are left out here; the fit that follows has the whole model, with its larger state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import expm
+
+from smsid.diagnose.candidates import Score, least_squares
+from smsid.diagnose.columns import Change, Changes, propagate
+from smsid.diagnose.fit import Fit
+from smsid.diagnose.point import Unknown
+from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, moments, placed
+from smsid.effects.base import Effect
+from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.slosh import Slosh
+from smsid.simulate.trajectory import States
+
+COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
+FINE = np.geomspace(0.78, 1.28, 11)  # frequencies of the second grid, relative to the best of the first
+DAMPING = (0.004, 0.02, 0.07)
+ROUNDS = 2
+STEP = 1e-2  # [kg] and [m]
+LIGHT = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Where unit masses hang and how they move: ``place`` (3,) in the bus frame [m], ``axes`` (d, 3) along
+    which they slide, ``moves`` (k, 3) along which the place is searched.
+    """
+
+    place: np.ndarray
+    axes: np.ndarray
+    moves: np.ndarray
+
+
+def answers(
+    changes: Changes, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
+) -> list[Change]:
+    """Return what unit masses at a place add to the motion: per axis a and oscillator f, the derivatives by
+    mass and by first moment along ``moves``, in the order (a, f, 1 + k).
+
+    ``omega`` [rad/s] and ``zeta`` (f,).
+    """
+    axes, moves = springs.axes, springs.moves
+    run = changes.run
+    driven_at, driven = (_driving(s, axes, place, moves) for s in (run.states, run.middle))
+    at, middle = _forces(driven_at, driven, omega, zeta, float(np.median(np.diff(run.states.time))))
+    out = []
+    for a, axis in enumerate(axes):
+        straight = np.concatenate([axis, np.cross(place, axis)])
+        for f in range(len(omega)):
+            for j in range(1 + len(moves)):
+                parts = []
+                for force, inverse in ((middle, run.middle_inverse), (at, run.inverse)):
+                    wrench = force[:, f, a, j, None] * straight
+                    if j:
+                        wrench[:, 3:] += force[:, f, a, 0, None] * np.cross(moves[j - 1], axis)
+                    parts.append(np.matmul(inverse[:, :, :6], wrench[:, :, None])[:, :, 0])
+                out.append(Change(*parts))
+    return out
+
+
+def _driving(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """Return the acceleration (N, axes, 1 + moves) along each axis of the place, and by moves of it."""
+    omega, alpha = s.v[:, 3:6], s.a[:, 3:6]
+
+    def turned(r: np.ndarray) -> np.ndarray:
+        return np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
+
+    still = s.a[:, :3] + np.cross(omega, s.v[:, :3]) + turned(np.broadcast_to(place, alpha.shape))
+    whole = [still, *(turned(np.broadcast_to(m, alpha.shape)) for m in moves)]
+    return np.stack([x @ axes.T for x in whole], axis=2)
+
+
+def _forces(
+    at: np.ndarray, middle: np.ndarray, omega: np.ndarray, zeta: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the force of unit masses at the samples (N, f, ...) and between (N - 1, f, ...), driven by
+    accelerations (N, ...) and (N - 1, ...).
+    """
+    shape = at.shape[1:]
+    at, middle = at.reshape(len(at), -1), middle.reshape(len(middle), -1)
+    k, d = omega**2, 2.0 * zeta * omega
+    phi = np.empty((len(omega), 2, 2))
+    gamma = np.empty((len(omega), 2, 1))
+    for i in range(len(omega)):
+        whole = np.zeros((3, 3))
+        whole[0, 1], whole[1] = 1.0, (-k[i], -d[i], -1.0)
+        grown = expm(whole * step / 2.0)
+        phi[i], gamma[i] = grown[:2, :2], grown[:2, 2:]
+    x = np.zeros((len(omega), 2, at.shape[1]))
+    pull = np.stack([k, d], axis=1)[:, None, :]
+    out_at = np.empty((len(at), len(omega), at.shape[1]))
+    out_middle = np.empty((len(middle), len(omega), at.shape[1]))
+    for n in range(len(at)):
+        out_at[n] = (pull @ x)[:, 0] + at[n]
+        if n < len(middle):
+            push = gamma * middle[n]
+            x = phi @ x + push
+            out_middle[n] = (pull @ x)[:, 0] + middle[n]
+            x = phi @ x + push
+    return out_at.reshape(*out_at.shape[:2], *shape), out_middle.reshape(*out_middle.shape[:2], *shape)
+
+
+@dataclass(frozen=True)
+class Oscillating(Searched):
+    """One more mass on springs; ``frequencies`` (f,) [Hz] are those of the first grid.
+
+    ``name`` is what its effect is called; with ``appendage`` it is one more mode of that, else a tank.
+    """
+
+    name: str = ""
+    springs: Springs = field(default_factory=lambda: Springs(np.zeros(3), np.eye(3), np.eye(3)))
+    frequencies: tuple[float, ...] = ()
+    appendage: str | None = None
+    turn: np.ndarray = field(default_factory=lambda: np.eye(3))  # from the bus frame to that of `appendage`
+    root: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+        """Return for every frequency the derivatives by mass and first moment."""
+        omega = 2.0 * np.pi * np.asarray(self.frequencies)
+        found = answers(changes, self.springs, self.springs.place, omega, np.full_like(omega, COARSE))
+        width, axes = len(omega) * (1 + len(self.springs.moves)), len(self.springs.axes)
+        return [
+            _sum([found[a * width + i] for a in range(axes)], STEP * (1.0 if i % self._parts == 0 else STEP))
+            for i in range(width)
+        ]
+
+    @property
+    def _parts(self) -> int:
+        return 1 + len(self.springs.moves)
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return every frequency, at the reference place and anywhere."""
+        axes = len(self.springs.axes)
+        found = []
+        for i, f in enumerate(self.frequencies):
+            label = (np.full(axes, 2.0 * np.pi * f), np.full(axes, COARSE), self.springs.place)
+            first = i * self._parts
+            found.append(Shape((first,), label))
+            found.append(Shape(tuple(range(first, first + self._parts)), label))
+        return tuple(found)
+
+    def resolved(
+        self, shape: Shape, coefficients: np.ndarray
+    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+        """Return the mass on springs with the label's frequencies, where the first moment says."""
+        omega, zeta, place = shape.label
+        d = len(self.springs.moves)
+        offset = placed(coefficients, np.full(d, STEP))
+        mass = float(coefficients[0]) * STEP
+        effect = self._effect(max(abs(mass), LIGHT), place + offset @ self.springs.moves, omega, zeta)
+        free, steps = self._freed(effect)
+        by = np.zeros((len(shape.columns), len(free)))
+        by[:, : 1 + d] = moments(coefficients[0], offset / STEP, len(shape.columns))
+        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps)
+        return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
+
+    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+        """Return the score of the best frequency, and where that is worth it of a finer one, axis by axis."""
+        coarse = super().scored(found, columns)
+        if coarse.information_gain(found.run.samples) <= 0.0:
+            return coarse
+        fine = self._finer(found, coarse)
+        return max(coarse, fine, key=lambda s: s.information_gain(found.run.samples))
+
+    def _finer(self, found: Fit, coarse: Score) -> Score:
+        omega, zeta, place = self._label(coarse)
+        axes, parts = len(self.springs.axes), self._parts
+        score = coarse
+        for _ in range(ROUNDS):
+            grid = [(f, z) for f in FINE for z in DAMPING]
+            chosen = np.array([[o * f for f, _ in grid] for o in omega])
+            damped = np.array([z for _, z in grid])
+            changes: list[Change] = []
+            for a in range(axes):
+                one = Springs(place, self.springs.axes[a : a + 1], np.zeros((0, 3)))
+                changes += answers(found.changes, one, place, chosen[a], damped)
+            best = _choose(found, changes, axes, len(grid))
+            omega = np.array([chosen[a, i] for a, i in enumerate(best)])
+            zeta = np.array([damped[i] for i in best])
+            each = [
+                answers(
+                    found.changes,
+                    Springs(place, self.springs.axes[a : a + 1], self.springs.moves),
+                    place, omega[a : a + 1], zeta[a : a + 1],
+                )
+                for a in range(axes)
+            ]  # fmt: skip
+            summed = [_sum([e[i] for e in each], STEP * (STEP if i else 1.0)) for i in range(parts)]
+            columns = propagate(found.run, summed).reshape(-1, parts)
+            shapes = (Shape((0,), (omega, zeta, place)), Shape(tuple(range(parts)), (omega, zeta, place)))
+            tried = len(self.frequencies) * len(grid) ** axes
+            score = best_shape(self, found, columns, shapes, tried)
+            omega, zeta, place = self._label(score)
+        return score
+
+    def _label(self, score: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return frequencies [rad/s], damping ratios and place of what a score settled on."""
+        effect = score.candidate.effect
+        if isinstance(effect, ExtraMode):
+            place = self.root + self.turn.T @ np.asarray(effect.position)
+            return np.array([2.0 * np.pi * effect.frequency]), np.array([effect.damping]), place
+        assert isinstance(effect, Slosh)
+        mass = max(abs(float(score.estimate[0])) * STEP, LIGHT)
+        omega = np.sqrt(np.asarray(effect.stiffness) / mass)
+        return omega, np.asarray(effect.damping) / (2.0 * omega * mass), effect.equilibrium
+
+    def _effect(self, mass: float, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray) -> Effect:
+        if self.appendage is not None:
+            return ExtraMode(
+                name=self.name,
+                appendage=self.appendage,
+                mass=0.0,
+                position=tuple((self.turn @ (place - self.root)).tolist()),
+                direction=tuple((self.turn @ self.springs.axes[0]).tolist()),
+                frequency=float(omega[0] / (2.0 * np.pi)),
+                damping=float(zeta[0]),
+            )
+        return Slosh(
+            name=self.name,
+            position=tuple(self.springs.place.tolist()),
+            offset=tuple((place - self.springs.place).tolist()),
+            mass=LIGHT,
+            stiffness=tuple((mass * omega**2).tolist()),
+            damping=tuple((2.0 * mass * zeta * omega).tolist()),
+            mass_in_bus=True,
+        )
+
+    def _freed(self, effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Return the free parameters, mass and place first, and their steps."""
+        local = self.springs.moves @ self.turn.T
+        moved = [axis for k, axis in enumerate("xyz") if np.abs(local[:, k]).max(initial=0.0) > 0.5]
+        where = "offset" if self.appendage is None else "position"
+        names = ["mass", *(f"{where}.{axis}" for axis in moved)]
+        steps = [STEP, *(STEP for _ in moved)]
+        more = {p.name.removeprefix(f"{self.name}."): p.value for p in effect.parameters()}
+        for key in [k for k in more if k.split(".")[0] in ("stiffness", "frequency", "damping")]:
+            names.append(key)
+            steps.append(0.01 * max(more[key], 1e-6))
+        return tuple(f"{self.name}.{n}" for n in names), tuple(steps)
+
+
+def _choose(found: Fit, changes: list[Change], axes: int, choices: int) -> list[int]:
+    """Return for every axis the oscillator whose sum over the axes explains most, one mass for all."""
+    columns = propagate(found.run, changes).reshape(-1, len(changes))
+    left = found.left(columns)
+    gram, slope = left.T @ left, left.T @ found.residual
+    raw = np.einsum("ij,ij->j", columns, columns)
+    best = [choices // 2] * axes
+    for _ in range(3 if axes > 1 else 1):
+        for a in range(axes):
+            ratios = []
+            for i in range(choices):
+                index = [b * choices + (i if b == a else best[b]) for b in range(axes)]
+                one = np.ones((axes, 1))
+                part = gram[np.ix_(index, index)]
+                estimate, _, ratio, _ = least_squares(
+                    one.T @ part @ one, one.T @ slope[index], raw[index].sum(keepdims=True)
+                )
+                ratios.append(ratio if estimate[0] > 0.0 else 0.0)
+            best[a] = int(np.argmax(ratios))
+    return best
+
+
+def _sum(changes: Sequence[Change], factor: float) -> Change:
+    middle = sum(c.middle for c in changes if c.middle is not None)
+    at = sum(c.at for c in changes if c.at is not None)
+    return Change(factor * middle, factor * at)  # type: ignore[arg-type]

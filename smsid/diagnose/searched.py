@@ -1,0 +1,196 @@
+"""Candidates with shapes to choose from: an angle, a place, a frequency that the recording has to tell.
+
+What such a candidate does is linear in combinations of its parameters (a first moment is mass times place),
+so that each shape is a least-squares problem; the best becomes a plain candidate with what it found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares
+from smsid.diagnose.columns import Change, Changes
+from smsid.diagnose.fit import Fit
+from smsid.diagnose.point import Unknown
+from smsid.effects.wheel_imbalance import WheelImbalance
+
+FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
+
+
+@dataclass(frozen=True)
+class Resolved(Candidate):
+    """What a search settled on: ``effect`` has what was found, but for the strength, its first parameter."""
+
+    def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
+        """Return the parameters it frees; the strength is counted from zero."""
+        first, *rest = super().unknowns(nominal)
+        return (replace(first, nominal=0.0), *rest)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One choice: its columns among the candidate's, and what it is made from."""
+
+    columns: tuple[int, ...]
+    label: Any
+
+
+@dataclass(frozen=True)
+class Searched(Candidate):
+    """A candidate whose columns are those of several shapes."""
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return the shapes, in the order of their columns."""
+        raise NotImplementedError
+
+    def resolved(
+        self, shape: Shape, coefficients: np.ndarray
+    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+        """Return the candidate that coefficients (k,) of a shape's columns stand for.
+
+        With it the derivatives (k, d) of the coefficients by its free parameters, per step; the estimate (d,)
+        of these; and whether the effect can have them.
+        """
+        raise NotImplementedError
+
+    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+        """Return the score of the best shape; the number of shapes is paid for."""
+        return best_shape(self, found, columns, self.shapes(), self.grid)
+
+
+def best_shape(
+    candidate: Searched, found: Fit, columns: np.ndarray, shapes: Sequence[Shape], variants: int = 1
+) -> Score:
+    """Return the score of the best of some shapes of a candidate, by Bayes's criterion."""
+    left = found.left(columns)
+    gram, slope = left.T @ left, left.T @ found.residual
+    raw = np.einsum("ij,ij->j", columns, columns)
+    samples = float(np.log(found.run.samples))
+    best, most = None, -np.inf
+    for shape in shapes:
+        index = np.array(shape.columns)
+        part = np.ix_(index, index)
+        coefficients, _, ratio, values = least_squares(gram[part], slope[index], raw[index])
+        freedom = int((values > EXCITED).sum())
+        own, by, estimate, allowed = candidate.resolved(shape, coefficients)
+        gain = (ratio if allowed else 0.0) - freedom * samples
+        if gain > most:
+            best, most = (index, own, by, estimate, ratio if allowed else 0.0, freedom, values), gain
+    assert best is not None
+    index, own, by, estimate, ratio, freedom, values = best
+    _, covariance, _, _ = least_squares(
+        by.T @ gram[np.ix_(index, index)] @ by, by.T @ slope[index], (by**2).T @ raw[index]
+    )
+    own = replace(own, grid=variants * len(shapes))
+    excited = float(values.min(initial=1.0))
+    taken = found.taken(columns[:, index] @ by)
+    return Score(own, ratio, freedom, estimate, covariance, excited, left[:, index] @ by, taken)
+
+
+@dataclass(frozen=True)
+class Imbalance(Searched):
+    """A wheel's imbalance of unknown phase; ``free`` are its size and its phase.
+
+    ``joint`` is the wheel's.
+    """
+
+    joint: int = 0
+
+    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+        """Return the derivatives by the size where the phase is zero, and where it is a right angle."""
+        assert isinstance(self.effect, WheelImbalance)
+        size, phase = self.free
+        model = changes.model.pin
+        body = changes.inertial(range(10 * (self.joint - 1), 10 * self.joint))
+        found = []
+        for angle in (0.0, np.pi / 2):
+            changed = self.effect.with_values({size: self.steps[0], phase: angle})
+            assert isinstance(changed, WheelImbalance)
+            theta = changed.inertia(model, self.joint)
+            middle = sum(x * c.middle for x, c in zip(theta, body, strict=True) if x and c.middle is not None)
+            at = sum(x * c.at for x, c in zip(theta, body, strict=True) if x and c.at is not None)
+            found.append(Change(np.asarray(middle), np.asarray(at)))
+        return found
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return the one shape there is."""
+        return (Shape((0, 1), None),)
+
+    def resolved(
+        self, shape: Shape, coefficients: np.ndarray
+    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+        """Return size and phase of two components."""
+        assert self.effect is not None
+        size, phase = float(np.hypot(*coefficients)), float(np.arctan2(coefficients[1], coefficients[0]))
+        effect = self.effect.with_values({self.free[1]: phase})
+        along = np.array([np.cos(phase), np.sin(phase)])
+        across = np.array([-along[1], along[0]])
+        by = np.column_stack([along, size * self.steps[1] * across])
+        own = Resolved(
+            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
+        )
+        return own, by, np.array([size, 0.0]), True
+
+
+@dataclass(frozen=True)
+class Leak(Searched):
+    """Mass that a body loses from an unknown place; ``free`` are the rate and the place.
+
+    ``body`` is the place of the body among those of the model.
+    """
+
+    body: int = 0
+
+    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+        """Return the derivatives by the rate and by the rate times the place."""
+        first = 10 * self.body
+        found = []
+        middle, at = changes.run.middle.time[:, None], changes.run.states.time[:, None]
+        for change, step in zip(
+            changes.inertial(range(first, first + 4)), (1.0, *self.steps[1:]), strict=True
+        ):
+            assert change.middle is not None and change.at is not None
+            scale = -self.steps[0] * step
+            found.append(Change(scale * change.middle * middle, scale * change.at * at))
+        return found
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return the shapes: lost at the origin, or anywhere."""
+        return Shape((0,), None), Shape((0, 1, 2, 3), None)
+
+    def resolved(
+        self, shape: Shape, coefficients: np.ndarray
+    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+        """Return rate and place of a loss and its first moment."""
+        assert self.effect is not None
+        rate, place = float(coefficients[0]), placed(coefficients, np.array(self.steps[1:]))
+        effect = self.effect.with_values(dict(zip(self.free[1:], place.tolist(), strict=True)))
+        by = moments(coefficients[0], place / np.array(self.steps[1:]), len(shape.columns))
+        own = Resolved(
+            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
+        )
+        return own, by, np.array([rate, 0.0, 0.0, 0.0]), rate > 0.0
+
+
+def placed(coefficients: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the place (d,) [m] that coefficients (1 + d,) of a mass and its first moment stand for."""
+    if len(coefficients) == 1 or coefficients[0] == 0.0:
+        return np.zeros(len(steps))
+    place = coefficients[1:] / coefficients[0] * steps
+    return place * min(1.0, FAR / max(float(np.linalg.norm(place)), 1e-9))
+
+
+def moments(mass: float, place: np.ndarray, columns: int) -> np.ndarray:
+    """Return the derivatives (columns, 1 + d) of a mass and its first moment by mass and place (d,).
+
+    All in units of steps. With one column, the moment does not count.
+    """
+    d = len(place)
+    by = np.zeros((1 + d, 1 + d))
+    by[0, 0], by[1:, 0] = 1.0, place
+    by[1:, 1:] = mass * np.eye(d)
+    return by[:columns]

@@ -1,0 +1,95 @@
+"""A mass more on springs: its first-order signature against the filter on the whole model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from smsid.diagnose.columns import propagate
+from smsid.diagnose.filter import Noise
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.oscillating import Springs, _forces, answers
+from smsid.effects import Slosh
+
+OMEGA, ZETA = np.array([3.0, 4.0, 5.0]), np.array([0.05, 0.1, 0.02])
+
+
+@pytest.fixture(scope="module")
+def calm(problem):
+    """Slosh and modes start at rest, and that is known."""
+    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
+
+
+@pytest.fixture(scope="module")
+def plain(known, calm):
+    return evaluate(known.point, known.unknowns[:1], calm)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (-0.4, 0.3, 0.2)])
+def test_signature_is_what_a_small_tank_does(known, calm, plain, place):
+    """Innovations with one per cent of a kilogram more slosh, over the mass; all three axes apart."""
+    axes, c, small = np.eye(3), np.array(place), 0.01
+    columns = []
+    for a in range(3):
+        one = Springs(np.zeros(3), axes[a : a + 1], np.zeros((0, 3)))
+        columns += answers(plain.changes, one, c, OMEGA[a : a + 1], ZETA[a : a + 1])
+    predicted = propagate(plain.run, columns).sum(axis=2)
+    tank = Slosh(
+        name="more",
+        position=place,
+        mass=small,
+        stiffness=tuple(small * OMEGA**2),
+        damping=tuple(2 * small * ZETA * OMEGA),
+        mass_in_bus=True,
+    )
+    with_tank = evaluate(known.point.with_effect(tank), known.unknowns[:1], calm)
+    seen = -(with_tank.run.innovations - plain.run.innovations) / small
+    off = np.linalg.norm(seen - predicted) / np.linalg.norm(seen)
+    assert off < 0.05
+    shifted = np.roll(predicted, 2, axis=0)
+    assert np.linalg.norm(seen - shifted) > 3.0 * np.linalg.norm(seen - predicted)
+
+
+def test_first_moment_is_mass_times_place(plain):
+    """The signature at a place is that at the origin and of the first moment, but for squares."""
+    place, none = np.array([0.01, -0.02, 0.015]), np.zeros((0, 3))
+    origin = answers(
+        plain.changes, Springs(np.zeros(3), np.eye(3), np.eye(3)), np.zeros(3), OMEGA[:1], ZETA[:1]
+    )
+    for a in range(3):
+        parts = [origin[4 * a + j].middle for j in range(4)]
+        off, first = [], []
+        for share in (1.0, 0.5):
+            there = answers(
+                plain.changes, Springs(place, np.eye(3)[a : a + 1], none), share * place, OMEGA[:1], ZETA[:1]
+            )
+            moved = there[0].middle - parts[0]
+            linear = sum(share * x * p for x, p in zip(place, parts[1:], strict=True))
+            off.append(np.linalg.norm(moved - linear))
+            first.append(np.linalg.norm(moved))
+        assert off[0] / off[1] == pytest.approx(4.0, rel=0.02)
+        assert off[1] < 0.3 * first[1]
+
+
+def test_unit_mass_is_a_damped_oscillator():
+    """Exact for a drive held between samples, against an integrator."""
+    rng, step = np.random.default_rng(0), 0.05
+    held = rng.standard_normal(40)
+    at = np.r_[0.0, held]
+    found_at, found_middle = _forces(at, held, OMEGA[:1], ZETA[:1], step)
+
+    def rate(t, x):
+        drive = held[min(int(t / step), len(held) - 1)]
+        return [x[1], -(OMEGA[0] ** 2) * x[0] - 2 * ZETA[0] * OMEGA[0] * x[1] - drive]
+
+    x = np.zeros(2)
+    for k in range(len(held)):
+        pull = OMEGA[0] ** 2 * x[0] + 2 * ZETA[0] * OMEGA[0] * x[1]
+        np.testing.assert_allclose(found_at[k, 0], pull + at[k], atol=1e-7)
+        for half in range(2):
+            span = (k * step + half * step / 2, k * step + (half + 1) * step / 2 - 1e-12)
+            x = solve_ivp(rate, span, x, rtol=1e-9, atol=1e-11).y[:, -1]
+            if half == 0:
+                pull = OMEGA[0] ** 2 * x[0] + 2 * ZETA[0] * OMEGA[0] * x[1]
+                np.testing.assert_allclose(found_middle[k, 0], pull + held[k], atol=1e-7)
