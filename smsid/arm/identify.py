@@ -108,7 +108,7 @@ def identify_arm(
     model = rigid_arm(description)
     motion = joint_motion(model, recording, cutoff)
     filtered = time.perf_counter()
-    base = _structural_base(model)
+    base = structural_base(model)
     rows, names, units = torque_rows(model, motion.q, motion.v, motion.a)
     built = time.perf_counter()
     solved = solve_joints(rows[:, :, base.independent], motion.torque)
@@ -184,7 +184,7 @@ def torque_errors(model: SpacecraftModel, predicted: np.ndarray, measured: np.nd
     )
 
 
-def _structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameters:
+def structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameters:
     """Base parameters of the arm for any motion: from random states, so that names do not depend on the
     log.
     """

@@ -29,6 +29,18 @@ SETTLING = 2.0
 
 
 @dataclass(frozen=True)
+class JointSamples:
+    """What was recorded, at the joints: ``time`` (N,) [s], ``position`` (N, joints) [rad] and ``torque``
+    (N, joints) [N m] in the model's order, ``rate`` [Hz].
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    torque: np.ndarray
+    rate: float
+
+
+@dataclass(frozen=True)
 class JointMotion:
     """Joint motion and torque at N instants; all joints of the model, in its order.
 
@@ -71,26 +83,9 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
             uneven, or the record is shorter than the filter.
         DescriptionError: the gears do not fit.
     """
-    position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
-    if not np.array_equal(recording.time(position), recording.time(torque)):
-        raise RecordingError(
-            f"'{position}' and '{torque}' run on different clocks.",
-            advice="Bring them to one rate: recording.resampled(rate).",
-            channels=(position, torque),
-        )
-    names, place = recorded_joints(model, recording)
-    rate = uniform_rate(recording.time(position), position)
+    samples = joint_angles(model, recording)
+    rate, angles = samples.rate, samples.position
     top = rate / 50.0 if cutoff is None else float(cutoff)
-    angles, torques = np.asarray(recording[position]), np.asarray(recording[torque])
-    if MOTOR in (position.partition(".")[0], torque.partition(".")[0]):
-        gears = [e for e in model.description.effect if isinstance(e, Gear)]
-        matrix, gain = gear_matrix(gears, names)
-        if position.startswith(f"{MOTOR}."):
-            angles = np.linalg.solve(matrix, angles.T).T
-        if torque.startswith(f"{MOTOR}."):
-            torques = (torques * gain) @ matrix
-    zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
-    angles = angles + np.array([zero.get(name, 0.0) for name in names])
     edge = round(SETTLING * rate / top)
     if 2 * edge >= len(angles):
         raise RecordingError(
@@ -101,21 +96,52 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
             edge=edge,
         )
     coarse = max(1, int(rate / (SPLINE_SAMPLES * top)))
-    both = zero_phase(np.hstack([angles, torques]), rate, top)
-    times = np.asarray(recording.time(position))
+    both = zero_phase(np.hstack([angles, samples.torque]), rate, top)
+    times = samples.time
     count = angles.shape[1]
     spline = make_interp_spline(times[::coarse], both[::coarse, :count], k=5, axis=0)
     kept = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
     at = times[kept]
-    order = np.argsort(place)
     return JointMotion(
         at,
-        np.array([model.set_joint_angles(model.home, x) for x in spline(at)[:, order]]),
-        spline.derivative(1)(at)[:, order],
-        spline.derivative(2)(at)[:, order],
-        both[kept, count:][:, order],
+        np.array([model.set_joint_angles(model.home, x) for x in spline(at)]),
+        spline.derivative(1)(at),
+        spline.derivative(2)(at),
+        both[kept, count:],
         top,
     )
+
+
+def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
+    """Return the samples of a recording at the joints, as `joint_motion` says, before any filter.
+
+    Raises:
+        RecordingError: a channel is missing, joints are unlabelled or not the model's, or the clock is
+            uneven.
+        DescriptionError: the gears do not fit.
+    """
+    position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
+    if not np.array_equal(recording.time(position), recording.time(torque)):
+        raise RecordingError(
+            f"'{position}' and '{torque}' run on different clocks.",
+            advice="Bring them to one rate: recording.resampled(rate).",
+            channels=(position, torque),
+        )
+    names, place = recorded_joints(model, recording)
+    rate = uniform_rate(recording.time(position), position)
+    angles, torques = np.asarray(recording[position]), np.asarray(recording[torque])
+    if MOTOR in (position.partition(".")[0], torque.partition(".")[0]):
+        gears = [e for e in model.description.effect if isinstance(e, Gear)]
+        matrix, gain = gear_matrix(gears, names)
+        if position.startswith(f"{MOTOR}."):
+            angles = np.linalg.solve(matrix, angles.T).T
+        if torque.startswith(f"{MOTOR}."):
+            torques = (torques * gain) @ matrix
+    zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
+    angles = angles + np.array([zero.get(name, 0.0) for name in names])
+    order = np.argsort(place)
+    times = np.asarray(recording.time(position))
+    return JointSamples(times, angles[:, order], torques[:, order], rate)
 
 
 def measured_channel(recording: Recording, quantity: str) -> str:

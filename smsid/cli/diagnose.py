@@ -36,6 +36,9 @@ def diagnose_command(
             callback=writable, help="description with the causes in it; by default extended.toml beside"
         ),
     ] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(help="low-pass of the motion of an arm whose torques were measured [Hz]")
+    ] = None,
 ) -> Outcome:
     """Say what the simulation gets wrong, name the cause, extend the model and measure the gain.
 
@@ -52,10 +55,11 @@ def diagnose_command(
     judged = [load_recording(path) for path in validate or []]
     known = load_estimate(estimate) if estimate is not None else None
     with working("diagnosing"):
-        found = diagnose(described, loaded, estimate=known, validation=judged)
+        found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)
     save_diagnosis(found.diagnosis, output)
     written = [output]
-    if found.diagnosis.verdict == "explained":
+    # causes in measured torques stand also where something else is left
+    if found.diagnosis.verdict == "explained" or found.extended is not described:
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
         written.append(place)

@@ -20,6 +20,7 @@ from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Levels, Search, search
+from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.verdict import causes, limits, remaining, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
@@ -52,8 +53,12 @@ def diagnose(
     levels: Levels | None = None,
     noise: Noise | None = None,
     rate: float = RATE,
+    cutoff: float | None = None,
 ) -> Diagnosed:
     """Say whether the simulation explains a recording, and if not, why.
+
+    A welded arm whose torques were measured and not commanded is judged by these torques, see
+    `smsid.diagnose.torque`; everything else by the innovations of a filter that the commands drive.
 
     Args:
         description: the model, its values as identified.
@@ -64,6 +69,7 @@ def diagnose(
         levels: levels of significance.
         noise: process noise of the commands.
         rate: samples a second that are looked at; more are thinned out (commands are not) [Hz].
+        cutoff: of measured torques: low-pass of the motion [Hz].
 
     Never raises for a recording that cannot be used: the verdict is then ``not_evaluated`` with the reason.
     Raises `SmsidError` when no recording is given.
@@ -73,6 +79,8 @@ def diagnose(
     names = tuple(r.name for r in (*recordings, *validation))
     with threadpool_limits(limits=1, user_api="blas"):
         try:
+            if torques_were_measured(description, recordings[0]):
+                return _by_torques(description, recordings, estimate, validation, levels, cutoff)
             return _diagnose(
                 description,
                 recordings,
@@ -85,6 +93,22 @@ def diagnose(
             LOGGER.info("not evaluated: %s", error)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
             return Diagnosed(result, description)
+
+
+def _by_torques(
+    description: Description,
+    recordings: Sequence[Recording],
+    estimate: Estimate | None,
+    validation: Sequence[Recording],
+    levels: Levels | None,
+    cutoff: float | None,
+) -> Diagnosed:
+    asked = levels or Levels()
+    own = TorqueLevels(asked.candidate, asked.block, asked.alias)
+    result, extended, _ = diagnose_torques(
+        description, recordings, estimate=estimate, validation=validation, levels=own, cutoff=cutoff
+    )
+    return Diagnosed(result, extended)
 
 
 def _diagnose(

@@ -90,6 +90,8 @@ class MotorCoupling(Effect):
             assembly.add_force(force)
         if self.inertia > 0.0:
             shared = np.outer(weights, weights) * self.inertia
+            assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself
+            shared[np.diag_indices(index.size)] = 0.0
 
             def rotor(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 matrix = np.zeros((v.size, v.size))

@@ -18,7 +18,7 @@ EFFECTS = {
     "friction": JointFriction(name="e", joint="joint2", viscous=0.4, coulomb=0.2),
     "offset": TorqueOffset(name="e", joint="joint3", torque=-0.7),
     "coupling": MotorCoupling(
-        name="e", joints=("joint2", "joint3"), ratios=(2.0, -1.0), viscous=0.3, coulomb=0.1
+        name="e", joints=("joint2", "joint3"), ratios=(2.0, -1.0), inertia=0.7, viscous=0.3, coulomb=0.1
     ),
     "rotor": MotorInertia(name="e", joint="joint1", inertia=0.6),
     "gear": Gear(name="e", joint="joint1", ratio=30.0),
@@ -55,12 +55,6 @@ def test_a_coupled_motor_is_felt_by_both_joints_with_their_ratios(arm, rng):
     np.testing.assert_allclose(viscous.values, (v @ s)[:, None] * s)
     np.testing.assert_allclose(coulomb.values, np.tanh((v @ s) / 0.005)[:, None] * s)
     assert [c.unit for c in (inertia, viscous, coulomb)] == ["kg m^2", "N m s/rad", "N m"]
-
-
-def test_a_coupled_rotor_is_refused_in_simulation_and_not_left_out(arm):
-    effect = MotorCoupling(name="w", joints=("joint2", "joint3"), inertia=0.1)
-    with pytest.raises(DescriptionError, match="cannot be simulated"):
-        build_model(arm.with_effects(effect))
 
 
 def test_gears_turn_motors_into_joints(rng):

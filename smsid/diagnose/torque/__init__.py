@@ -1,0 +1,6 @@
+"""Diagnosis of arms whose torques were measured: what the rigid links lack, from the torque that is left."""
+
+from smsid.diagnose.torque.diagnose import diagnose_torques, torques_were_measured
+from smsid.diagnose.torque.search import TorqueLevels, TorqueSearch
+
+__all__ = ["TorqueLevels", "TorqueSearch", "diagnose_torques", "torques_were_measured"]

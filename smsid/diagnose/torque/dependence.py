@@ -1,0 +1,83 @@
+"""Generic tests of what an arm's torques leave: does any joint's equation still depend on anything?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.diagnose.blocks import Block
+from smsid.diagnose.torque.fit import TorqueFit
+from smsid.diagnose.torque.whitening import robust_p_value
+from smsid.effects import Gear
+
+TIME_TERMS = 6
+RIPPLE = range(3, 9)
+SIGN = 5e-3
+"""Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
+
+DEPENDENT = 1e-6
+
+
+def dependences(found: TorqueFit) -> list[Block]:
+    """Return all generic tests on a fit, the most significant first.
+
+    The torque of every joint against its own rate, load, acceleration, angle, ripple over the angle of joint
+    and motor, time and its own slope (a delay), and against rate and acceleration of every other joint. The
+    p-values allow for noise that is coloured or uneven: ``ratio`` is the chi-squared of the same p-value.
+    """
+    out = []
+    for j, joint in enumerate(found.equations.names):
+        rows = found.rows_of((joint,))
+        for name, parts in _terms(found, j):
+            values = np.zeros((*found.load.shape, len(parts)))
+            values[:, j] = np.stack(parts, axis=1)
+            basis = _beyond(found, found.whitened(found.equations.filtered(values)))
+            freedom = basis.shape[1]
+            if freedom == 0:
+                continue
+            after = found.left - basis @ (basis.T @ found.left)
+            level = max(1.0, float(np.mean(after[rows] ** 2)))
+            ratio = float(np.sum((basis.T @ found.left) ** 2)) / level
+            scaled = after[: found.rows] / np.sqrt(level)
+            p = robust_p_value(basis[: found.rows], scaled, ratio, found.samples)
+            out.append(Block(f"torque of {joint}", name, float(chi2.isf(p, freedom)), freedom))
+    return sorted(out, key=lambda b: b.p_value)
+
+
+def _beyond(found: TorqueFit, white: np.ndarray) -> np.ndarray:
+    """Orthonormal directions of whitened columns beside what is fitted."""
+    size = np.linalg.norm(white, axis=0)
+    left = white - found.basis @ (found.basis.T @ white)
+    left = left[:, size > 0.0] / size[size > 0.0]
+    if left.shape[1] == 0:
+        return left
+    u, singular, _ = np.linalg.svd(left, full_matrices=False)
+    return u[:, singular**2 > DEPENDENT]
+
+
+def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
+    motion, names = found.equations.motion, found.equations.names
+    angle, rate, load = found.equations.angles[:, j], motion.v[:, j], found.load[:, j]
+    sign = np.tanh(rate / SIGN)
+    x = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])
+    yield "rate", [rate, sign, rate * np.abs(rate), np.sqrt(np.abs(rate)) * sign]
+    yield "load", [load, np.abs(load) * sign]
+    yield "acceleration", [motion.a[:, j]]
+    yield "time", [np.cos(np.pi * k * x) for k in range(TIME_TERMS)]
+    yield "angle", [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
+    yield "ripple over the angle", [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
+    yield "a delay", [np.gradient(load, motion.time)]
+    for gear in found.equations.description.effect:
+        if isinstance(gear, Gear) and gear.joint == names[j]:
+            turned = gear.ratio * angle + sum(
+                ratio * found.equations.angles[:, names.index(n)]
+                for n, ratio in gear.also.items()
+                if n in names
+            )
+            yield "ripple over the motor's angle", [f(k * turned) for k in (1, 2) for f in (np.cos, np.sin)]
+    for i, other in enumerate(names):
+        if i != j:
+            yield f"rate of {other}", [motion.v[:, i], np.tanh(motion.v[:, i] / SIGN)]
+            yield f"acceleration of {other}", [motion.a[:, i]]

@@ -1,0 +1,265 @@
+"""Diagnosis of a welded arm from measured joint torques: verdict, causes, gain and what remains."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import norm
+
+from smsid.description import Description
+from smsid.diagnose.blocks import Block
+from smsid.diagnose.gain import ChannelGain, Gain
+from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.torque.candidates import torque_candidates
+from smsid.diagnose.torque.dependence import dependences
+from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
+from smsid.diagnose.torque.extension import extended_description
+from smsid.diagnose.torque.fit import TorqueFit, term_columns
+from smsid.diagnose.torque.known import described_values, links_known, prior_of
+from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
+from smsid.diagnose.verdict import POWER, SEPARATE, describe
+from smsid.errors import RecordingError
+from smsid.identify.estimate import Estimate
+from smsid.recording import Recording
+
+SHORTEST = 100
+"""Instants below which nothing is said."""
+
+FOREIGN = 0.7
+"""Share of the torque left with every cause in, above which the recording is not this arm's."""
+
+
+def torques_were_measured(description: Description, recording: Recording) -> bool:
+    """Whether a recording is one of a welded arm whose torques were measured and not commanded."""
+    found = [c for c in recording.channels if c.endswith(".joint_torque") and not c.startswith("truth.")]
+    return description.root == "fixed" and bool(found) and "command.joint_torque" not in found
+
+
+def diagnose_torques(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    estimate: Estimate | None = None,
+    validation: Sequence[Recording] = (),
+    levels: TorqueLevels | None = None,
+    cutoff: float | None = None,
+) -> tuple[Diagnosis, Description, TorqueSearch]:
+    """Say what the torques of an arm ask for beyond its links; with the extended description.
+
+    The links' combinations are identified along with the causes unless an estimate says how well they are
+    known. Causes are significant after correction, predict stretches of the recording they were not fitted
+    to, and couplings show at each of their joints; they are therefore named also where something else is
+    left, which `remaining` lists and the verdict ``unexplained`` says.
+
+    Args:
+        description: a welded arm.
+        recordings: angles and torques; the first is searched, the others join the validation.
+        estimate: standard deviations of the combinations.
+        validation: recordings the gain is measured on.
+        levels: levels of significance.
+        cutoff: low-pass of the motion [Hz]; default as `motion_cutoff`.
+
+    Raises:
+        SmsidError: the recording cannot be used, or is of another arm.
+    """
+    begin = time.process_time()
+    recording = recordings[0]
+    recording.check()
+    equations = torque_equations(description, recording, cutoff=cutoff)
+    if len(equations.time) < SHORTEST:
+        raise RecordingError(
+            f"'{recording.name}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",
+            advice="Record longer, or raise the cutoff.",
+        )
+    prior, stated, notes = prior_of(equations, estimate)
+    candidates = torque_candidates(equations, recording, known=links_known(equations, prior))
+    found = search_torques(equations, recording, prior, candidates, levels)
+    last = found.last
+    if not found.scores and not found.causes:
+        raise RecordingError(f"'{recording.name}' excites no candidate at all.", advice="Move the joints.")
+    left_over = float(np.linalg.norm(last.residual) / np.linalg.norm(last.equations.torque))
+    if left_over > FOREIGN:
+        raise RecordingError(
+            f"Even with everything refitted, {100 * left_over:.0f} % of the torque is left unexplained.",
+            advice="Is it of another arm? `smsid inspect --description` looks for turned signs and currents.",
+            recording=recording.name,
+        )
+    searched = time.process_time()
+    blocks = dependences(last)
+    left = [b for b in blocks if b.p_value * len(blocks) < found.levels.block]
+    named = tuple(cause_of(found, c) for c in found.causes)
+    extended, more = extended_description(last) if named else (description, ())
+    gained, reason = None, "no validation recording was given"
+    judged = [*validation, *recordings[1:]]
+    if judged:
+        gained, reason = torque_gain(found, judged[0]), ""
+    decided, sentence = _verdict(named, left, left_over)
+    whitened = {
+        name: float(np.sqrt(np.mean(f.left[: f.rows] ** 2)))
+        for name, f in (("nominal", found.nominal), ("extended", last))
+    }
+    result = Diagnosis(
+        description=description.name,
+        recordings=tuple(r.name for r in (*recordings, *validation)),
+        verdict=decided,
+        sentence=sentence,
+        priors=stated,
+        causes=named,
+        gain=gained,
+        gain_reason=reason,
+        remaining=tuple(
+            Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * len(blocks))))
+            for b in left
+        ),
+        limits=torque_limits(found),
+        whitened_rms=whitened,
+        timing={"search": searched - begin, "tests": time.process_time() - searched},
+        notes=(
+            f"residual: measured torque minus the model's at the measured motion; motion low-passed at "
+            f"{equations.motion.cutoff:.4g} Hz, torques compared up to {equations.band:.4g} Hz",
+            "noise: what no candidate at all explains, an autoregression per joint",
+            *notes,
+            *more,
+        ),
+    )
+    return result, extended, found
+
+
+def cause_of(found: TorqueSearch, cause: TorqueCause) -> FoundCause:
+    """Return a cause in the form of the result, its values at the last fit."""
+    own = cause.term.candidate
+    values, sigma = found.last.term_values(cause.term)
+    nominal = None
+    if own.moves:
+        effect = own.effect
+        values = values + getattr(effect, "angle")  # noqa: B009
+        described = {e.name: e for e in found.nominal.equations.description.effect}
+        assert effect is not None
+        nominal = getattr(described.get(effect.name), "angle", None)
+    units = [own.units[i] for i in cause.term.kept]
+    parameters = tuple(
+        Value(n, float(x), float(s), u, nominal)
+        for n, x, s, u in zip(cause.term.names, values, sigma, units, strict=True)
+    )
+    siblings = [s for s, _ in cause.aliases if _sibling(s.candidate, own)]
+    aliases = tuple(
+        Alias(
+            s.candidate.kind, s.candidate.location, s.candidate.family, s.candidate.shape, float(c),
+            _separate(own, s.candidate),
+        )
+        for s, c in cause.aliases
+    )  # fmt: skip
+    return FoundCause(
+        effect=own.kind,
+        location=own.location,
+        family=own.family,
+        shape=None if siblings else own.shape,
+        parameters=parameters,
+        aliases=aliases,
+        evidence={
+            "likelihood_ratio": cause.score.ratio,
+            "freedom": float(cause.score.freedom),
+            "p_value": float(min(1.0, cause.score.p_value * found.candidates)),
+            "information_gain": cause.score.gain(found.last.samples),
+        },
+    )
+
+
+def _sibling(a, b) -> bool:
+    return a.location == b.location and a.family == b.family
+
+
+def _separate(a, b) -> str:
+    """Return in words which experiment would tell two candidates apart."""
+    for pair in (frozenset((a.shape, b.shape)), frozenset((a.family, b.family))):
+        if pair in SEPARATE:
+            return SEPARATE[pair]
+    if "load-dependent" in (a.shape, b.shape):
+        return "repeat the same motion with and without a payload"
+    if "motor inertia" in (a.shape, b.shape):
+        return f"accelerate {a.location} harder in several poses of the arm"
+    return "a longer recording with more varied motion"
+
+
+def _verdict(named: tuple[FoundCause, ...], left: Sequence[Block], share: float) -> tuple[Verdict, str]:
+    words = "; ".join(describe(c) for c in named)
+    if left:
+        worst = left[0]
+        sentence = (
+            f"{100 * share:.3g} % of the torque is left, and {worst.where} still depends on "
+            f"{worst.dependence}: no candidate explains that."
+        )
+        return "unexplained", sentence + (f" Found beside it: {words}." if words else "")
+    if named:
+        return "explained", f"The model lacks {words}."
+    return "adequate", "The model explains the torques to what no candidate explains better."
+
+
+def torque_limits(found: TorqueSearch) -> tuple[Limit, ...]:
+    """Return the detection limits of the candidates that were not named: 95 % power, nuisances free."""
+    needed = float(norm.isf(found.levels.candidate / max(found.candidates, 1) / 2) + norm.isf(1.0 - POWER))
+    out, seen = [], set()
+    for s in found.scores:
+        c = s.candidate
+        if c.key in seen:
+            continue
+        seen.add(c.key)
+        sigma = np.sqrt(np.diag(s.covariance))
+        out += [
+            Limit(c.kind, c.location, c.shape, c.names[k], needed * float(x), c.units[k])
+            for k, x in zip(s.kept, sigma, strict=True)
+        ]
+    return tuple(out)
+
+
+def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
+    """Return what the causes gain on a recording that was not searched.
+
+    As given: the description's values. Channels are the torques of the joints within the band [N m] and,
+    relative to the measured ones, those of all; noise is the white noise of the torque signal.
+
+    Raises:
+        RecordingError: as `torque_equations`.
+    """
+    nominal, last = found.nominal, found.last
+    fits = {"given": nominal, "nominal": nominal, "extended": last}
+    left: dict[str, np.ndarray] = {}
+    equations = nominal.equations
+    for name, fit in fits.items():
+        own = fit.equations
+        equations = torque_equations(own.description, recording, cutoff=own.motion.cutoff, band=own.band)
+        x = described_values(own) if name == "given" else fit.x
+        left[name] = equations.torque - predicted(fit, equations, x)
+    white = {n: fits[n].whitening.apply(r).ravel() for n, r in left.items()}
+    rms = {n: float(np.sqrt(np.mean(w**2))) for n, w in white.items()}
+    excess = {n: float(np.sum(w**2)) - w.size for n, w in white.items()}
+    size = float(np.linalg.norm(equations.torque))
+    channels = [
+        ChannelGain(
+            f"torque of {joint}", "N m",
+            float(np.sqrt(np.mean(left["given"][:, j] ** 2))),
+            float(np.sqrt(np.mean(left["extended"][:, j] ** 2))),
+            float(equations.noise[j]),
+        )
+        for j, joint in enumerate(equations.names)
+    ]  # fmt: skip
+    floor = float(np.sqrt(np.sum(equations.noise**2) * len(equations.torque)) / size)
+    given, extended = (float(np.linalg.norm(left[n])) / size for n in ("given", "extended"))
+    channels.append(ChannelGain("torque of all joints, relative", "1", given, extended, floor))
+    return Gain(
+        recording.name, white["given"].size, rms["given"], rms["nominal"], rms["extended"],
+        excess["given"], excess["nominal"], excess["extended"], tuple(channels),
+    )  # fmt: skip
+
+
+def predicted(fit: TorqueFit, equations: TorqueEquations, x: np.ndarray) -> np.ndarray:
+    """Return the torques (n, joints) a fit's combinations and terms give on other equations [N m]."""
+    b = equations.rows.shape[2]
+    if len(x) == b:
+        return equations.rows @ x
+    load = equations.fine @ x[:b]
+    for _ in range(3):
+        load = equations.fine @ x[:b] + term_columns(equations, fit.terms, load) @ x[b:]
+    return equations.rows @ x[:b] + equations.filtered(term_columns(equations, fit.terms, load)) @ x[b:]

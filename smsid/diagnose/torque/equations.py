@@ -1,0 +1,176 @@
+"""Torque equations of a welded arm: measured joint torques against rows linear in what is unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smsid.arm.identify import rigid_arm, structural_base, torque_rows
+from smsid.arm.motion import JointMotion, joint_angles, joint_motion
+from smsid.description import Description
+from smsid.errors import RecordingError
+from smsid.identify.robust import white_sigma
+from smsid.model.identifiable import BaseParameters
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.sensing.filters import zero_phase
+
+HIGHEST = 100.0
+"""Motion above this frequency is that of structures, which no rigid arm has [Hz]."""
+
+BAND = 25.0
+"""Torques are compared up to this frequency [Hz], or a `SHARE` of the motion's low-pass if that is less."""
+
+SHARE = 0.4
+NOISY = 0.01
+"""Share of a joint's acceleration that the noise of its angle may make up."""
+
+STEP = 1e-5
+"""Of the finite difference by an angle [rad]."""
+
+SAMPLES_PER_PERIOD = 1.6
+"""Instants kept per period of the band. No more: what the low-pass has taken away would have to be whitened.
+What folds over does so on both sides of the equations."""
+
+SETTLING = 2.0
+"""Periods of the band left out at either end, where the filter does not know what lies beyond."""
+
+
+@dataclass(frozen=True)
+class TorqueEquations:
+    """``torque = rows @ beta`` at n instants, both sides through one low-pass.
+
+    ``motion`` is the finer one of N instants that columns are made from; `filtered` brings what was made
+    from it to the n instants ``time`` (n,) [s]. Filtering columns like the torques keeps a jump, such as
+    Coulomb friction's at a reversal, alike on both sides (Gautier's parallel decimation).
+    ``fine`` (N, joints, b) are the rows before that, ``rows`` (n, joints, b) after, ``torque`` (n, joints)
+    [N m], ``base`` the identifiable combinations, ``band`` [Hz], ``noise`` (joints,) the level [N m] of the
+    torque's white noise within the band.
+    """
+
+    description: Description
+    model: SpacecraftModel
+    base: BaseParameters
+    motion: JointMotion
+    fine: np.ndarray
+    rows: np.ndarray
+    torque: np.ndarray
+    time: np.ndarray
+    band: float
+    noise: np.ndarray
+    turns: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints in the order of the columns of ``torque``."""
+        order = np.argsort(self.model.arm_joints.v)
+        return tuple(self.model.arm_joints.names[i] for i in order.tolist())
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Joint angles (N, joints) on the motion's instants, in the order of the torques [rad]."""
+        order = np.argsort(self.model.arm_joints.v)
+        return self.model.joint_angles(self.motion.q)[:, order]
+
+    def slope(self, joint: int) -> np.ndarray:
+        """Return the derivative of the fine rows by the angle of one joint (N, joints, b)."""
+        if joint not in self.turns:
+            out = np.zeros_like(self.fine)
+            for way in (STEP, -STEP):
+                angles = self.model.joint_angles(self.motion.q)
+                angles[:, int(np.argsort(self.model.arm_joints.v)[joint])] += way
+                q = np.array([self.model.set_joint_angles(self.model.home, x) for x in angles])
+                rows, _, _ = torque_rows(self.model, q, self.motion.v, self.motion.a)
+                out += rows[:, :, self.base.independent] / (2.0 * way)
+            self.turns[joint] = out
+        return self.turns[joint]
+
+    def filtered(self, values: np.ndarray) -> np.ndarray:
+        """Return values (N, ...) on the motion's instants low-passed to the instants of the equations."""
+        return _banded(values, self.motion.rate, self.band)
+
+
+def torque_equations(
+    description: Description,
+    recording: Recording,
+    *,
+    cutoff: float | None = None,
+    band: float | None = None,
+) -> TorqueEquations:
+    """Return the equations of a recording, all inertial combinations and listed effects in the rows.
+
+    Args:
+        description: a welded arm.
+        recording: joint angles and torques, see `joint_motion`.
+        cutoff: low-pass of the motion [Hz]; default `motion_cutoff`.
+        band: highest frequency at which torques are compared [Hz].
+
+    Raises:
+        DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
+        RecordingError: as `joint_motion`, or the record is shorter than its filters.
+    """
+    model = rigid_arm(description)
+    top = motion_cutoff(model, recording) if cutoff is None else float(cutoff)
+    motion = joint_motion(model, recording, top)
+    within = min(SHARE * top, BAND) if band is None else float(band)
+    base = structural_base(model)
+    every, _, _ = torque_rows(model, motion.q, motion.v, motion.a)
+    fine = every[:, :, base.independent]
+    angles = joint_angles(model, recording)
+    noise = white_sigma(angles.torque) * np.sqrt(2.0 * within / angles.rate)
+    return TorqueEquations(
+        description, model, base, motion, fine,
+        _banded(fine, motion.rate, within),
+        _banded(motion.torque, motion.rate, within),
+        _banded_times(motion.time, motion.rate, within),
+        within, noise,
+    )  # fmt: skip
+
+
+def motion_cutoff(model: SpacecraftModel, recording: Recording) -> float:
+    """Return the highest low-pass at which noise of the angles stays out of the accelerations [Hz].
+
+    At most a tenth of the sampling rate and `HIGHEST`; below that, where noise would make up more than
+    `NOISY` of any moving joint's acceleration: what is wrong in the columns biases what is fitted with them.
+
+    Raises:
+        RecordingError: as `joint_motion`.
+    """
+    angles = joint_angles(model, recording)
+    top = min(angles.rate / 10.0, HIGHEST)
+    sigma = white_sigma(angles.position)
+    for share in 0.8 ** np.arange(12):
+        cutoff = float(share * top)
+        smooth = zero_phase(angles.position, angles.rate, cutoff)
+        step = max(1, int(angles.rate / (10.0 * cutoff)))
+        slow = smooth[::step]
+        size = np.std(np.diff(slow, n=2, axis=0), axis=0) * (angles.rate / step) ** 2
+        # of white noise with one-sided density 2 sigma^2 / rate, twice differentiated, up to the cutoff
+        noise = sigma * np.sqrt(2.0 * cutoff / angles.rate / 5.0) * (2.0 * np.pi * cutoff) ** 2
+        moving = size > 0.0
+        if np.all(noise[moving] <= NOISY * size[moving]):
+            return cutoff
+    return float(0.8**11 * top)
+
+
+def _banded(values: np.ndarray, rate: float, band: float) -> np.ndarray:
+    kept = _kept(len(values), rate, band)
+    if values.size == 0:
+        return values[kept]
+    flat = zero_phase(values.reshape(len(values), -1), rate, band)[kept]
+    return flat.reshape(len(flat), *values.shape[1:])
+
+
+def _banded_times(times: np.ndarray, rate: float, band: float) -> np.ndarray:
+    return times[_kept(len(times), rate, band)]
+
+
+def _kept(samples: int, rate: float, band: float) -> slice:
+    edge = round(SETTLING * rate / band)
+    if 2 * edge >= samples:
+        raise RecordingError(
+            f"{samples / rate:.3g} s of motion are all edge for a low-pass at {band:g} Hz.",
+            advice="Record longer.",
+        )
+    return slice(edge, samples - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * band))))

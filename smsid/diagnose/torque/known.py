@@ -1,0 +1,82 @@
+"""What is known of an arm's combinations before its torques are looked at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smsid.diagnose.torque.equations import TorqueEquations
+from smsid.diagnose.torque.fit import Prior
+from smsid.errors import SmsidError
+from smsid.identify.estimate import Estimate
+from smsid.model.regressor import Regressor
+
+
+def described_values(equations: TorqueEquations) -> np.ndarray:
+    """Return the combinations (b,) as the description has them."""
+    effects = {p.name: p.value for e in equations.description.effect for p in e.parameters()}
+    regressor = Regressor(equations.model)
+    theta = np.concatenate([regressor.parameters, [effects.get(n, 0.0) for n in _beyond_links(equations)]])
+    return equations.base.values(theta)
+
+
+def prior_of(equations: TorqueEquations, estimate: Estimate | None) -> tuple[Prior, str, tuple[str, ...]]:
+    """Return the prior, one sentence on where it is from, and notes.
+
+    From the estimate, combination by combination; else the priors that the description states for its
+    effects; all else is fitted freely: torques determine the links' combinations well, and no URDF of a real
+    arm is known to a per cent.
+
+    Raises:
+        SmsidError: the estimate has no parameter of this description.
+    """
+    names = equations.base.names
+    mean, sigma = described_values(equations), np.full(len(names), np.inf)
+    stated = {p.name: p.sigma for e in equations.description.effect for p in e.parameters()}
+    described = 0
+    for i, name in enumerate(names):
+        width = stated.get(name)
+        if width is not None:
+            sigma[i] = width
+            described += 1
+    taken, notes = 0, []
+    if estimate is not None:
+        values = {p.name: p for p in estimate.parameters}
+        for i, name in enumerate(names):
+            p = values.get(name)
+            if p is not None and np.isfinite(p.value) and np.isfinite(p.sigma) and p.sigma > 0.0:
+                mean[i], sigma[i] = p.value, p.sigma
+                taken += 1
+        if not taken:
+            raise SmsidError(
+                "The estimate has no parameter of this description.",
+                advice="Is it of another arm, or made with other effects?",
+                estimate=sorted(values)[:10],
+                description=list(names)[:10],
+            )
+        if taken < len(names):
+            notes.append(f"{len(names) - taken} of {len(names)} combinations are not in the estimate")
+    free = int(np.sum(~np.isfinite(sigma)))
+    parts = [f"{taken} from the estimate"] if taken else []
+    parts += [f"{described} from the description"] if described else []
+    parts += [f"{free} fitted freely, without any prior"] if free else []
+    sentence = f"of {len(names)} combinations that torques tell apart: " + ", ".join(parts)
+    if not taken:
+        notes.append(
+            "links are identified along with the causes, so that a payload, a wrong link or the gain of a "
+            "torque signal cannot be told from them; an estimate made before makes them candidates"
+        )
+    return Prior(mean, sigma), sentence, tuple(notes)
+
+
+def links_known(equations: TorqueEquations, prior: Prior) -> bool:
+    """Whether something is known of the links beforehand."""
+    count = Regressor(equations.model).columns
+    return bool(np.any(prior.known[equations.base.independent < count]))
+
+
+def _beyond_links(equations: TorqueEquations) -> tuple[str, ...]:
+    from smsid.arm.identify import torque_rows
+
+    motion = equations.motion
+    _, names, _ = torque_rows(equations.model, motion.q[:1], motion.v[:1], motion.a[:1])
+    return names[Regressor(equations.model).columns :]

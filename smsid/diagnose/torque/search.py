@@ -1,0 +1,217 @@
+"""The search for what an arm's torques lack: score every candidate, take the best, fit again, prune."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import f
+
+from smsid.diagnose.torque.candidates import TorqueCandidate, instance
+from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
+from smsid.diagnose.torque.fit import Prior, Term, TorqueFit, fit_torques, learn_noise, with_equations
+from smsid.diagnose.torque.scores import (
+    SIMPLE,
+    TorqueScore,
+    acts_on_all,
+    correlation,
+    predicts,
+    score,
+    scored,
+)
+from smsid.diagnose.torque.whitening import CLUSTERS
+from smsid.recording import Recording
+
+LOGGER = logging.getLogger(__name__)
+PER_JOINT = 6
+"""Causes a joint may have before the search ends."""
+
+ANGLE = 1e-3
+"""A joint's zero further off than this has the equations made again [rad]."""
+
+
+@dataclass(frozen=True)
+class TorqueLevels:
+    """Levels of significance over all candidates and over all generic tests; ``alias`` as in `Levels`."""
+
+    candidate: float = 0.003
+    block: float = 0.001
+    alias: float = 9.2
+
+
+@dataclass(frozen=True)
+class TorqueCause:
+    """An accepted candidate with its score beside all other causes, and those not told from it, with
+    correlations.
+    """
+
+    term: Term
+    score: TorqueScore
+    aliases: tuple[tuple[TorqueScore, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class TorqueSearch:
+    """How a search ended: the fits without and with the causes, and the last scores, the best first."""
+
+    nominal: TorqueFit
+    last: TorqueFit
+    causes: tuple[TorqueCause, ...]
+    scores: tuple[TorqueScore, ...]
+    candidates: int
+    levels: TorqueLevels = field(default_factory=TorqueLevels)
+
+
+def search_torques(
+    equations: TorqueEquations,
+    recording: Recording,
+    prior: Prior,
+    candidates: Sequence[TorqueCandidate],
+    levels: TorqueLevels | None = None,
+) -> TorqueSearch:
+    """Return the effects that a recording's torques ask for, found one after the other.
+
+    What a joint's own viscous and Coulomb friction, rotor and constant torque explain is theirs; all other
+    candidates come after them and must explain more. A cause must be significant, gain in Bayes's
+    criterion, and predict parts of the recording it was not fitted to.
+
+    Raises:
+        RecordingError: as `torque_equations`.
+    """
+    levels = levels or TorqueLevels()
+    simple = [c for c in candidates if c.shape in SIMPLE]
+    whitening = learn_noise(equations, candidates)
+    nominal = current = fit_torques(equations, prior, (), whitening)
+    causes: list[TorqueCause] = []
+    rest, tried = list(candidates), len(candidates)
+    only_simple = True
+    refused: set[int] = set()
+    while len(causes) < PER_JOINT * equations.torque.shape[1]:
+        scores = scored(current, [c for c in rest if c in simple] if only_simple else rest)
+        hopeful = (s for s in scores if id(s.candidate) not in refused)
+        best = next((s for s in hopeful if _significant(s, current, tried, levels)), None)
+        if best is None:
+            if not only_simple:
+                break
+            only_simple = False
+            continue
+        if not (predicts(current, best) and acts_on_all(current, best, simple, levels.candidate / tried)):
+            LOGGER.info("%s does not hold everywhere", best.candidate.key)
+            refused.add(id(best.candidate))
+            continue
+        LOGGER.info("%s: ratio %.1f", best.candidate.key, best.ratio)
+        rest = [c for c in rest if c is not best.candidate]
+        refused.clear()  # what another hid may hold now
+        causes.append(TorqueCause(Term(best.candidate, best.kept), best))
+        if best.candidate.shape == "stribeck":  # one curve a joint
+            rest = [c for c in rest if c.key != best.candidate.key]
+        causes, current = _refitted(current, causes, recording)
+        causes, current = _pruned(causes, current, tried, levels)
+    scores = scored(current, rest)
+    causes = [_beside_all(current, causes, c, candidates, levels) for c in causes]
+    return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried, levels)
+
+
+def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: TorqueLevels) -> bool:
+    return s.p_value * tried < levels.candidate and s.gain(current.samples) > 0.0
+
+
+def _beside_all(
+    current: TorqueFit,
+    causes: Sequence[TorqueCause],
+    cause: TorqueCause,
+    candidates: Sequence[TorqueCandidate],
+    levels: TorqueLevels,
+) -> TorqueCause:
+    """Return a cause with its score beside all others, and what explains about as much in its place."""
+    others = [c.term for c in causes if c is not cause]
+    without = current.without(others)
+    own = score(without, cause.term.candidate)
+    if own is None:
+        return cause
+    named = {t.candidate.key for t in others} | {cause.term.candidate.key}
+    # only what touches the same joints can stand in for it, and a coupling only for a coupling
+    rivals = [
+        c
+        for c in candidates
+        if c.key not in named
+        and set(c.joints) & set(own.candidate.joints)
+        and len(c.joints) <= len(own.candidate.joints)
+    ]
+    best: dict[tuple[str, str, str], tuple[TorqueScore, float]] = {}
+    for rival in rivals:
+        s = score(without, rival)
+        if s is None or own.gain(without.samples) - s.gain(without.samples) > levels.alias:
+            continue
+        together = correlation(own, s)
+        if together > 0.5 and (rival.key not in best or best[rival.key][0].ratio < s.ratio):
+            best[rival.key] = s, together
+    return replace(cause, score=own, aliases=tuple(best.values()))
+
+
+def _refitted(
+    current: TorqueFit,
+    causes: list[TorqueCause],
+    recording: Recording,
+) -> tuple[list[TorqueCause], TorqueFit]:
+    """Fit all causes; where a joint's zero is among them, on equations made with it, until it stays."""
+    equations = current.equations
+    for _ in range(5):
+        load = current.load if current.equations is equations else None
+        terms = [c.term for c in causes]
+        current = fit_torques(equations, current.prior, terms, current.whitening, load=load)
+        shifts = {}
+        for cause in causes:
+            if cause.term.candidate.moves:
+                value, _ = current.term_values(cause.term)
+                effect = instance(cause.term.candidate, equations.description.effect)
+                shifts[cause.term.names[0]] = (effect, float(value[0]))
+        if all(abs(x) < ANGLE for _, x in shifts.values()):
+            break
+        moved = [e.with_values({n: getattr(e, "angle") + x}) for n, (e, x) in shifts.items()]  # noqa: B009
+        equations = torque_equations(
+            equations.description.with_effects(*moved), recording,
+            cutoff=equations.motion.cutoff, band=equations.band,
+        )  # fmt: skip
+        causes = [
+            replace(c, term=with_equations(c.term, equations)) if c.term.candidate.moves else c
+            for c in causes
+        ]
+    return causes, current
+
+
+def _pruned(
+    causes: list[TorqueCause],
+    current: TorqueFit,
+    tried: int,
+    levels: TorqueLevels,
+) -> tuple[list[TorqueCause], TorqueFit]:
+    """Leave out, one by one, causes that the others made unnecessary."""
+    while causes:
+        chances = [_chance(current, cause, tried) for cause in causes]
+        worst = int(np.argmax(chances))
+        if chances[worst] <= levels.candidate:
+            break
+        LOGGER.info("%s is not needed any more", causes[worst].term.candidate.key)
+        causes = [c for c in causes if c is not causes[worst]]
+        current = fit_torques(
+            current.equations, current.prior, [c.term for c in causes], current.whitening, load=current.load
+        )
+    return causes, current
+
+
+def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
+    """Corrected p-value of a cause beside all others, after Wald; 1 where Bayes's criterion loses.
+
+    A joint's zero is in the equations, what is fitted of it is nil: it counts by how far they moved.
+    """
+    if cause.term.candidate.moves:
+        return 0.0
+    index = [current.names.index(n) for n in cause.term.names]
+    x, covariance = current.x[index], current.covariance[np.ix_(index, index)]
+    wald = float(x @ np.linalg.pinv(covariance) @ x)
+    if wald < len(index) * np.log(current.samples):
+        return 1.0
+    return float(f.sf(wald / len(index), len(index), CLUSTERS - 1)) * tried
