@@ -1,7 +1,7 @@
-"""A cable across a joint, as an effect of one's own: it simulates, loads, saves, and is identified.
+"""A cable across a joint, as an effect of one's own: it simulates, loads, saves, and is looked for.
 
-The arm of the paper's spacecraft coasts with and without it. A package offers its effects to others through
-the entry point ``smsid.effects``.
+The arm of the paper's spacecraft coasts with and without it; `smsid diagnose` tries it at every joint, as it
+says by ``candidates``. A package offers its effects to others through the entry point ``smsid.effects``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from smsid.description import load_description
+from smsid.diagnose import Candidate
 from smsid.effects import Starting, physical, register
 from smsid.model import build_model
 from smsid.simulate import Inputs, simulate
@@ -42,6 +43,15 @@ class CableDrag(Starting):
 
         assembly.add_force(force, self.onset)
 
+    @classmethod
+    def candidates(cls, model):
+        for joint in model.arm_joints.names:
+            effect = cls(name=f"cable_{joint}", joint=joint)
+            # one step of the parameter is its typical size
+            yield Candidate(
+                "cable_drag", joint, cls.family, "cable", effect, (f"{effect.name}.pull",), (1e-2,)
+            )
+
 
 def main() -> int:
     plain = load_description(URDF / "paper_sms.toml")
@@ -51,6 +61,7 @@ def main() -> int:
         model = build_model(description)
         states = simulate(model, Inputs(), 20.0).states(np.array([4.0, 20.0]))
         print(np.round(model.joint_angles(states.q)[:, 1], 4), "rad at 4 and 20 s")
+    print("looked for at", ", ".join(c.location for c in CableDrag.candidates(build_model(plain))))
     return 0
 
 

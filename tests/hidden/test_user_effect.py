@@ -1,0 +1,65 @@
+"""An effect of the user's own, hidden in MuJoCo, is found by the name its class gives it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from smsid.effects import base
+
+from .effect import after
+from .flight import write_run
+from .plant import Change
+from .study import diagnosis_of
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "08_add_an_effect.py"
+PULL = 0.5  # [N m/rad^3]
+
+
+@pytest.fixture
+def cable_drag(monkeypatch):
+    """The example's class, in the catalogue for as long as a test runs."""
+    monkeypatch.setattr(base, "_CATALOGUE", dict(base._CATALOGUE))
+    spec = importlib.util.spec_from_file_location("add_an_effect", EXAMPLE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # pydantic finds the annotations of a class by its module
+    monkeypatch.setitem(sys.modules, "add_an_effect", module)
+    spec.loader.exec_module(module)
+    return module.CableDrag
+
+
+def cable(joint: str, pull: float, onset: float | None = None) -> Change:
+    """A torque against the cube of the angle."""
+
+    def make(plant):
+        iq, iv = plant.q_of(joint), plant.v_of(joint)
+
+        def force():
+            if after(onset, plant.data.time):
+                plant.passive[iv] -= pull * plant.qpos[iq] * plant.qpos[iq] ** 2
+
+        return force
+
+    return Change(force=make)
+
+
+def test_user_effect_is_found(cable_drag, tmp_path):
+    files = write_run("arm", tmp_path, [31, 79], [cable("joint2", PULL)])
+    document = diagnosis_of(files, tmp_path)
+    assert document["verdict"] == "explained", document["sentence"]
+    (cause,) = document["causes"]
+    assert (cause["effect"], cause["location"], cause["shape"]) == ("cable_drag", "joint2", "cable")
+    (value,) = cause["parameters"]
+    assert value["name"] == "cable_joint2.pull"
+    assert abs(value["value"] - PULL) < 3.0 * value["sigma"]
+    assert value["sigma"] < 0.1 * PULL
+
+
+def test_source_of_the_effect_is_short(cable_drag):
+    """Simulated, saved and looked for in fewer than 60 lines."""
+    lines = EXAMPLE.read_text(encoding="utf-8").split("@register")[1].split("\ndef ")[0]
+    assert len(lines.strip().splitlines()) < 60
