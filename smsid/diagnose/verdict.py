@@ -103,6 +103,8 @@ def limits(found: Search) -> tuple[Limit, ...]:
         units = {u.name: u.unit for u in (*found.last.unknowns, *_own(c))}
         for i, (name, step) in enumerate(zip(c.free, c.steps, strict=True)):
             sigma = step * float(np.sqrt(max(s.covariance[i, i], 0.0)))
+            if i and sigma == 0.0:
+                continue  # it has no meaning where the strength is zero
             value = needed * sigma if s.freedom and sigma > 0.0 else float("nan")
             out.append(Limit(c.kind, c.location, c.shape, name, value, units.get(name, "")))
     return tuple(out)
@@ -139,7 +141,9 @@ def describe(cause: FoundCause) -> str:
     """Return a cause in words, with its value and those it is not told from."""
     what = f"{cause.shape or cause.family} ({cause.effect}) at {cause.location}"
     if cause.parameters:
-        p = max(cause.parameters, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
+        first = cause.parameters[0].name.split(".")[1]  # the strength; a place or a phase is none
+        own = [p for p in cause.parameters if p.nominal is not None or p.name.split(".")[1] == first]
+        p = max(own, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} +- {p.sigma:.2g} {p.unit}{shift}"
     if cause.onset is not None:
