@@ -1,4 +1,4 @@
-"""Reports: one self-contained HTML from each command, with a verdict on top and everything behind it below."""
+"""Reports: one self-contained HTML from each command, a verdict on top, everything behind it below."""
 
 from smsid.report.heat import HeatCell, HeatMap
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text

@@ -27,6 +27,7 @@ from smsid.report.traces import Trace, Traces
 
 LOGGER = logging.getLogger(__name__)
 BUDGET = 250_000
+NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
 TONES: dict[str, Tone] = {
     "adequate": "good",
     "explained": "good",
@@ -61,7 +62,9 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     sections += _gain_section(found, asked)
     if d.remaining:
         table = remaining_table(d)
-        sections.append(Section("remaining", "What still depends on something", (table,), f"{len(d.remaining)}"))
+        sections.append(
+            Section("remaining", "What still depends on something", (table,), f"{len(d.remaining)}")
+        )
     if d.limits:
         gist = "what this recording could have shown"
         table = limit_table(d)
@@ -92,10 +95,10 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     before: Sequence[Block] = adequacy(search.nominal) if changed else search.blocks
     level = search.levels.block
     caption = (
-        "Every equation and sensor channel against what it may depend on. A cell is minus the decimal logarithm "
-        "of the chance of as much when nothing is wrong, corrected for the number of tests; framed cells are "
-        "significant. Joint and wheel rows are torques, the bus's are forces and torques on it; a wheel's rate "
-        "is its speed."
+        "Every equation and sensor channel against what it may depend on. A cell is minus the decimal "
+        "logarithm of the chance of as much when nothing is wrong, corrected for the number of tests; framed "
+        "cells are significant. Joint and wheel rows are torques, the bus's are forces and torques on it; a "
+        "wheel's rate is its speed."
     )
     first = "Before any cause: nominal parameters refitted" if changed else "Nominal parameters refitted"
     maps = [diagnosis_map("map-before", first, before, level=level, caption=caption)]
@@ -115,7 +118,9 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     if not changed:
         groups = {c: tuple(_alone(t) for t in own) for c, own in groups.items()}
     grid = spectrum_grid("spectrum", groups, labels=labels)
-    out.append(Section("spectra", "Spectra of the innovations", (grid,), "before and after" if changed else ""))
+    out.append(
+        Section("spectra", "Spectra of the innovations", (grid,), "before and after" if changed else "")
+    )
     traces = [t for own in innovation_traces(search, asked.recordings[0]).values() for t in own]
     traces = traces if changed else [_alone(t) for t in traces]
     parts_ = _explored("traces", traces, "Measured, and predicted one sample ahead",
@@ -128,7 +133,9 @@ def _gain_section(found: Diagnosed, asked: Asked) -> list[Section]:
     d = found.diagnosis
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"
-        return [Section("gain", "Gain on held-out data", (Text((f"Not evaluated: {reason}.",)),), "not evaluated")]
+        return [
+            Section("gain", "Gain on held-out data", (Text((f"Not evaluated: {reason}.",)),), "not evaluated")
+        ]
     parts: list[Text | Table | Figure | Grid] = list(gain_parts(d.gain))
     held = [*asked.validation, *asked.recordings[1:]]
     if found.search is not None and held:
@@ -148,10 +155,10 @@ def _explored(
     name: str, traces: Sequence[Trace], title: str, labels: tuple[str, str, str, str], table: bool = True
 ) -> tuple[Figure | Table, ...]:
     worst = max(range(len(traces)), key=lambda k: _off(traces[k]))
-    body = Traces(tuple(traces), title, worst, labels, BUDGET)
+    body = Traces(tuple(traces), title, worst, labels, "± 2 σ expected", BUDGET)
     caption = "Below: what is left, with the band of two standard deviations expected of it."
     figure = Figure(name, title, body, caption)
-    return (figure, residual_table(name, traces)) if table else (figure,)
+    return (figure, residual_table(name, traces, "expected", NOTE)) if table else (figure,)
 
 
 def _off(t: Trace) -> float:

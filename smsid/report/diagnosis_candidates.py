@@ -60,9 +60,9 @@ def candidate_ranking(search: Search, scores: Sequence[Score]) -> Figure | None:
         ((threshold(search), "accepted above"),),
     )
     caption = (
-        "Each candidate alone, everything nominal free to move within its prior. The line is where one parameter "
-        f"becomes significant over all {search.candidates} candidates. Ordered by what they explain for the "
-        "parameters they cost (Bayes's criterion)."
+        "Each candidate alone, everything nominal free to move within its prior. The line is where one "
+        f"parameter becomes significant over all {search.candidates} candidates. Ordered by what they "
+        "explain for the parameters they cost (Bayes's criterion)."
     )
     return Figure("ranking", "What each candidate would explain", chart, caption)
 
@@ -110,8 +110,8 @@ def alias_matrix(search: Search, scores: Sequence[Score]) -> Figure | None:
         square=True,
     )
     caption = (
-        "Largest canonical correlation of two candidates' signatures, nominal parameters projected out. Near one, "
-        "this experiment cannot tell the two apart."
+        "Largest canonical correlation of two candidates' signatures, nominal parameters projected out. Near "
+        "one, this experiment cannot tell the two apart."
     )
     return Figure("alias-matrix", "Alias matrix", body, caption)
 

@@ -55,7 +55,7 @@ class Tested(Protocol):
 
 
 def evidence(test: Tested, tests: int) -> float:
-    """Return minus the decimal logarithm of a test's p-value, corrected for ``tests`` of them; zero at least."""
+    """Return minus the decimal logarithm of a test's p-value, corrected for ``tests``; zero at least."""
     if not test.freedom:
         return 0.0
     return max(0.0, -(float(chi2.logsf(test.ratio, test.freedom)) + math.log(max(tests, 1))) / math.log(10.0))
@@ -83,8 +83,16 @@ def diagnosis_map(
     limit = -math.log10(level)
     cells = tuple(tuple(_cell(best.get((r, c)), len(found), limit) for c in columns) for r in rows)
     significant = sum(c.marked for row in cells for c in row)
-    scale = ((0, "no evidence"), (2, "0.05"), (3, f"{level:g}"), (4, "10⁻⁶"), (5, "10⁻¹²"), (6, "10⁻²⁵"),
-             (7, "10⁻⁵⁰ and below"), (-1, f"significant: below {level:g} over all {len(found)} tests"))  # fmt: skip
+    scale = (
+        (0, "no evidence"),
+        (2, "0.05"),
+        (3, f"{level:g}"),
+        (4, "10⁻⁶"),
+        (5, "10⁻¹²"),
+        (6, "10⁻²⁵"),
+        (7, "10⁻⁵⁰ and below"),
+        (-1, f"significant: below {level:g} over all {len(found)} tests"),
+    )
     body = HeatMap(
         tuple(rows),
         tuple(_heading(c) for c in columns),

@@ -14,9 +14,9 @@ from smsid.report.rows import Mark, Row, RowChart
 
 
 def cause_tables(d: Diagnosis) -> Iterator[Table]:
-    """Yield the causes (hints, where the whole stays unexplained) and the aliases with what would separate them."""
-    for title, causes in (("Causes with their parameters", d.causes),
-                          ("Hints: they explain a part, and the whole stays unexplained", d.partial)):  # fmt: skip
+    """Yield the causes, or hints where the whole stays unexplained, and the aliases of each."""
+    hints = "Hints: they explain a part, and the whole stays unexplained"
+    for title, causes in (("Causes with their parameters", d.causes), (hints, d.partial)):
         if not causes:
             continue
         rows = [row for c in causes for row in _parameters(c)]
@@ -108,7 +108,9 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
         "open-loop errors by channel, as given and extended, beside the noise",
         (("as given", 1, "ring"), ("extended", 0, "dot"), ("noise", 2, "tick")),
     )
-    figure = Figure("gain-chart", "Simulated open loop: error by channel", chart, "To the right: the factor gained.")
+    figure = Figure(
+        "gain-chart", "Simulated open loop: error by channel", chart, "To the right: the factor gained."
+    )
     columns = ("channel", "unit", "#as given, rms", "#extended, rms", "#noise", "#factor")
     return [Text((text,)), whole, figure, Table("Open-loop error by channel", columns, tuple(table))]
 
@@ -142,5 +144,7 @@ def limit_table(d: Diagnosis) -> Table:
         for x in d.limits
     )
     columns = ("candidate", "where", "parameter", "#limit", "unit")
-    note = "Strength found with 95 % chance at the level used, everything nominal free to move within its prior."
+    note = (
+        "Strength found with 95 % chance at the level used, everything nominal free to move within its prior."
+    )
     return Table("Least strength this recording would have shown", columns, rows, note)

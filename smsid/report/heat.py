@@ -9,7 +9,7 @@ STEPS = 8  # of colour, from calm to loud
 
 @dataclass(frozen=True)
 class HeatCell:
-    """One cell: step of colour 0 ... 7 (-1: not applicable), what is written in it, and what a pointer is told.
+    """One cell: step of colour 0 ... 7 (-1: not applicable), what is written in it, what a pointer is told.
 
     ``marked`` cells have a frame, whatever their colour.
     """

@@ -50,7 +50,9 @@ def identify_report(
     sentence, tone = verdict(estimate, left)
     good = [p for p in reported(estimate) if p.status == "identifiable"]
     glance = [("identifiable", f"{len(good)} of {len(reported(estimate))}")]
-    glance += [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
+    glance += (
+        [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
+    )
     worst = worst_ratio(left)
     glance += [("residual / noise, worst", number(worst[1], 3))] if worst else []
     glance += [("time", f"{number(linear.estimate.timing['total'] + _extra(refined), 3)} s")]
@@ -94,7 +96,9 @@ def identify_sections(
     out += _aliases(refined, prefix)
     notes = tuple(dict.fromkeys((*linear.estimate.notes, *estimate.notes)))
     if notes:
-        out.append(Section(f"{prefix}notes", "Notes", (Text(notes, bullets=True),), f"{len(notes)}", open=False))
+        out.append(
+            Section(f"{prefix}notes", "Notes", (Text(notes, bullets=True),), f"{len(notes)}", open=False)
+        )
     return tuple(out)
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves of its recording, sample by sample, before and after; and held-out flights open loop."""
+"""What a diagnosis leaves of its recording, before and after; and held-out flights open loop."""
 
 from __future__ import annotations
 
@@ -59,9 +59,7 @@ def _traces(
                 shares = np.abs(run.errors[used, row] / run.normalised[used, row])
                 sigma = float(np.median(shares)) if used.any() else sigma
             name = data.names[row].replace(".", " ", 1).replace("_", " ")
-            own.append(
-                Trace(name, unit, data.times, values, simulated, error, sigma, before.errors[:, row])
-            )
+            own.append(Trace(name, unit, data.times, values, simulated, error, sigma, before.errors[:, row]))
         out[block.channel] = tuple(own)
     return out
 

@@ -1,4 +1,4 @@
-"""What a report says, before anything is drawn: sections of text, tables and figures, and where it is from."""
+"""What a report says, before anything is drawn: sections of text, tables and figures, and its origin."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Section:
-    """A part that folds. ``name`` is its anchor; ``open``: unfolded at first; ``summary``: one line beside."""
+    """A part that folds. ``name`` is its anchor; ``open``: unfolded at first; ``summary``: one line."""
 
     name: str
     title: str

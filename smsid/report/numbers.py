@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: significant digits, no trailing noise, real minus signs and powers of ten."""
+"""Numbers as a reader wants them: significant digits, real minus signs and powers of ten."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ QUANTILE = 1.959964
 
 @dataclass(frozen=True)
 class Known:
-    """What is known beside an estimate: the truth by name, the paper's errors [1], another method's estimate."""
+    """What is known beside an estimate: the truth, the paper's errors [1], another method's estimate."""
 
     truth: Mapping[str, float] = field(default_factory=dict)
     paper: Mapping[str, float] = field(default_factory=dict)
@@ -96,7 +96,9 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
     rows = []
     for p in shown:
         width = QUANTILE * p.relative_sigma
-        items: list[Mark | Bar] = [Bar(width, 0 if p.status == "identifiable" else 2, tip=f"± {share(width)}")]
+        items: list[Mark | Bar] = [
+            Bar(width, 0 if p.status == "identifiable" else 2, tip=f"± {share(width)}")
+        ]
         values.append(width)
         for label, value, series, shape in (
             ("description", p.nominal, 5, "ring"),
@@ -167,8 +169,8 @@ def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance:
         square=True,
     )
     caption = (
-        f"The {len(names)} parameters with the strongest correlations. Where two have almost one, this experiment "
-        "knows their sum or difference better than either."
+        f"The {len(names)} parameters with the strongest correlations. Where two have almost one, this "
+        "experiment knows their sum or difference better than either."
     )
     return Figure(name, "Alias matrix: which parameters move together", body, caption)
 

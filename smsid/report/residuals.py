@@ -1,4 +1,4 @@
-"""Measured against simulated: what an estimate leaves of the recordings, and what the description left before."""
+"""Measured against simulated: what an estimate leaves of the recordings, and what the description left."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def residuals_of(
     linear: Identification | None,
     refined: Refinement | None,
 ) -> tuple[Residuals, ...]:
-    """Return measured, simulated and residual of every recording, by the refinement or else the linear result.
+    """Return measured, simulated and residual of every recording, by the refinement or the linear result.
 
-    Initial poses and sensor biases are fitted in each case, the parameters held: as described for ``before``.
+    Initial poses and sensor biases are fitted in each case, the parameters held: described for ``before``.
     Recordings that cannot be predicted (an arm welded to the ground) raise `SmsidError`.
     """
     with threadpool_limits(limits=1, user_api="blas"):
@@ -132,7 +132,7 @@ def _component(k: int, width: int) -> str:
 def residual_parts(
     name: str, found: Sequence[Residuals], *, budget: int, with_before: bool = False
 ) -> tuple[Figure, Table]:
-    """Return the figure to look into every channel, and the table of all with what is left beside the noise."""
+    """Return the figure to look into every channel, and the table of what is left beside the noise."""
     traces = [t for r in found for t in r.traces]
     if not with_before:
         traces = [_without_before(t) for t in traces]
@@ -147,8 +147,17 @@ def residual_parts(
     return figure, residual_table(name, traces)
 
 
-def residual_table(target: str, traces: Sequence[Trace]) -> Table:
-    """Return one row per trace: residual, noise, their ratio, the correlation of neighbours, a small curve."""
+WHITE = (
+    "Noise: the standard deviation of the part that is white, from third differences. A ratio of one means "
+    "nothing but noise is left."
+)
+
+
+def residual_table(target: str, traces: Sequence[Trace], scale: str = "noise", note: str = WHITE) -> Table:
+    """Return one row per trace: residual, noise, their ratio, the correlation of neighbours, a small curve.
+
+    ``scale`` and ``note`` say what the traces' ``sigma`` is.
+    """
     rows = []
     for t in traces:
         r = t.residual
@@ -170,10 +179,14 @@ def residual_table(target: str, traces: Sequence[Trace]) -> Table:
                 Cell(f"residual of {t.name}", spark=spark(x)),
             )
         )
-    columns = ("channel", "unit", "#residual, rms", "#noise", "#ratio", "#neighbours' correlation", "residual")
-    note = (
-        "Noise: the standard deviation of the part that is white, from third differences. A ratio of one means "
-        "nothing but noise is left."
+    columns = (
+        "channel",
+        "unit",
+        "#residual, rms",
+        f"#{scale}",
+        "#ratio",
+        "#neighbours' correlation",
+        "residual",
     )
     return Table("Every channel (choose one to see it above)", columns, tuple(rows), note, target)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.signal import welch
@@ -19,7 +19,7 @@ MOST_POINTS = 220
 
 
 def spectrum_grid(
-    name: str, groups: dict[str, Sequence[Trace]], *, labels: tuple[str, str] = ("before", "after")
+    name: str, groups: Mapping[str, Sequence[Trace]], *, labels: tuple[str, str] = ("before", "after")
 ) -> Grid:
     """Return a spectrum for every group of traces (the components of a channel), pooled.
 

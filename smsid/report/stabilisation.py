@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from smsid.report.plot import Curve, Plot, Rule
 
 @dataclass(frozen=True)
 class Diagram:
-    """Poles of an appendage at one sampling rate [Hz] by model order, which are stable, and the modes read."""
+    """Poles of an appendage at one sampling rate [Hz] by model order, which are stable, the modes read."""
 
     appendage: str
     rate: float
@@ -42,7 +42,7 @@ class Diagram:
 
 
 def diagrams(
-    model: SpacecraftModel, recording: Recording, known: dict[str, Sequence[Mode]] | None = None
+    model: SpacecraftModel, recording: Recording, known: Mapping[str, Sequence[Mode]] | None = None
 ) -> tuple[Diagram, ...]:
     """Return the diagrams of every appendage that thrust bent, at the rates its modes were read at.
 
@@ -66,10 +66,7 @@ def diagrams(
             continue
         y = sampled(recording, sensor, "acceleration", time, None)[:, :, axis]
         root = base[:, axis : axis + 1]
-        if known is not None:
-            modes = tuple(known.get(name, ()))
-        else:
-            modes = panel_modes(time, y, root[:, 0]).clamped
+        modes = known.get(name, ()) if known is not None else panel_modes(time, y, root[:, 0]).clamped
         for own in sorted({m.rate for m in modes}, reverse=True):
             made = _at(np.hstack([y - root, root]), rate, own)
             if made:

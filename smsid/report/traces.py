@@ -1,4 +1,4 @@
-"""Long records to zoom into: measured, simulated and residual, thinned to the least and largest of each stretch."""
+"""Long records to zoom into: measured, simulated and residual, thinned to extremes of each stretch."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from smsid.report.plot import Band, Curve, Plot
 BUDGET = 150_000  # stretches kept in all series of a figure together
 LEVELS = 32766  # of a sixteen-bit number; -32768 stands for none
 FEWEST = 200
+FIRST = 1200  # points of the drawing that is there before any script runs
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Traces:
     alt: str
     first: int = 0
     labels: tuple[str, str, str, str] = ("measured", "simulated", "residual", "residual before")
+    band: str = "± 2 σ of the noise"
     budget: int = BUDGET
 
     @property
@@ -62,21 +64,13 @@ class Traces:
     def upper(self) -> Plot:
         """The trace shown at first, measured and simulated."""
         t = self.traces[self.first]
-        x, (m, s) = _thin(t.time, (t.measured, t.simulated), 1200)
-        return Plot(
-            Axis.over("time [s]", [t.time], room=0.0, count=7),
-            Axis.over(_axis(t, "value"), [m, s if s is not None else m], count=5),
-            tuple(
-                Curve(label, x, y, colour, style)
-                for label, y, colour, style in (
-                    (self.labels[0], m, 2, "line"),
-                    (self.labels[1], s, 0, "thin"),
-                )
-                if y is not None
-            ),
-            self.alt,
-            220,
-        )
+        x, (m, s) = _thin(t.time, (t.measured, t.simulated), FIRST)
+        drawn = m if m is not None else np.full(len(x), np.nan)
+        curves = [Curve(self.labels[0], x, drawn, 2, "line")]
+        if s is not None:
+            curves.append(Curve(self.labels[1], x, s, 0, "thin"))
+        y = Axis.over(_axis(t, "value"), [c.y for c in curves], count=5)
+        return Plot(Axis.over("time [s]", [t.time], room=0.0, count=7), y, tuple(curves), self.alt, 220)
 
     @property
     def lower(self) -> Plot | None:
@@ -84,16 +78,19 @@ class Traces:
         t = self.traces[self.first]
         if t.residual is None:
             return None
-        x, (r, b) = _thin(t.time, (t.residual, t.before), 1200)
+        x, (r, b) = _thin(t.time, (t.residual, t.before), FIRST)
         width = 2.0 * (t.sigma or 0.0)
         marks: list[Curve | Band] = []
         if t.sigma:
             edge = np.array([t.time[0], t.time[-1]])
-            marks.append(Band("± 2 σ of the noise", edge, np.full(2, -width), np.full(2, width), 0))
+            marks.append(Band(self.band, edge, np.full(2, -width), np.full(2, width), 0))
         if b is not None:
             marks.append(Curve(self.labels[3], x, b, 1, "thin"))
-        marks.append(Curve(self.labels[2], x, r, 0, "thin"))
-        axis = Axis.over(_axis(t, self.labels[2]), [x for x in (r, b) if x is not None] + [[-width, width]], count=4)
+        if r is not None:
+            marks.append(Curve(self.labels[2], x, r, 0, "thin"))
+        axis = Axis.over(
+            _axis(t, self.labels[2]), [x for x in (r, b) if x is not None] + [[-width, width]], count=4
+        )
         return Plot(Axis.over("time [s]", [t.time], room=0.0, count=7), axis, tuple(marks), self.alt, 150)
 
     def data(self) -> str:
@@ -110,11 +107,14 @@ class Traces:
                 place = len(clocks)
                 clocks.append(t.time)
                 packed.append(_floats(t.time[_starts(len(t.time), most)]))
-            entry: dict[str, object] = {"name": t.name, "unit": unit(t.unit), "clock": place, "sigma": t.sigma}
+            entry: dict[str, object] = {
+                "name": t.name,
+                "unit": unit(t.unit),
+                "clock": place,
+                "sigma": t.sigma,
+            }
             entry["end"] = float(t.time[-1])
-            for key, values in zip(
-                "mspb", (t.measured, t.simulated, t.residual, t.before), strict=True
-            ):
+            for key, values in zip("mspb", (t.measured, t.simulated, t.residual, t.before), strict=True):
                 if values is not None:
                     entry[key] = _packed(values, most)
             series.append(entry)

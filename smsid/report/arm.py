@@ -1,0 +1,108 @@
+"""The report of ``smsid identify`` for a welded arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from smsid.arm.identify import ArmIdentification
+from smsid.arm.motion import joint_motion
+from smsid.errors import SmsidError
+from smsid.recording import Recording
+from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, share
+from smsid.report.parameters import Known, identifiability, parameter_table, reported
+from smsid.report.residuals import residual_table
+from smsid.report.spectra import spectrum_grid
+from smsid.report.traces import Trace, Traces
+
+BUDGET = 250_000
+NOTE = "A ratio of one: predicted as well as the recording it was identified from."
+WELL = 0.1  # relative torque error on data not identified from, up to which the arm counts as explained
+
+
+def arm_report(
+    found: ArmIdentification, recordings: Sequence[Recording], origin: Provenance, known: Known | None = None
+) -> Report:
+    """Return the report of an arm's identification; it is judged by ``recordings``, its own first."""
+    own = reported(found.estimate)
+    known = known or Known()
+    good = sum(p.status == "identifiable" for p in own)
+    groups = {r.name: torque_traces(found, r) for r in recordings}
+    judged = [(r, found.judge(r)) for r in recordings]
+    held = [(r, e) for r, e in judged if r.role == "validation"]
+    name, errors = held[0] if held else judged[0]
+    seen = "on held-out data" if held else "on the data it was identified from"
+    sentence = (
+        f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation), and "
+        f"the torques {seen} are predicted to {share(errors.relative, 3)} ({name.name})."
+    )
+    tone: Tone = "neutral" if not held else "good" if errors.relative <= WELL else "warn"
+    joints = tuple(errors.by_joint)
+    table = Table(
+        "Torques: |predicted − measured| / |measured|",
+        ("recording", "role", "#all joints", *(f"#{j}" for j in joints)),
+        tuple(
+            (Cell(r.name), Cell(r.role), Cell(number(e.relative, 3), e.relative),
+             *(Cell(number(e.by_joint[j], 3), e.by_joint[j]) for j in joints))
+            for r, e in judged
+        ),
+    )  # fmt: skip
+    traces = [t for ts in groups.values() for t in ts]
+    worst = int(np.nanargmax([t.whitened_rms for t in traces]))
+    body = Traces(
+        tuple(traces),
+        "measured and predicted torque over time",
+        worst,
+        band="± 2 rms of the fit",
+        budget=BUDGET,
+    )
+    caption = "Below: measured minus predicted, beside twice its rms on the recording identified from."
+    figure = Figure("traces", "Measured and predicted torque", body, caption)
+    spectra = spectrum_grid("spectrum", groups, labels=("", "residual torque"))
+    torques = residual_table("traces", traces, "rms of the fit", NOTE)
+    parameters = (
+        identifiability("known", own, known),
+        parameter_table("Combinations of links, friction and motors", own, known),
+    )
+    notes = Text(found.estimate.notes or ("none",), bullets=True)
+    sections = (
+        Section("parameters", "Parameters", parameters, f"{len(own)} with intervals"),
+        Section("residuals", "Measured against predicted", (table, figure, torques)),
+        Section("spectra", "Spectra of the residuals", (spectra,)),
+        Section("notes", "Notes", (notes,), open=False),
+    )
+    glance = [("identifiable", f"{good} of {len(own)}")]
+    glance += [(f"torque error, {r.role}", share(e.relative, 3)) for r, e in judged]
+    return Report(
+        "Identification of an arm",
+        found.model.description.name,
+        sentence,
+        tone,
+        sections,
+        origin,
+        tuple(glance[:4]),
+    )
+
+
+def torque_traces(found: ArmIdentification, recording: Recording) -> tuple[Trace, ...]:
+    """Return measured and predicted torque of every joint of a recording, filtered as for identification."""
+    try:
+        motion = joint_motion(found.model, recording, found.motion.cutoff)
+    except SmsidError:
+        return ()
+    predicted = found.predict(motion)
+    left = motion.torque - predicted
+    names = list(found.model.pin.names)[1:]
+    # low-passed torque has no white noise to compare with: the residual of the fit itself is the scale
+    fitted = np.sqrt(np.mean(found.residual() ** 2, axis=0))
+    out = []
+    for k in range(left.shape[1]):
+        label = f"{recording.name}: {names[k]}"
+        out.append(
+            Trace(
+                label, "N m", motion.time, motion.torque[:, k], predicted[:, k], left[:, k], float(fitted[k])
+            )
+        )
+    return tuple(out)

@@ -1,0 +1,179 @@
+"""The report of ``smsid control``: the design, its loop with slosh and panel inside, and how robust it is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smsid.control.design import Design
+from smsid.control.robustness import Robustness
+from smsid.report.axes import Axis
+from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, share
+from smsid.report.plot import Curve, Plot, Rule
+from smsid.report.rows import Bar, Mark, Row, RowChart
+
+LIGHT = 0.001  # damping ratio below which the axis ends
+SHOWN = 14
+
+
+def control_report(made: Design, origin: Provenance) -> Report:
+    """Return the report of a design."""
+    sentence, tone = verdict(made)
+    sections = [Section("blocks", "What is designed", _design_parts(made), f"{len(made.term.blocks)} groups")]
+    if made.tuning is not None:
+        gist = "where gains keep out of"
+        sections.append(Section("modes", "Natural frequencies and gains", _modes(made), gist))
+    sections.append(Section("poles", "Poles of the loop", _poles(made), "slosh and panel inside the plant"))
+    if made.robustness is not None:
+        gist = f"mu between {number(made.robustness.mu_lower, 3)} and {number(made.robustness.mu_upper, 3)}"
+        sections.append(Section("robust", "Robust stability", _robust(made.robustness), gist))
+    else:
+        text = Text(("Not evaluated: no estimate with intervals was given.",))
+        sections.append(Section("robust", "Robust stability", (text,), "not evaluated"))
+    glance = [("gamma", number(made.term.gamma, 3)), ("uncertainty designed for", share(made.level, 3))]
+    if made.robustness is not None:
+        glance.append(("mu, upper bound", number(made.robustness.mu_upper, 3)))
+    least = min((p.damping for p in made.poles), default=math.nan)
+    glance.append(("least damping ratio", number(least, 2)))
+    return Report("Controller", made.description, sentence, tone, tuple(sections), origin, tuple(glance))
+
+
+def verdict(made: Design) -> tuple[str, Tone]:
+    """Return one sentence on a design, and what it is worth."""
+    flagged = sorted({p.name for p in made.poles if p.flag})
+    driven = f" It makes {', '.join(flagged)} worse damped than they are." if flagged else ""
+    gamma = f"The weighted loop has gamma {number(made.term.gamma, 3)}"
+    r = made.robustness
+    if r is None:
+        return f"{gamma}; robust stability was not evaluated, for want of an estimate.{driven}", "neutral"
+    if r.unstable or r.damping <= 0.0:
+        return f"{gamma}, and plants within the identified intervals are unstable.{driven}", "bad"
+    if not r.stable:
+        return (
+            f"{gamma}; that every plant within the identified intervals is stable is not shown.{driven}",
+            "warn",
+        )
+    sentence = (
+        f"{gamma}, and the loop stays stable over the identified intervals: mu is at most "
+        f"{number(r.mu_upper, 2)}, and none of {r.samples} plants drawn from the estimate is unstable."
+    )
+    return sentence + driven, "warn" if flagged else "good"
+
+
+def _design_parts(made: Design) -> tuple[Text | Table | Figure, ...]:
+    rows = []
+    for b in made.term.blocks:
+        low, high = b.gain_margin
+        rows.append(
+            (
+                Cell(", ".join(made.coordinates[k] for k in b.coordinates)),
+                Cell(number(b.synthesis.norm, 4), b.synthesis.norm),
+                Cell(number(float(b.error.max()), 3), float(b.error.max())),
+                Cell(number(b.crossover, 3), b.crossover),
+                Cell(number(b.sensitivity, 3), b.sensitivity),
+                Cell(number(b.complementary, 3), b.complementary),
+                Cell(f"{number(low, 2)} … {number(high, 3)}"),
+                Cell(number(b.phase_margin, 3), b.phase_margin),
+            )
+        )
+    columns = ("coordinates", "#gamma", "#bound on e [rad]", "#crossover [rad/s]", "#S, peak", "#T, peak",
+               "#gain margin", "#phase margin [deg]")  # fmt: skip
+    note = "Margins hold for all channels of a group at once. S and T are taken at the plant's input."
+    lines = list(made.term.weights.origin)
+    if made.identified is not None:
+        left = made.identified.left
+        told = f"; as described: {', '.join(left)}" if left else ""
+        lines.insert(
+            0, f"controller's model: {len(made.identified.applied)} parameters of the estimate{told}"
+        )
+    return Table("H-infinity term and margins", columns, tuple(rows), note), Text(tuple(lines), bullets=True)
+
+
+def _modes(made: Design) -> tuple[Table | Figure, ...]:
+    tuning = made.tuning
+    assert tuning is not None
+    rows, table, values = [], [], []
+    for m in tuning.modes:
+        low, high = m.band
+        state = "held" if m.held else "free"
+        tip = f"{number(m.frequency, 5)} rad/s, 95 %: {number(m.low, 5)} to {number(m.high, 5)}"
+        mark = Mark(m.frequency, m.low, m.high, 0, "dot" if m.held else "ring", tip)
+        rows.append(Row(f"{m.name}, base and joints {state}", (mark,), number(m.frequency, 4), m.band))
+        values += [low, high]
+        cells = [Cell(m.name), Cell(state)]
+        cells += [Cell(number(x, 5), x) for x in (m.frequency, m.low, m.high, low, high)]
+        table.append(tuple(cells))
+    gains = [(tuning.attitude, "attitude gains")]
+    gains += [] if math.isnan(tuning.joints) else [(tuning.joints, "joint gains")]
+    chart = RowChart(
+        Axis.over("frequency [rad/s]", [values, [g for g, _ in gains]], log=True),
+        tuple(rows),
+        "natural frequencies with the bands that gains keep out of",
+        (("base and joints held", 0, "dot"), ("free", 0, "ring")),
+        tuple(gains),
+    )
+    caption = "Shaded: where no gain's frequency may lie, the 95 % interval widened by a factor of 1.25."
+    columns = ("mode", "base and joints", "#rad/s", "#95 % from", "#to", "#band from", "#to")
+    return (
+        Figure("bands", "Natural frequencies and where the gains lie", chart, caption),
+        Table("Natural frequencies", columns, tuple(table)),
+    )
+
+
+def _poles(made: Design) -> tuple[Table | Figure, ...]:
+    x = np.array([abs(p.value) for p in made.poles])
+    damping = np.array([p.damping for p in made.poles])
+    shown = np.clip(damping, LIGHT, None)
+    hidden = ("tank", "slosh", "panel", "mode")
+    soft = np.array([any(k in p.name for k in hidden) or ".mode" in p.name for p in made.poles])
+    flagged = np.array([bool(p.flag) for p in made.poles])
+    marks: list[Curve | Rule] = [
+        Curve("attitude, joints, controller", x[~soft], shown[~soft], 2, "points"),
+        Curve("slosh and panel", x[soft & ~flagged], shown[soft & ~flagged], 0, "points"),
+        Curve("flagged", x[flagged], shown[flagged], 1, "rings"),
+    ]
+    marks = [m for m in marks if isinstance(m, Rule) or len(m.x)]
+    y = Axis.over("damping ratio", [shown, [1.0]], log=True)
+    axis = Axis.over("frequency [rad/s]", [x], log=True)
+    plot = Plot(axis, y, tuple(marks), "poles of the closed loop", 250)
+    rows = tuple(
+        (
+            Cell(p.name),
+            Cell(number(abs(p.value), 4), abs(p.value)),
+            Cell(number(p.damping, 4), p.damping, "bad" if p.damping <= 0.0 else "neutral"),
+            Cell(p.flag, tone="warn" if p.flag else "neutral"),
+        )
+        for p in made.poles
+    )
+    return (
+        Figure("pole-plot", "Frequency and damping of every pole", plot),
+        Table("Poles", ("moves most", "#rad/s", "#damping ratio", "flag"), rows),
+    )
+
+
+def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
+    facts = (
+        ("mu, upper bound: below one every plant within the intervals is stable", r.mu_upper),
+        ("at [rad/s]", r.frequency),
+        ("mu, lower bound: an unstable plant was found at 1/mu of the intervals", r.mu_lower),
+        ("least damping ratio at the worst parameters found within the intervals", r.damping),
+        ("plants drawn from the estimate", float(r.samples)),
+        ("unstable among them", float(r.unstable)),
+        ("least damping ratio among them", r.sampled_damping),
+    )
+    table = Table("Robust stability", ("", "#"), tuple((Cell(k), Cell(number(v, 4), v)) for k, v in facts))
+    worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:SHOWN]
+    rows = tuple(
+        Row(name, (Bar(value, 0 if value > 0 else 1, 0.0),), f"{value:+.2f}".replace("-", "−"))
+        for name, value in worst
+    )
+    chart = RowChart(
+        Axis("share of the 95 % interval", -1.1, 1.1, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1"))),
+        rows,
+        "the worst parameters found",
+        rules=((0.0, ""),),
+    )
+    caption = "Where within the identified intervals the loop is damped least, as far as a search found."
+    return table, Figure("worst", "Worst parameters", chart, caption)

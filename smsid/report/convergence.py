@@ -1,0 +1,113 @@
+"""How a campaign's figures settled as runs came in, and whether its errors are as intervals say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import binom, norm
+
+from smsid.campaign.outcome import RunRecord
+from smsid.campaign.summary import Summary
+from smsid.report.axes import Axis
+from smsid.report.model import Figure
+from smsid.report.plot import Band, Curve, Plot, Rule
+
+CURVES = 5
+QUANTILE = 1.959964
+
+
+def normalised_errors(records: Sequence[RunRecord]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return run numbers (n,) and errors in predicted standard deviations (n,) by parameter, in order."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    for record in records:
+        for o in record.outcomes if record.ok else ():
+            if o.truth is not None and o.sigma and math.isfinite(o.value) and math.isfinite(o.sigma):
+                found.setdefault(o.name, []).append((record.run, (o.value - o.truth) / o.sigma))
+    out = {}
+    for name, pairs in found.items():
+        table = np.array(sorted(pairs))
+        out[name] = table[:, 0], table[:, 1]
+    return out
+
+
+def convergence_figures(summary: Summary, records: Sequence[RunRecord]) -> tuple[Figure, ...]:
+    """Return running coverage, running bias and the distribution of errors; nothing below three runs."""
+    errors = {k: v for k, v in normalised_errors(records).items() if len(v[0]) > 2}
+    if not errors:
+        return ()
+    # those whose coverage is farthest off are the ones to look at
+    worst = sorted(errors, key=lambda k: -abs(np.mean(np.abs(errors[k][1]) < QUANTILE) - 0.95))[:CURVES]
+    return _coverage(errors, worst), _bias(errors, worst), _quantiles(errors)
+
+
+def _coverage(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]) -> Figure:
+    most = max(len(errors[k][0]) for k in worst)
+    n = np.arange(1, most + 1)
+    low, high = binom.ppf([[0.025], [0.975]], n, 0.95) / n
+    marks: list[Band | Curve | Rule] = [
+        Band("95 % band of one parameter", n, low, high, 2),
+        Rule("", 0.95, False, 2),
+    ]
+    for i, k in enumerate(worst):
+        inside = np.abs(errors[k][1]) < QUANTILE
+        share = np.cumsum(inside) / np.arange(1, len(inside) + 1)
+        marks.append(Curve(k, np.arange(1, len(share) + 1), share, COLOURS[i], "thin"))
+    plot = Plot(
+        Axis.over("runs", [[1, most]], room=0.0),
+        Axis.over("covered so far", [[0.5, 1.0]], room=0.02, count=5),
+        tuple(marks),
+        "running coverage of the parameters farthest off",
+    )
+    caption = "The parameters whose coverage ends farthest from 95 %."
+    return Figure("running-coverage", "Coverage as runs came in", plot, caption)
+
+
+def _bias(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]) -> Figure:
+    most = max(len(errors[k][0]) for k in worst)
+    n = np.arange(1, most + 1)
+    marks: list[Band | Curve | Rule] = [
+        Band("95 % band without bias", n, -QUANTILE / np.sqrt(n), QUANTILE / np.sqrt(n), 2),
+        Rule("", 0.0, False, 2),
+    ]
+    values = [np.array([-1.0, 1.0])]
+    for i, k in enumerate(worst):
+        z = errors[k][1]
+        mean = np.cumsum(z) / np.arange(1, len(z) + 1)
+        marks.append(Curve(k, np.arange(1, len(z) + 1), mean, COLOURS[i], "thin"))
+        values.append(mean[len(mean) // 10 :])
+    plot = Plot(
+        Axis.over("runs", [[1, most]], room=0.0),
+        Axis.over("mean error so far / predicted σ", values, count=5),
+        tuple(marks),
+        "running mean error of the same parameters",
+    )
+    return Figure("running-bias", "Bias as runs came in", plot)
+
+
+def _quantiles(errors: dict[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
+    """All errors in predicted standard deviations against the Gaussian's quantiles."""
+    z = np.sort(np.concatenate([e for _, e in errors.values()]))
+    expected = norm.ppf((np.arange(len(z)) + 0.5) / len(z))
+    keep = np.unique(np.concatenate([np.linspace(0, len(z) - 1, 160).astype(int), np.arange(min(12, len(z))),
+                                     np.arange(max(0, len(z) - 12), len(z))]))  # fmt: skip
+    ends = np.array([min(expected[0], -2.5), max(expected[-1], 2.5)])
+    marks = (
+        Curve("as predicted", ends, ends, 2, "dash"),
+        Curve("all errors", expected[keep], z[keep], 0, "ticks"),
+    )
+    plot = Plot(
+        Axis.over("quantile of the Gaussian", [ends]),
+        Axis.over("error / predicted σ", [z[keep], ends], within=(-12.0, 12.0)),
+        marks,
+        "errors in predicted standard deviations against Gaussian quantiles",
+    )
+    caption = (
+        f"{len(z)} errors of {len(errors)} parameters, divided by the standard deviation predicted for each. "
+        "On the line: intervals are right. Steeper: too short."
+    )
+    return Figure("quantiles", "Errors beside their prediction", plot, caption)
+
+
+COLOURS = (0, 1, 3, 4, 5)
