@@ -1,6 +1,6 @@
 """Causes that need a larger state, or a place, a phase or a time to be found, hidden in MuJoCo.
 
-From strength 3 to 100: what is found must be right by name, and its parameter within three standard deviations.
+From strength 3 to 100: what is found must be right by name, and its parameter within three sigma.
 """
 
 from __future__ import annotations
