@@ -16,6 +16,7 @@ from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.searched import Imbalance, Leak
+from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
@@ -69,9 +70,12 @@ def _one(
     fields: dict[str, Any],
     free: dict[str, float],
     also: Sequence[str] = (),
+    part: str = "",
 ) -> Iterator[Candidate]:
-    """Yield a candidate; ``free`` gives the step of each parameter, vectors as ``key.x``."""
-    name = re.sub(r"\W+", "_", f"{kind}_{location}").strip("_")
+    """Yield a candidate; ``free`` gives the step of each parameter, vectors as ``key.x``. ``part`` tells
+    effects of a kind apart that may stand at one location together.
+    """
+    name = re.sub(r"\W+", "_", f"{kind}_{location}_{part}").strip("_")
     effect = _instance(kind, name, **fields)
     if effect is None:
         return
@@ -192,20 +196,18 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         part = joints.appendage
         modes = range(1, len(joints.joints) + 1)
         for k in modes:
-            own = [f"{part.name}.mode{k}.frequency"]
-            yield from _shift(part.kind, part.name, "appendage", f"frequency of mode {k}", own, nominal)
-            yield from _shift(
-                part.kind,
-                part.name,
-                "appendage",
-                f"damping of mode {k}",
-                [f"{part.name}.mode{k}.damping"],
-                nominal,
-            )
-            at = {"appendage": part.name, "mode": k, "rate": 0.0}
-            yield from _one(
-                "frequency_drift", part.name, "appendage", f"drift of mode {k}", at, {"rate": 1e-4}
-            )
+            own = [f"{part.name}.mode{k}.{key}" for key in ("frequency", "damping")]
+            mode = {"appendage": part.name, "mode": k}
+            for key, name in zip(("frequency", "damping"), own, strict=True):
+                shape = f"{key} of mode {k}"
+                yield from _shift(part.kind, part.name, "appendage", shape, [name], nominal)
+                if isinstance(part, BeamAppendage):  # its own parameters move all modes together
+                    yield from _one(
+                        "mode_error", part.name, "appendage", shape, mode, {key: 1e-3}, part=f"{k}"
+                    )
+            at = {**mode, "rate": 0.0}
+            shape = f"drift of mode {k}"
+            yield from _one("frequency_drift", part.name, "appendage", shape, at, {"rate": 1e-4}, part=f"{k}")
         stiff = [f"{part.name}.youngs_modulus"]
         yield from _shift(part.kind, part.name, "appendage", "stiffness", stiff, nominal)
         yield from _shift(part.kind, part.name, "appendage", "damping", [f"{part.name}.damping"], nominal)

@@ -12,18 +12,16 @@ from scipy.stats import chi2
 
 from smsid.diagnose.blocks import Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
-from smsid.diagnose.channels import Measured
-from smsid.diagnose.filter import Noise, Problem, Run
+from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.noise import fit_with_noise, refitted
 from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
-SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 ONSETS = 9  # times an effect may begin at, a round; three rounds, each finer
-LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,9 @@ class Cause:
 class Search:
     """How a search ended: the fit of the nominal parameters alone, the last fit, causes and tests.
 
-    ``scores`` are those of the last round, the best first; ``blocks`` the generic tests after it.
-    ``before`` are those of the nominal fit.
+    ``scores`` are those of the last round, the best first; ``blocks`` the generic tests after it. ``noise``
+    are noise levels over the stated ones by channel, as fitted; with ``misfit`` they count what the model
+    cannot follow.
     """
 
     nominal: Fit
@@ -71,6 +70,7 @@ class Search:
     candidates: int
     samples: int
     noise: dict[str, float]
+    misfit: bool = False
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = Levels()
 
@@ -94,8 +94,8 @@ def search(
     """
     levels = levels or Levels()
     clock = {"nominal": time.process_time()}
-    nominal, problem, noise = _fit_noise(point, problem, tuple(unknowns))
-    current, causes = nominal, []
+    fitted = fit_with_noise(point, problem, tuple(unknowns))
+    nominal, current, causes = fitted.fit, fitted.fit, []
     clock["search"] = time.process_time()
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}
@@ -110,9 +110,11 @@ def search(
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
             continue
-        cause, current = accepted
+        cause, found = accepted
         causes.append(cause)
-        if cause.ratio > levels.linear:
+        fitted = refitted(replace(fitted, fit=found))
+        current = fitted.fit
+        if cause.ratio > levels.linear or fitted.misfit:
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
     causes, current = _pruned(causes, current, nominal, levels, len(candidates))
@@ -126,51 +128,8 @@ def search(
     }
     return Search(
         nominal, current, tuple(causes), tuple(scores), tuple(blocks), len(candidates),
-        current.run.samples, noise, seconds, levels,
+        current.run.samples, fitted.by_channel, fitted.misfit, seconds, levels,
     )  # fmt: skip
-
-
-def _fit_noise(
-    point: Point, problem: Problem, unknowns: tuple[Unknown, ...]
-) -> tuple[Fit, Problem, dict[str, float]]:
-    """Fit the nominal parameters and the noise level of every channel, in turn."""
-    # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
-    loose = replace(problem, noise=LOOSE)
-    found = fit(fit(point, unknowns, loose, iterations=4).point, unknowns, problem, iterations=8)
-    total = np.ones(problem.data.rows)
-    for _ in range(2):
-        factor = noise_factors(problem.data, found.run)
-        if np.abs(factor - 1.0).max() < 0.03:
-            break
-        total *= factor
-        problem = replace(problem, data=problem.data.scaled(factor))
-        found = fit(found.point, unknowns, problem, iterations=8)
-    noise = {b.channel: float(total[b.rows.start]) for b in problem.data.blocks}
-    return found, problem, noise
-
-
-def noise_factors(data: Measured, run: Run) -> np.ndarray:
-    """Return what every channel's stated noise is off by (rows,), from its prediction errors.
-
-    From their variance, or where that is clearly larger, from that of their differences: what varies slowly
-    is no noise. One factor a channel.
-    """
-    out = np.ones(data.rows)
-    for block in data.blocks:
-        shares = []
-        for row in range(block.rows.start, block.rows.stop):
-            x = run.normalised[run.used[:, row], row]
-            if len(x) < 50:
-                continue
-            x = x[len(x) // 50 :]
-            middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
-            rough = np.diff(x)
-            calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
-            whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
-            shares.append(whole if whole < SLOW * fast else fast)
-        if shares:
-            out[block.rows] = np.sqrt(np.mean(shares))
-    return out
 
 
 def _scores(
@@ -221,8 +180,8 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
     if value <= 0.0 or chi2.sf(ratio, max(winner.freedom, 1)) * len(scores) > levels.candidate:
         return None
     if best.ratio > levels.linear:
-        refitted = {id(s): v for v, s, _ in fitted}
-        near = [s for s in contenders if value - refitted.get(id(s), -np.inf) < levels.alias]
+        reached = {id(s): v for v, s, _ in fitted}
+        near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
         near += [
             s for s in rivals if s not in contenders and gain - s.information_gain(samples) < levels.alias
         ]
@@ -334,9 +293,9 @@ def _pruned(
         if worst is None:
             break
         causes = [c for c in causes if c is not worst]
-        current = nominal
+        current = replace(nominal, problem=last.problem)  # its noise levels may be finer
         for cause in causes:
-            refitted = _refit(current, cause.score)
-            current = refitted if refitted is not None else current
+            again = _refit(current, cause.score)
+            current = again if again is not None else current
         last = current
     return causes, last

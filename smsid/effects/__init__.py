@@ -23,6 +23,7 @@ from smsid.effects.gear import Gear
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
 from smsid.effects.mass_loss import MassLoss
+from smsid.effects.mode_error import ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, Payload
 from smsid.effects.sensor_errors import (
@@ -59,6 +60,7 @@ __all__ = [
     "MassLoss",
     "ModalAppendage",
     "Mode",
+    "ModeError",
     "MotorCoupling",
     "MotorInertia",
     "Outliers",

@@ -73,6 +73,7 @@ EXAMPLES = {
     "slosh_nonlinearity": {"name": "sn", "tank": "tank", "cubic": 0.5, "quadratic_damping": 0.1},
     "geometric_stiffness": {"name": "gs", "appendage": "panel", "factor": 1.0},
     "frequency_drift": {"name": "fd", "appendage": "panel", "mode": 2, "rate": 1e-3},
+    "mode_error": {"name": "me", "appendage": "panel", "mode": 2, "frequency": 0.03, "damping": 1e-3},
     "wheel_imbalance": {"name": "wi", "wheel": "wheel_z", "static": 1e-3, "phase": 0.3, "dynamic": 1e-4},
     "extra_mode": {
         "name": "xm", "appendage": "panel", "mass": 1.0, "position": (3.0, 0.0, 0.0), "frequency": 0.4,

@@ -153,12 +153,12 @@ def _panel(n: Numbers) -> list[Hidden]:
             Hidden(
                 kind, family, "panel", f"mode{k + 1}.frequency", "1",
                 plain(lambda x, k=k: mode(k, omega=x)), guess, cap=cap_f, signed=True,
-                shapes=(f"frequency of mode {k + 1}", "stiffness"),
+                shapes=(f"frequency of mode {k + 1}", "stiffness"), others=("mode_error",),
             ),
             Hidden(
                 kind, family, "panel", f"mode{k + 1}.damping", "1",
                 plain(lambda x, k=k: mode(k, damping=x)), 0.5, cap=20.0,
-                shapes=(f"damping of mode {k + 1}", "damping"),
+                shapes=(f"damping of mode {k + 1}", "damping"), others=("mode_error",),
             ),
         ]  # fmt: skip
     return found

@@ -1,0 +1,145 @@
+"""Noise levels from what a fit leaves: the sensors' own, and where the model cannot follow, its misfit."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import welch
+
+from smsid.diagnose.channels import Measured
+from smsid.diagnose.filter import Noise, Problem, Run
+from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.point import Point, Unknown
+
+LOGGER = logging.getLogger(__name__)
+SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
+LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
+MISFIT = 10.0  # times its noise level that the model leaves, over all channels, before misfit is counted
+PARTS = 8  # segments of the spectrum that misfit is read from
+FEW = 50  # samples below which a channel says nothing of its noise
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit with the noise levels it was made with: factors on the stated ones (rows,).
+
+    ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone.
+    """
+
+    fit: Fit
+    factors: np.ndarray
+    misfit: bool = False
+
+    @property
+    def by_channel(self) -> dict[str, float]:
+        """Noise level over the stated one, by channel: root mean square over its components."""
+        blocks = self.fit.problem.data.blocks
+        return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
+
+
+def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
+    """Fit parameters and the noise level of every channel, in turn.
+
+    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
+    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
+    as noise that is as slow.
+
+    Raises `SimulationError` when the start cannot be filtered.
+    """
+    # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
+    near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4).point
+    found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+    if strayed(found.fit.run) > MISFIT:
+        return refitted(replace(found, misfit=True))
+    return _with_noise(replace(found, fit=fit(found.fit.point, unknowns, problem, iterations=8)))
+
+
+def refitted(found: Fitted) -> Fitted:
+    """Return a fit with its noise levels found again, where misfit was counted in them."""
+    if not found.misfit:
+        return found
+    again = _with_misfit(found)
+    stated = again.fit.problem.data.scaled(1.0 / again.factors)
+    if strayed(again.fit.run, again.factors) > MISFIT:
+        return again
+    LOGGER.info("what is left can be fitted to the noise")
+    problem = replace(again.fit.problem, data=stated)
+    exact = fit(again.fit.point, again.fit.unknowns, problem, iterations=8)
+    if strayed(exact.run) > MISFIT:
+        return again
+    return _with_noise(Fitted(exact, np.ones(stated.rows)))
+
+
+def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
+    """Return the root mean square of the prediction errors over their noise, outliers left out."""
+    x = np.where(run.used, run.normalised * factors, np.nan)
+    return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
+
+
+def _with_noise(found: Fitted) -> Fitted:
+    for _ in range(2):
+        factor = noise_factors(found.fit.problem.data, found.fit.run)
+        if np.abs(factor - 1.0).max() < 0.03:
+            break
+        found = _scaled(found, factor)
+    return found
+
+
+def _with_misfit(found: Fitted) -> Fitted:
+    for _ in range(3):
+        factor = misfit_factors(found.fit.problem.data, found.fit.run)
+        factor = np.maximum(found.factors * factor, 1.0) / found.factors
+        LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
+        found = replace(_scaled(found, factor), misfit=True)
+        if np.abs(np.log(factor)).max() < 0.1:
+            break
+    return found
+
+
+def _scaled(found: Fitted, factor: np.ndarray) -> Fitted:
+    problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
+    fitted = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
+    return replace(found, fit=fitted, factors=found.factors * factor)
+
+
+def noise_factors(data: Measured, run: Run) -> np.ndarray:
+    """Return what every channel's stated noise is off by (rows,), from its prediction errors.
+
+    From their variance, or where that is clearly larger, from that of their differences: what varies slowly
+    is no noise. One factor a channel.
+    """
+    out = np.ones(data.rows)
+    for block in data.blocks:
+        shares = []
+        for row in range(block.rows.start, block.rows.stop):
+            x = run.normalised[run.used[:, row], row]
+            if len(x) < FEW:
+                continue
+            x = x[len(x) // 50 :]
+            middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
+            rough = np.diff(x)
+            calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
+            whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
+            shares.append(whole if whole < SLOW * fast else fast)
+        if shares:
+            out[block.rows] = np.sqrt(np.mean(shares))
+    return out
+
+
+def misfit_factors(data: Measured, run: Run) -> np.ndarray:
+    """Return by what the noise of every component (rows,) is to grow for its misfit to weigh as noise.
+
+    White noise of that level has as much power as the prediction errors at the frequency where they have
+    most (Welch's spectrum, `PARTS` segments): a slow error is one error, however often it is sampled.
+    """
+    out = np.ones(data.rows)
+    for row in range(data.rows):
+        x = run.normalised[run.used[:, row], row]
+        if len(x) < FEW:
+            continue
+        _, power = welch(x, nperseg=max(len(x) // PARTS, FEW // 2), detrend=False)
+        out[row] = float(np.sqrt(0.5 * power[:-1].max()))
+    return out
