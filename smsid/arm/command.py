@@ -25,12 +25,15 @@ def identify_and_judge(
     console: Console,
     *,
     gains: bool = False,
+    report: Path | None = None,
+    inputs: Sequence[Path] = (),
 ) -> list[dict[str, Any]]:
     """Identify from the recording in the role estimation, judge by those in the role validation, and print.
 
     Returns for each recording how far its torques are predicted.
 
-    With ``gains`` the gears' torque gains are found first, the described links taken as known.
+    With ``gains`` the gears' torque gains are found first, the described links taken as known. ``report``: an
+    HTML to write as well, with the sums of the files ``inputs``.
 
     Raises:
         RecordingError: not exactly one recording to identify from, or as `identify_arm`.
@@ -59,6 +62,12 @@ def identify_and_judge(
         found = identify_arm(description, train[0], cutoff=cutoff)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
+    if report is not None:
+        from smsid.report import provenance, write_report
+        from smsid.report.arm import arm_report
+
+        others = [r for r in recordings if r is not train[0]]
+        write_report(arm_report(found, [train[0], *others], provenance(inputs)), report)
     for table in estimate_table(found.estimate):
         console.print(table)
     table = Table(title="torques: |predicted - measured| / |measured|", title_justify="left")

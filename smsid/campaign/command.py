@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import writable
+from smsid.cli.options import ReportPath, writable
 from smsid.cli.output import console, error_console, is_quiet, warn
 
 
@@ -30,6 +30,7 @@ def campaign_command(
     dask: Annotated[str | None, typer.Option(help="address of a dask scheduler, tcp://host:port")] = None,
     retry_failed: Annotated[bool, typer.Option(help="do runs again that ended in an error")] = False,
     level: Annotated[float, typer.Option(help="family-wise level of the bands in the summary")] = 0.01,
+    report: ReportPath = None,
 ) -> Outcome:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.main import campaign_main, summary_path
@@ -50,10 +51,20 @@ def campaign_command(
     except KeyboardInterrupt:
         warn(f"finished runs are in {output}; the same command goes on from there")
         raise typer.Abort from None
+    written = [output, summary_path(output)]
+    if report is not None:
+        from smsid.campaign.store import read_store
+        from smsid.report import provenance, write_report
+        from smsid.report.campaign import campaign_report
+
+        header, records = read_store(output)
+        origin = provenance([plan, output], seed=header.plan["seed"])
+        write_report(campaign_report(header.plan["name"], summary, list(records), origin), report)
+        written.append(report)
     out = console()
     for table in summary_tables(summary):
         out.print(table)
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
-    out.print(f"wrote {output} and {summary_path(output)}")
-    return Outcome({"summary": json.loads(summary.to_json())}, [output, summary_path(output)])
+    out.print(f"wrote {', '.join(map(str, written))}")
+    return Outcome({"summary": json.loads(summary.to_json())}, written)

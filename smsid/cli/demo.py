@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.identify.estimate import Estimate
+    from smsid.identify.pipeline import Identification
     from smsid.recording import Recording
 
 
 def demo_command(
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="folder for recordings, estimate and view")
+        Path, typer.Option("--output", "-o", help="folder for recordings, estimate, report and view")
     ] = Path("demo-out"),
     seed: Seed = 1,
 ) -> Outcome:
@@ -64,7 +65,9 @@ def demo_command(
         save_recording(flight.recording, output / f"{name}.nc")
         written.append(output / f"{name}.nc")
         recordings.append(flight.recording)
-    estimate = _identify(description, recordings, output / "estimate.json")
+    found = _identify(description, recordings, output / "estimate.json")
+    estimate = found.estimate
+    shown = [("own", "smsid's own simulation", recordings, found)]
     _print(estimate, out)
     written.append(output / "estimate.json")
     document = {"estimate": json.loads(estimate.to_json())}
@@ -78,10 +81,16 @@ def demo_command(
             _noisy(import_recording(folder / f"{name}.npz", mapping), described, rng)
             for name, mapping in (("exp1_xyz_modal3", "oracle_exp1"), ("exp2_modal3", "oracle_exp2"))
         ]
-        estimate = _identify(described, foreign, output / "estimate_oracle.json")
+        found = _identify(described, foreign, output / "estimate_oracle.json")
+        estimate = found.estimate
+        shown.append(("mujoco", "another engine, MuJoCo", foreign, found))
         _print(estimate, out)
         written.append(output / "estimate_oracle.json")
         document["estimate_oracle"] = json.loads(estimate.to_json())
+    with working("writing the report"):
+        _report(description, shown, seed, output)
+    written.append(output / "report.html")
+    out.print(f"\nReport, to be opened in a browser: {output / 'report.html'}")
     try:
         from smsid.view import view_main
 
@@ -102,14 +111,31 @@ def _noisy(recording: Recording, description: Description, rng: np.random.Genera
     return add_noise(recording, sensors, rng)
 
 
-def _identify(description: Description, recordings: list[Recording], path: Path) -> Estimate:
+def _report(
+    description: Description,
+    shown: list[tuple[str, str, list[Recording], Identification]],
+    seed: int,
+    output: Path,
+) -> None:
+    from smsid.cli.paper_tables import paper_errors
+    from smsid.paths import urdf_folder
+    from smsid.report import files_of, provenance, write_report
+    from smsid.report.demo import Shown, demo_report
+
+    inputs = [*files_of(description, urdf_folder() / "paper_sms.toml"), *sorted(output.glob("exp?.nc"))]
+    origin = provenance(inputs, seed=seed)
+    page = demo_report(description, [Shown(*s) for s in shown], paper_errors(), origin)
+    write_report(page, output / "report.html")
+
+
+def _identify(description: Description, recordings: list[Recording], path: Path) -> Identification:
     from smsid.identify.estimate import save_estimate
     from smsid.identify.pipeline import identify
 
     with working("identifying"):
-        estimate = identify(description, recordings).estimate
-    save_estimate(estimate, path)
-    return estimate
+        found = identify(description, recordings)
+    save_estimate(found.estimate, path)
+    return found
 
 
 def _print(estimate: Estimate, out: Console) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, writable
+from smsid.cli.options import Output, ReportPath, writable
 from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def diagnose_command(
             callback=writable, help="description with the causes in it; by default extended.toml beside"
         ),
     ] = None,
+    report: ReportPath = None,
     cutoff: Annotated[
         float | None, typer.Option(help="low-pass of the motion of an arm whose torques were measured [Hz]")
     ] = None,
@@ -63,6 +64,15 @@ def diagnose_command(
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
         written.append(place)
+    if report is not None:
+        from smsid.report import files_of, provenance, write_report
+        from smsid.report.diagnose import Asked, diagnose_report
+
+        with working("writing the report"):
+            inputs = [*files_of(described, description), *recordings, *(validate or [])]
+            origin = provenance([*inputs, *([estimate] if estimate else [])])
+            write_report(diagnose_report(found, Asked(described, loaded, known, judged), origin), report)
+        written.append(report)
     out = console()
     for part in diagnosis_tables(found.diagnosis):
         out.print(part)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, Output
+from smsid.cli.options import DescriptionPath, Output, ReportPath
 from smsid.cli.output import console, working
 from smsid.errors import SmsidError
 
@@ -42,6 +42,7 @@ def identify_command(
     show_all: Annotated[
         bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
     ] = False,
+    report: ReportPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.cli.tables import comparison_table, estimate_table
@@ -58,26 +59,38 @@ def identify_command(
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
-        judged = identify_and_judge(described, loaded, output, cutoff, out, gains=gains)
+        inputs = (description, *recordings)
+        judged = identify_and_judge(
+            described, loaded, output, cutoff, out, gains=gains, report=report, inputs=inputs
+        )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
-        return Outcome(document, [output])
+        return Outcome(document, [output, *([report] if report else [])])
     if cutoff is not None or gains:
         option = "--gains" if gains else "--cutoff"
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying by the paper's method"):
         linear = identify(described, loaded)
     estimate = linear.estimate
-    tables = list(estimate_table(estimate, everything=show_all))
+    tables, refined = list(estimate_table(estimate, everything=show_all)), None
     if method == "ml":
         from smsid.likelihood import refine
 
         with working("refining by maximum likelihood"):
-            estimate = refine(described, loaded, linear).estimate
+            refined = refine(described, loaded, linear)
+        estimate = refined.estimate
         tables = [comparison_table(estimate, linear.estimate, everything=show_all)]
     save_estimate(estimate, output)
+    if report is not None:
+        from smsid.report import files_of, provenance, write_report
+        from smsid.report.identify import identify_report
+
+        with working("writing the report"):
+            origin = provenance([*files_of(described, description), *recordings])
+            write_report(identify_report(described, loaded, linear, refined, origin), report)
     for table in tables:
         out.print(table)
     for note in dict.fromkeys((*linear.estimate.notes, *estimate.notes)):
         out.print(f"note: {note}", markup=False, highlight=False)
-    out.print(f"{estimate.timing['total']:.1f} s; wrote {output}")
-    return Outcome({"estimate": json.loads(estimate.to_json())}, [output])
+    written = [output, *([report] if report else [])]
+    out.print(f"{estimate.timing['total']:.1f} s; wrote {', '.join(map(str, written))}")
+    return Outcome({"estimate": json.loads(estimate.to_json())}, written)

@@ -29,4 +29,8 @@ DescriptionPath = Annotated[
 Output = Annotated[
     Path, typer.Option("--output", "-o", callback=writable, help="file to write, whole or not at all")
 ]
+ReportPath = Annotated[
+    Path | None,
+    typer.Option("--report", callback=writable, help="self-contained HTML report to write as well"),
+]
 Seed = Annotated[int, typer.Option(help="seed of sensor noise and turn-on biases")]

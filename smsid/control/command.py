@@ -10,12 +10,14 @@ import typer
 from rich.table import Table
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output
+from smsid.cli.options import Output, ReportPath
 from smsid.cli.output import console, working
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
     from smsid.control.design import Design
+    from smsid.description import Description
+    from smsid.report import Provenance, Report
 
 
 def control_command(
@@ -43,6 +45,7 @@ def control_command(
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
+    report: ReportPath = None,
 ) -> Outcome:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
     from smsid.description import load_description
@@ -55,7 +58,14 @@ def control_command(
     if study is not None:
         from smsid.control.study_command import fly_study
 
-        return Outcome({"study": fly_study(described, found, draws, output, console())}, [output])
+        flown = fly_study(described, found, draws, output, console())
+        if report is not None:
+            from smsid.report.table4 import study_report
+
+            _write(
+                study_report(flown, described.name, _origin(described, description, estimate, seed)), report
+            )
+        return Outcome({"study": flown}, [output, *([report] if report else [])])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -78,11 +88,28 @@ def control_command(
             np.random.default_rng(seed),
         )
     save_controller(made, output)
+    if report is not None:
+        from smsid.report.control import control_report
+
+        _write(control_report(made, _origin(described, description, estimate, seed)), report)
     out = console()
     for part in _report(made):
         out.print(part)
-    out.print(f"wrote {output}")
-    return Outcome({"controller": controller_document(made)}, [output])
+    written = [output, *([report] if report else [])]
+    out.print(f"wrote {', '.join(map(str, written))}")
+    return Outcome({"controller": controller_document(made)}, written)
+
+
+def _origin(described: Description, path: Path, estimate: Path | None, seed: int) -> Provenance:
+    from smsid.report import files_of, provenance
+
+    return provenance([*files_of(described, path), *([estimate] if estimate else [])], seed=seed)
+
+
+def _write(report: Report, path: Path) -> None:
+    from smsid.report import write_report
+
+    write_report(report, path)
 
 
 def _pair(text: str) -> tuple[float, float]:

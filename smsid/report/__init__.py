@@ -3,7 +3,7 @@
 from smsid.report.heat import HeatCell, HeatMap
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
 from smsid.report.plot import Band, Curve, Plot, Rule
-from smsid.report.provenance import provenance
+from smsid.report.provenance import files_of, provenance
 from smsid.report.render import render, write_report
 from smsid.report.rows import Bar, Mark, Row, RowChart
 from smsid.report.traces import Trace, Traces
@@ -29,6 +29,7 @@ __all__ = [
     "Text",
     "Trace",
     "Traces",
+    "files_of",
     "provenance",
     "render",
     "write_report",

@@ -135,7 +135,7 @@ def _poles(made: Design) -> tuple[Table | Figure, ...]:
         Curve("flagged", x[flagged], shown[flagged], 1, "rings"),
     ]
     marks = [m for m in marks if isinstance(m, Rule) or len(m.x)]
-    y = Axis.over("damping ratio", [shown, [1.0]], log=True)
+    y = Axis.over("damping ratio", [shown, [1.0]], log=True, room=0.08)
     axis = Axis.over("frequency [rad/s]", [x], log=True)
     plot = Plot(axis, y, tuple(marks), "poles of the closed loop", 250)
     rows = tuple(
@@ -155,23 +155,28 @@ def _poles(made: Design) -> tuple[Table | Figure, ...]:
 
 def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
     facts = (
-        ("mu, upper bound: below one every plant within the intervals is stable", r.mu_upper),
+        ("mu, upper bound (below one: all stable)", r.mu_upper),
         ("at [rad/s]", r.frequency),
-        ("mu, lower bound: an unstable plant was found at 1/mu of the intervals", r.mu_lower),
-        ("least damping ratio at the worst parameters found within the intervals", r.damping),
+        ("mu, lower bound", r.mu_lower),
+        ("least damping ratio at the worst parameters", r.damping),
         ("plants drawn from the estimate", float(r.samples)),
         ("unstable among them", float(r.unstable)),
         ("least damping ratio among them", r.sampled_damping),
     )
-    table = Table("Robust stability", ("", "#"), tuple((Cell(k), Cell(number(v, 4), v)) for k, v in facts))
+    note = (
+        "Over the identified intervals. With mu below one every plant within them is stable; the lower bound is "
+        "from an unstable plant found at 1/mu of the intervals."
+    )
+    rows = tuple((Cell(k), Cell(number(v, 4), v)) for k, v in facts)
+    table = Table("Robust stability", ("quantity", "#value"), rows, note)
     worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:SHOWN]
-    rows = tuple(
+    bars = tuple(
         Row(name, (Bar(value, 0 if value > 0 else 1, 0.0),), f"{value:+.2f}".replace("-", "−"))
         for name, value in worst
     )
     chart = RowChart(
         Axis("share of the 95 % interval", -1.1, 1.1, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1"))),
-        rows,
+        bars,
         "the worst parameters found",
         rules=((0.0, ""),),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-PLAIN = 1e6  # numbers below are written out
+PLAIN, SMALL = 1e6, 1e-3  # numbers between them are written out
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -21,6 +21,9 @@ def number(x: float | None, digits: int = 4) -> str:
     text = f"{x:.{digits}g}"
     if "e+" in text and abs(x) < PLAIN:
         text = f"{float(text):.0f}"
+    elif 0.0 < abs(float(text)) < SMALL:
+        mantissa, _, exponent = f"{x:.{digits - 1}e}".partition("e")
+        text = f"{float(mantissa):g}e{exponent}"
     if "e" in text:
         mantissa, _, exponent = text.partition("e")
         return f"{mantissa}·{power(int(exponent))}".replace("-", "−")

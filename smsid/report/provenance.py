@@ -11,9 +11,13 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import smsid
 from smsid.report.model import Provenance
+
+if TYPE_CHECKING:
+    from smsid.description import Description
 
 PACKAGES = {"pinocchio": "pin", "numpy": "numpy", "scipy": "scipy"}
 
@@ -37,6 +41,13 @@ def provenance(inputs: Iterable[str | os.PathLike[str]] = (), *, seed: object = 
         inputs={str(p): sha256(p) for p in dict.fromkeys(map(str, inputs))},
         seed="" if seed is None else str(seed),
     )
+
+
+def files_of(description: Description, path: str | os.PathLike[str]) -> list[str]:
+    """Return the files a description is made of: its own, and the URDFs it names."""
+    named = [description.urdf, *(a.urdf for a in description.arm if a.urdf)]
+    found = [str(Path(description.folder, n)) for n in named if Path(description.folder, n).is_file()]
+    return [str(path), *found]
 
 
 def sha256(path: str | os.PathLike[str]) -> str:

@@ -75,5 +75,5 @@ class RowChart:
 
     def span(self, low: float | None, high: float | None) -> tuple[float, float]:
         """Return start and width of an interval [%]."""
-        start = self.place(low)
-        return start, round(max(self.place(high) - start, 0.0), 2)
+        a, b = sorted((self.place(low), self.place(high)))
+        return a, round(b - a, 2)
