@@ -15,7 +15,11 @@ from .study import run_and_judge
 pytest.importorskip("smsid.diagnose")
 
 RIGHT = ("right", "right_by_alias")
-QUICK = [("arm", "gear_compliance:compliance@joint3", 10.0, None)]
+QUICK = [
+    ("arm", "gear_compliance:compliance@joint3", 10.0, None),
+    ("arm", "backlash:gap@joint1", 10.0, None),
+    ("arm", "sensor_bias:bias@encoder.joint_velocity[joint2]", 30.0, 35.0),
+]
 SLOW = [
     *(("rigid", "gear_compliance:compliance@joint2", s, None) for s in (3.0, 10.0, 100.0)),
     *(("rigid", "backlash:gap@joint3", s, None) for s in (3.0, 10.0, 100.0)),
