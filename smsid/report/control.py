@@ -164,8 +164,8 @@ def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
         ("least damping ratio among them", r.sampled_damping),
     )
     note = (
-        "Over the identified intervals. With mu below one every plant within them is stable; the lower bound is "
-        "from an unstable plant found at 1/mu of the intervals."
+        "Over the identified intervals. With mu below one every plant within them is stable; the lower "
+        "bound is from an unstable plant found at 1/mu of the intervals."
     )
     rows = tuple((Cell(k), Cell(number(v, 4), v)) for k, v in facts)
     table = Table("Robust stability", ("quantity", "#value"), rows, note)
