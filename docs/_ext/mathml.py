@@ -24,7 +24,7 @@ def mathml(latex: str, display: str, node: nodes.Node) -> str:
         return ""
     if found := UNKNOWN.search(text):
         logger.warning("equation holds an unknown command %r: %s", found.group(), latex, location=node)
-    return text
+    return text.replace("<mover>", '<mover accent="true">')  # dots and hats at full size
 
 
 def inline(self: Any, node: nodes.math) -> None:
