@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
+from smsid.diagnose.blocks import adequacy
 from smsid.diagnose.channels import Measured, measured
 from smsid.diagnose.faults import Fault, outliers, quantised_channels, stuck_channels
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
@@ -18,7 +19,7 @@ from smsid.diagnose.inputs import locked
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.result import Diagnosis, FoundCause, Value
+from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
 from smsid.diagnose.search import Levels, Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.verdict import causes, limits, remaining, verdict
@@ -168,6 +169,7 @@ def _diagnose(
         gain=gained,
         gain_reason=reason,
         remaining=remaining(found),
+        tests=_tests(found),
         limits=limits(found),
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
@@ -175,6 +177,18 @@ def _diagnose(
         notes=tuple(n for n in (*known.notes, thinned, taken) if n),
     )
     return Diagnosed(result, extended, found)
+
+
+def _tests(found: Search) -> dict[str, tuple[Remaining, ...]]:
+    """All generic tests by model; the causes change nothing where there are none."""
+    before = adequacy(found.nominal) if found.causes else found.blocks
+    return {
+        name: tuple(
+            Remaining(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * len(blocks)))
+            for b in blocks
+        )
+        for name, blocks in (("nominal", before), ("extended", found.blocks))
+    }
 
 
 def timing_of(point: Point, problem: Problem) -> Timing:

@@ -94,6 +94,7 @@ class Diagnosis:
     """What a recording says of a simulation.
 
     ``partial`` are candidates that explain a part where the whole stays unexplained: hints, no causes.
+    ``tests`` are all generic tests by model, ``nominal`` before any cause and ``extended`` with the causes.
     """
 
     description: str
@@ -111,6 +112,7 @@ class Diagnosis:
     whitened_rms: Mapping[str, float] = field(default_factory=dict)
     timing: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    tests: Mapping[str, tuple[Remaining, ...]] = field(default_factory=dict)
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
@@ -127,6 +129,7 @@ class Diagnosis:
             "partial": [_table(c) for c in self.partial],
             "gain": self._gain(),
             "remaining": [asdict(r) for r in self.remaining],
+            "tests": {k: [asdict(t) for t in found] for k, found in self.tests.items()},
             "limits": [asdict(x) for x in self.limits],
             "noise": {k: {"value": v, "unit": "of the stated"} for k, v in self.noise.items()},
             "whitened_rms": {k: {"value": v, "unit": "1"} for k, v in self.whitened_rms.items()},
