@@ -49,7 +49,10 @@ def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
         turn, root = joints.placement.rotation, joints.placement.translation
         across = [k for k in range(3) if k != int(np.argmax(np.abs(along)))]
         springs = Springs(
-            root + turn @ rest, (turn @ along / size)[None], np.array([turn[:, k] for k in across])
+            root + turn @ rest,
+            (turn @ along / size)[None],
+            np.array([turn[:, k] for k in across]),
+            spread=0.5 * max(float(np.linalg.norm(rest)), 0.1),
         )
         yield Oscillating(
             "extra_mode", part.name, "appendage", "another mode", None, (), (),

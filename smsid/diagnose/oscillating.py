@@ -35,12 +35,14 @@ LIGHT = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
 @dataclass(frozen=True)
 class Springs:
     """Where unit masses hang and how they move: ``place`` (3,) in the bus frame [m], ``axes`` (d, 3) along
-    which they slide, ``moves`` (k, 3) along which the place is searched.
+    which they slide, ``moves`` (k, 3) along which the place is searched, ``spread`` [m] how far from it they
+    may be expected: one standard deviation.
     """
 
     place: np.ndarray
     axes: np.ndarray
     moves: np.ndarray
+    spread: float = 1.0
 
 
 def answers(
@@ -163,7 +165,11 @@ class Oscillating(Searched):
         free, steps = self._freed(effect)
         by = np.zeros((len(shape.columns), len(free)))
         by[:, : 1 + d] = moments(coefficients[0], offset / STEP, len(shape.columns))
-        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps)
+        reference = {
+            p.name: p.value for p in self._effect(LIGHT, self.springs.place, omega, zeta).parameters()
+        }
+        means = tuple((n, reference[n]) for n in free[1 : 1 + d])
+        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps, means=means)
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
     def scored(self, found: Fit, columns: np.ndarray) -> Score:
@@ -217,6 +223,8 @@ class Oscillating(Searched):
         return omega, np.asarray(effect.damping) / (2.0 * omega * mass), effect.equilibrium
 
     def _effect(self, mass: float, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray) -> Effect:
+        where = "offset" if self.appendage is None else "position"
+        prior = {f"{where}.{axis}": self.springs.spread for axis in "xyz"}
         if self.appendage is not None:
             return ExtraMode(
                 name=self.name,
@@ -226,6 +234,7 @@ class Oscillating(Searched):
                 direction=tuple((self.turn @ self.springs.axes[0]).tolist()),
                 frequency=float(omega[0] / (2.0 * np.pi)),
                 damping=float(zeta[0]),
+                prior=prior,
             )
         return Slosh(
             name=self.name,
@@ -235,6 +244,7 @@ class Oscillating(Searched):
             stiffness=tuple((mass * omega**2).tolist()),
             damping=tuple((2.0 * mass * zeta * omega).tolist()),
             mass_in_bus=True,
+            prior=prior,
         )
 
     def _freed(self, effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:

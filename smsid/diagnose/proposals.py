@@ -157,7 +157,8 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         )
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
-        where = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
+        where: dict[str, Any] = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
+        where["prior"] = {f"position.{axis}": 1.0 for axis in AXES}  # [m] about the bus frame
         free = {"rate": 1e-3, **_vector("position", 0.1)}
         for c in _one("mass_loss", where["frame"], "inertia", "mass loss", where, free):
             yield _as(Leak, c)

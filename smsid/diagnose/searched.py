@@ -23,12 +23,21 @@ FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
 
 @dataclass(frozen=True)
 class Resolved(Candidate):
-    """What a search settled on: ``effect`` has what was found, but for the strength, its first parameter."""
+    """What a search settled on: ``effect`` has what was found, but for the strength, its first parameter.
+
+    ``means`` are those of the priors that the effect states, by parameter: where it began to search.
+    """
+
+    means: tuple[tuple[str, float], ...] = ()
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
         """Return the parameters it frees; the strength is counted from zero."""
         first, *rest = super().unknowns(nominal)
-        return (replace(first, nominal=0.0), *rest)
+        means = dict(self.means)
+        return (
+            replace(first, nominal=0.0),
+            *(replace(u, nominal=means.get(u.name, u.nominal)) for u in rest),
+        )
 
 
 @dataclass(frozen=True)
@@ -171,8 +180,9 @@ class Leak(Searched):
         effect = self.effect.with_values(dict(zip(self.free[1:], place.tolist(), strict=True)))
         by = moments(coefficients[0], place / np.array(self.steps[1:]), len(shape.columns))
         own = Resolved(
-            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
-        )
+            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
+            means=tuple((n, 0.0) for n in self.free[1:]),
+        )  # fmt: skip
         return own, by, np.array([rate, 0.0, 0.0, 0.0]), rate > 0.0
 
 
