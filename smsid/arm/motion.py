@@ -62,7 +62,9 @@ class JointMotion:
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
 
-def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | None = None) -> JointMotion:
+def joint_motion(
+    model: SpacecraftModel, recording: Recording, cutoff: float | None = None, *, late: float = 0.0
+) -> JointMotion:
     """Filter, differentiate and decimate a recording of an arm.
 
     Rates and accelerations are the slopes of the quintic spline through the filtered angles.
@@ -77,6 +79,7 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
         model: a welded arm.
         recording: with ``<source>.joint_position`` and ``<source>.joint_torque`` at one constant rate.
         cutoff: -6 dB frequency of the low-pass [Hz]; default a fiftieth of the sampling rate.
+        late: by how much the angles are older than their stamps say, against the torques [s].
 
     Raises:
         RecordingError: a channel is missing, joints are unlabelled or not the model's, the clock is
@@ -102,11 +105,12 @@ def joint_motion(model: SpacecraftModel, recording: Recording, cutoff: float | N
     spline = make_interp_spline(times[::coarse], both[::coarse, :count], k=5, axis=0)
     kept = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
     at = times[kept]
+    seen = np.clip(at + late, times[0], times[-1])
     return JointMotion(
         at,
-        np.array([model.set_joint_angles(model.home, x) for x in spline(at)]),
-        spline.derivative(1)(at),
-        spline.derivative(2)(at),
+        np.array([model.set_joint_angles(model.home, x) for x in spline(seen)]),
+        spline.derivative(1)(seen),
+        spline.derivative(2)(seen),
         both[kept, count:],
         top,
     )

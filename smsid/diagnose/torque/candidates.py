@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -36,6 +36,7 @@ from smsid.recording import Recording
 STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
 """Rates tried for Stribeck's curve [rad/s]; it sticks out of Coulomb's below that."""
 
+Moves = Literal["", "zero", "clock"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
 """From the equations and the torque (N, joints) that the model predicts on the motion's instants to torques
 (N, joints, d) per unit of each parameter."""
@@ -46,8 +47,8 @@ class TorqueCandidate:
     """One effect at one place, with the parameters ``names`` it frees and their torque columns.
 
     ``lower`` are their bounds, ``grid`` counts variants searched (for the correction), ``needs`` is the place
-    of the parameter without which it is nothing of its own. ``moves`` marks a joint's zero, with which the
-    equations have to be made again.
+    of the parameter without which it is nothing of its own. ``moves`` says what the
+    equations have to be made again with: a joint's ``zero`` or the ``clock`` of the angles.
     """
 
     kind: str
@@ -61,7 +62,7 @@ class TorqueCandidate:
     columns: Columns
     grid: int = 1
     needs: int | None = None
-    moves: bool = False
+    moves: Moves = ""
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -176,7 +177,9 @@ def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
 
 
 def _drivetrain(equations: TorqueEquations, joint: str, j: int) -> Iterator[TorqueCandidate]:
-    def one(effect: Effect, shape: str, field: str, columns: Columns, family: str, lower: float, moves=False):
+    def one(
+        effect: Effect, shape: str, field: str, columns: Columns, family: str, lower: float, moves: Moves = ""
+    ):
         unit = next(p.unit for p in effect.parameters() if p.name == f"{effect.name}.{field}")
         names = (f"{effect.name}.{field}",)
         return TorqueCandidate(
@@ -194,7 +197,7 @@ def _drivetrain(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torq
     yield one(rotor, "motor inertia", "inertia", inertia, "drivetrain", 0.0)
     yield one(bias, "constant torque", "torque", constant, "drivetrain", -np.inf)
     yield one(late, "delay", "delay", slope, "actuator", 0.0)
-    yield one(zero, "zero of the joint", "angle", _turned(j), "drivetrain", -np.inf, moves=True)
+    yield one(zero, "zero of the joint", "angle", _turned(j), "drivetrain", -np.inf, "zero")
 
 
 def _turned(j: int) -> Columns:
@@ -242,7 +245,7 @@ def _clock(source: str) -> TorqueCandidate:
 
     return TorqueCandidate(
         "time_offset", source, "sensor", "time offset", effect, (f"{effect.name}.offset",), ("s",),
-        (-np.inf,), columns,
+        (-np.inf,), columns, moves="clock",
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.extension import extended_description
-from smsid.diagnose.torque.fit import TorqueFit, term_columns
+from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
 from smsid.diagnose.verdict import POWER, SEPARATE, describe
@@ -89,7 +89,8 @@ def diagnose_torques(
     searched = time.process_time()
     blocks = dependences(last)
     left = [b for b in blocks if b.p_value * len(blocks) < found.levels.block]
-    named = tuple(cause_of(found, c) for c in found.causes)
+    open_ = {b.where.removeprefix("torque of ") for b in left}
+    named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
     extended, more = extended_description(last) if named else (description, ())
     gained, reason = None, "no validation recording was given"
     judged = [*validation, *recordings[1:]]
@@ -127,17 +128,20 @@ def diagnose_torques(
     return result, extended, found
 
 
-def cause_of(found: TorqueSearch, cause: TorqueCause) -> FoundCause:
-    """Return a cause in the form of the result, its values at the last fit."""
+def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) -> FoundCause:
+    """Return a cause in the form of the result, its values at the last fit.
+
+    ``shaped``: whether its shape may be claimed; not where its joint's equation still lacks something.
+    """
     own = cause.term.candidate
     values, sigma = found.last.term_values(cause.term)
     nominal = None
     if own.moves:
-        effect = own.effect
-        values = values + getattr(effect, "angle")  # noqa: B009
-        described = {e.name: e for e in found.nominal.equations.description.effect}
-        assert effect is not None
-        nominal = getattr(described.get(effect.name), "angle", None)
+        values = values + moved_value(cause.term)
+        described = found.nominal.equations.description.effect
+        nominal = next(
+            (p.value for e in described for p in e.parameters() if p.name == cause.term.names[0]), None
+        )
     units = [own.units[i] for i in cause.term.kept]
     parameters = tuple(
         Value(n, float(x), float(s), u, nominal)
@@ -155,7 +159,7 @@ def cause_of(found: TorqueSearch, cause: TorqueCause) -> FoundCause:
         effect=own.kind,
         location=own.location,
         family=own.family,
-        shape=None if siblings else own.shape,
+        shape=None if siblings or not shaped else own.shape,
         parameters=parameters,
         aliases=aliases,
         evidence={
@@ -229,7 +233,9 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
     equations = nominal.equations
     for name, fit in fits.items():
         own = fit.equations
-        equations = torque_equations(own.description, recording, cutoff=own.motion.cutoff, band=own.band)
+        equations = torque_equations(
+            own.description, recording, cutoff=own.motion.cutoff, band=own.band, late=own.late
+        )
         x = described_values(own) if name == "given" else fit.x
         left[name] = equations.torque - predicted(fit, equations, x)
     white = {n: fits[n].whitening.apply(r).ravel() for n, r in left.items()}

@@ -46,7 +46,7 @@ class TorqueEquations:
     Coulomb friction's at a reversal, alike on both sides (Gautier's parallel decimation).
     ``fine`` (N, joints, b) are the rows before that, ``rows`` (n, joints, b) after, ``torque`` (n, joints)
     [N m], ``base`` the identifiable combinations, ``band`` [Hz], ``noise`` (joints,) the level [N m] of the
-    torque's white noise within the band.
+    torque's white noise within the band, ``late`` by how much the angles were taken to be late [s].
     """
 
     description: Description
@@ -59,6 +59,7 @@ class TorqueEquations:
     time: np.ndarray
     band: float
     noise: np.ndarray
+    late: float = 0.0
     turns: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -97,6 +98,7 @@ def torque_equations(
     *,
     cutoff: float | None = None,
     band: float | None = None,
+    late: float = 0.0,
 ) -> TorqueEquations:
     """Return the equations of a recording, all inertial combinations and listed effects in the rows.
 
@@ -105,6 +107,7 @@ def torque_equations(
         recording: joint angles and torques, see `joint_motion`.
         cutoff: low-pass of the motion [Hz]; default `motion_cutoff`.
         band: highest frequency at which torques are compared [Hz].
+        late: by how much the angles are late against the torques [s].
 
     Raises:
         DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
@@ -112,7 +115,7 @@ def torque_equations(
     """
     model = rigid_arm(description)
     top = motion_cutoff(model, recording) if cutoff is None else float(cutoff)
-    motion = joint_motion(model, recording, top)
+    motion = joint_motion(model, recording, top, late=late)
     within = min(SHARE * top, BAND) if band is None else float(band)
     base = structural_base(model)
     every, _, _ = torque_rows(model, motion.q, motion.v, motion.a)
@@ -124,7 +127,7 @@ def torque_equations(
         _banded(fine, motion.rate, within),
         _banded(motion.torque, motion.rate, within),
         _banded_times(motion.time, motion.rate, within),
-        within, noise,
+        within, noise, late,
     )  # fmt: skip
 
 

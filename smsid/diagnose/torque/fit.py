@@ -212,9 +212,10 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
     for term in found.terms:
         effect = term.candidate.effect
         assert effect is not None
-        if term.candidate.moves:
+        if term.candidate.moves:  # the equations were made with it: what is left of it is nil
             names.append(effect.name)
-            continue  # the equations were made with it: what is left of it is nil
+            made[effect.name] = effect
+            continue
         here = made.get(effect.name, effect)
         if term.candidate.shape == "stribeck":
             here = here.model_copy(update={"stribeck_rate": getattr(effect, "stribeck_rate")})  # noqa: B009
@@ -229,8 +230,19 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
 
 
 def with_equations(term: Term, equations: TorqueEquations) -> Term:
-    """Return a joint's zero as a term of equations made with it."""
-    listed = {e.name: e for e in equations.description.effect}
+    """Return a joint's zero, or the clock, as a term of equations made with it."""
     effect = term.candidate.effect
     assert effect is not None
-    return replace(term, candidate=replace(term.candidate, effect=listed.get(effect.name, effect)))
+    if term.candidate.moves == "clock":
+        effect = effect.with_values({term.names[0]: equations.late})
+    elif term.candidate.moves == "zero":
+        listed = {e.name: e for e in equations.description.effect}
+        effect = listed.get(effect.name, effect)
+    return replace(term, candidate=replace(term.candidate, effect=effect))
+
+
+def moved_value(term: Term) -> float:
+    """Return the value that the equations were made with of a term that moves them [rad or s]."""
+    effect = term.candidate.effect
+    assert effect is not None
+    return next(p.value for p in effect.parameters() if p.name == term.names[0])

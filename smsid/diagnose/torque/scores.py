@@ -14,6 +14,7 @@ from smsid.diagnose.torque.whitening import robust_p_value
 EXCITED = 1e-4
 """Share of a column's information that must be left beside what is fitted already."""
 
+ROUNDING = 1e-11
 FOLDS = 4
 SIMPLE = ("viscous", "coulomb", "motor inertia", "constant torque")
 """Shapes a joint is tried with first; all others must explain more than these would."""
@@ -65,7 +66,7 @@ def score(
     left = current.left - beside @ (beside.T @ current.left)
     white = _white(current, candidate, kept)
     while kept:
-        found = _projected(left, white, np.hstack([current.basis, beside]))
+        found = _projected(left, white, np.hstack([current.basis, beside]), current.rows)
         if found is None:
             return None
         estimate, covariance, basis, used = found
@@ -124,7 +125,7 @@ def acts_on_all(current: TorqueFit, s: TorqueScore, simple: Sequence[TorqueCandi
     white = _white(current, s.candidate, s.kept)
     for joint in s.candidate.joints:
         rows = current.rows_of((joint,))
-        found = _projected(left, white * rows[:, None], fitted)
+        found = _projected(left, white * rows[:, None], fitted, current.rows)
         if found is None:
             return False
         basis = found[2]
@@ -158,16 +159,20 @@ def _own_simple(
     own = {n for n in candidate.names}
     for c in simple:
         if c.location in candidate.joints and not set(c.names) & (own | set(current.names)):
-            found = _projected(current.left, _white(current, c, (0,)), np.hstack([current.basis, basis]))
+            fitted = np.hstack([current.basis, basis])
+            found = _projected(current.left, _white(current, c, (0,)), fitted, current.rows)
             if found is not None:
                 basis = np.column_stack([basis, found[2]])
     return basis
 
 
 def _projected(
-    left: np.ndarray, white: np.ndarray, fitted: np.ndarray
+    left: np.ndarray, white: np.ndarray, fitted: np.ndarray, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int]] | None:
-    """Estimate, covariance, orthonormal basis and places of the columns excited beside ``fitted``."""
+    """Estimate, covariance, orthonormal basis and places of the columns excited beside ``fitted``.
+
+    ``rows`` are samples, those below them priors.
+    """
     raw = np.einsum("ij,ij->j", white, white)
     beyond = white - fitted @ (fitted.T @ white)
     used: list[int] = []
@@ -175,7 +180,9 @@ def _projected(
     for i in range(white.shape[1]):
         rest = beyond[:, i] - basis @ (basis.T @ beyond[:, i])
         size = float(rest @ rest)
-        if raw[i] > 0.0 and size > EXCITED * raw[i]:
+        # what a prior keeps from moving is not poorly excited
+        by_prior = float(rest[rows:] @ rest[rows:]) > 0.5 * size
+        if raw[i] > 0.0 and size > (ROUNDING if by_prior else EXCITED) * raw[i]:
             used.append(i)
             basis = np.column_stack([basis, rest / np.sqrt(size)])
     if not used:

@@ -11,7 +11,15 @@ from scipy.stats import f
 
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
-from smsid.diagnose.torque.fit import Prior, Term, TorqueFit, fit_torques, learn_noise, with_equations
+from smsid.diagnose.torque.fit import (
+    Prior,
+    Term,
+    TorqueFit,
+    fit_torques,
+    learn_noise,
+    moved_value,
+    with_equations,
+)
 from smsid.diagnose.torque.scores import (
     SIMPLE,
     TorqueScore,
@@ -28,8 +36,8 @@ LOGGER = logging.getLogger(__name__)
 PER_JOINT = 6
 """Causes a joint may have before the search ends."""
 
-ANGLE = 1e-3
-"""A joint's zero further off than this has the equations made again [rad]."""
+SETTLED = {"zero": 1e-3, "clock": 1e-4}
+"""A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +112,18 @@ def search_torques(
         LOGGER.info("%s: ratio %.1f", best.candidate.key, best.ratio)
         rest = [c for c in rest if c is not best.candidate]
         refused.clear()  # what another hid may hold now
-        causes.append(TorqueCause(Term(best.candidate, best.kept), best))
+        cause = TorqueCause(Term(best.candidate, best.kept), best)
+        if best.candidate.moves:  # later the equations have it in them, and nothing of it is left to score
+            cause = _beside_all(current, causes, cause, candidates, levels)
+        causes.append(cause)
         if best.candidate.shape == "stribeck":  # one curve a joint
             rest = [c for c in rest if c.key != best.candidate.key]
         causes, current = _refitted(current, causes, recording)
         causes, current = _pruned(causes, current, tried, levels)
     scores = scored(current, rest)
-    causes = [_beside_all(current, causes, c, candidates, levels) for c in causes]
+    causes = [
+        c if c.term.candidate.moves else _beside_all(current, causes, c, candidates, levels) for c in causes
+    ]
     return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried, levels)
 
 
@@ -162,19 +175,24 @@ def _refitted(
         load = current.load if current.equations is equations else None
         terms = [c.term for c in causes]
         current = fit_torques(equations, current.prior, terms, current.whitening, load=load)
-        shifts = {}
-        for cause in causes:
-            if cause.term.candidate.moves:
-                value, _ = current.term_values(cause.term)
-                effect = instance(cause.term.candidate, equations.description.effect)
-                shifts[cause.term.names[0]] = (effect, float(value[0]))
-        if all(abs(x) < ANGLE for _, x in shifts.values()):
+        moving = [c.term for c in causes if c.term.candidate.moves]
+        shifts = [(t, float(current.term_values(t)[0][0])) for t in moving]
+        if all(abs(x) < SETTLED[t.candidate.moves] for t, x in shifts):
             break
-        moved = [e.with_values({n: getattr(e, "angle") + x}) for n, (e, x) in shifts.items()]  # noqa: B009
+        late, zeros = equations.late, []
+        for term, shift in shifts:
+            if term.candidate.moves == "clock":
+                late += shift
+            else:
+                effect = instance(term.candidate, equations.description.effect)
+                zeros.append(effect.with_values({term.names[0]: moved_value(term) + shift}))
         equations = torque_equations(
-            equations.description.with_effects(*moved), recording,
-            cutoff=equations.motion.cutoff, band=equations.band,
-        )  # fmt: skip
+            equations.description.with_effects(*zeros),
+            recording,
+            cutoff=equations.motion.cutoff,
+            band=equations.band,
+            late=late,
+        )
         causes = [
             replace(c, term=with_equations(c.term, equations)) if c.term.candidate.moves else c
             for c in causes
@@ -205,7 +223,7 @@ def _pruned(
 def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
     """Corrected p-value of a cause beside all others, after Wald; 1 where Bayes's criterion loses.
 
-    A joint's zero is in the equations, what is fitted of it is nil: it counts by how far they moved.
+    What moves the equations is in them already, and what is fitted of it nil: it was judged when it came in.
     """
     if cause.term.candidate.moves:
         return 0.0
