@@ -34,12 +34,6 @@ TABLE_2 = (
 )
 
 
-def paper_errors() -> dict[str, float]:
-    """Return the paper's relative errors by parameter [1], where it prints any."""
-    printed = {n: row.paper_error for row in TABLE_2 for n in row.names}
-    return {n: float(e) / 100.0 for n, e in printed.items() if e[0].isdigit()}
-
-
 def table_2(estimate: Estimate) -> Table:
     """Return the paper's Table 2 beside the estimate; values given per axis are averaged."""
     table = Table(title="Table 2: Exp. 1", title_justify="left", header_style="bold")

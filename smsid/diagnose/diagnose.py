@@ -22,6 +22,7 @@ from smsid.diagnose.proposals import propose
 from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
 from smsid.diagnose.search import Levels, Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
+from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
@@ -37,12 +38,14 @@ FOREIGN = 0.5  # share of the motion left open loop above which the recording is
 class Diagnosed:
     """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.
 
-    ``search`` is ``None`` when the recording was not evaluated.
+    ``search`` is ``None`` when the recording was not evaluated, or by measured torques: then ``torques`` is
+    what was searched.
     """
 
     diagnosis: Diagnosis
     extended: Description
     search: Search | None = None
+    torques: TorqueSearch | None = None
 
 
 def diagnose(
@@ -106,10 +109,10 @@ def _by_torques(
 ) -> Diagnosed:
     asked = levels or Levels()
     own = TorqueLevels(asked.candidate, asked.block, asked.alias)
-    result, extended, _ = diagnose_torques(
+    result, extended, found = diagnose_torques(
         description, recordings, estimate=estimate, validation=validation, levels=own, cutoff=cutoff
     )
-    return Diagnosed(result, extended)
+    return Diagnosed(result, extended, torques=found)
 
 
 def _diagnose(

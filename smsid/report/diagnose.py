@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from smsid.description.schema import Description
-from smsid.diagnose.blocks import Block, adequacy
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.result import Diagnosis
@@ -16,13 +16,14 @@ from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnosis_candidates import alias_matrix, candidate_ranking, rescored
-from smsid.report.diagnosis_map import diagnosis_map
+from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
 from smsid.report.innovations import innovation_traces, open_loop_traces, whitened_groups
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number, share
 from smsid.report.residuals import residual_table
 from smsid.report.spectra import spectrum_grid
+from smsid.report.torques import torque_sections, torque_tests
 from smsid.report.traces import Trace, Traces
 
 LOGGER = logging.getLogger(__name__)
@@ -57,8 +58,12 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     """Return the report of a diagnosis; what was not evaluated is said to be so."""
     d = found.diagnosis
     sections = [causes_section(d)]
+    tests = dict(d.tests) or (torque_tests(found.torques) if found.torques is not None else {})
+    sections += map_section(tests, found.search.levels.block if found.search is not None else LEVEL)
     if found.search is not None:
         sections += search_sections(found.search, asked)
+    if found.torques is not None:
+        sections += torque_sections(found.torques, asked.recordings[0].name)
     sections += _gain_section(found, asked)
     if d.remaining:
         table = remaining_table(d)
@@ -73,7 +78,7 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     if notes:
         sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
-    verdict = f"{TITLES[d.verdict].capitalize()}: {d.sentence}"
+    verdict = f"{TITLES[d.verdict].capitalize()}: {d.sentence}".replace("+-", "±")
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
 
 
@@ -89,11 +94,14 @@ def causes_section(d: Diagnosis) -> Section:
     return Section("causes", "Causes", tuple(tables), f"{len(d.causes)} named" if d.causes else "none named")
 
 
-def search_sections(search: Search, asked: Asked) -> list[Section]:
-    """Return the maps, the candidates and the innovations of a search."""
-    changed = bool(search.causes)
-    before: Sequence[Block] = adequacy(search.nominal) if changed else search.blocks
-    level = search.levels.block
+def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Section]:
+    """Return the maps of equation by dependence, before any cause and with the causes; none without tests."""
+    before, after = tests.get("nominal", ()), tests.get("extended", ())
+    if not before:
+        return []
+    changed = [(t.where, t.dependence, t.ratio) for t in before] != [
+        (t.where, t.dependence, t.ratio) for t in after
+    ]
     caption = (
         "Every equation and sensor channel against what it may depend on. A cell is minus the decimal "
         "logarithm of the chance of as much when nothing is wrong, corrected for the number of tests; framed "
@@ -103,11 +111,17 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     first = "Before any cause: nominal parameters refitted" if changed else "Nominal parameters refitted"
     maps = [diagnosis_map("map-before", first, before, level=level, caption=caption)]
     if changed:
-        maps.append(diagnosis_map("map-after", "With the causes in the model", search.blocks, level=level))
-    left, total = len(search.left), len(search.blocks)
-    was = sum(b.p_value * total < level for b in before)
-    gist = f"{was} of {total} tests significant before, {left} after" if changed else f"{left} of {total}"
-    out = [Section("map", "Map of equation by dependence", tuple(m for m in maps if m is not None), gist)]
+        maps.append(diagnosis_map("map-after", "With the causes in the model", after, level=level))
+    limit = -math.log10(level)
+    count = [sum(evidence(t, len(some)) > limit for t in some) for some in (before, after)]
+    gist = f"{count[0]} of {len(before)} tests significant"
+    gist += f" before, {count[1]} after" if changed else ""
+    return [Section("map", "Map of equation by dependence", tuple(m for m in maps if m is not None), gist)]
+
+
+def search_sections(search: Search, asked: Asked) -> list[Section]:
+    """Return the candidates, the spectra and the innovations of a search."""
+    changed, out = bool(search.causes), []
     scores = rescored(search)
     parts = [x for x in (candidate_ranking(search, scores), alias_matrix(search, scores)) if x is not None]
     if parts:

@@ -41,7 +41,9 @@ def reported(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
 
 def parameter_table(title: str, parameters: Iterable[ParameterEstimate], known: Known) -> Table:
     """Return a table of parameters with intervals beside the description, the truth and another method."""
-    columns = ["parameter", "#value", "#95 % interval", "unit", "#described"]
+    parameters = tuple(parameters)
+    guessed = any(p.nominal != known.truth.get(p.name) for p in parameters)
+    columns = ["parameter", "#value", "#95 % interval", "unit"] + (["#described"] if guessed else [])
     columns += ["#truth", "#error"] if known.truth else []
     columns += [f"#{known.other_name}", "#95 %"] if known.other is not None else []
     columns += ["#relative σ", "status"]
@@ -53,8 +55,9 @@ def parameter_table(title: str, parameters: Iterable[ParameterEstimate], known: 
             Cell(number(p.value, 6), p.value),
             Cell(half(p.value, low, high), 0.5 * (high - low)),
             Cell(unit(p.unit)),
-            Cell("" if p.nominal is None else number(p.nominal, 6), p.nominal),
         ]
+        if guessed:
+            row.append(Cell("" if p.nominal is None else number(p.nominal, 6), p.nominal))
         if known.truth:
             row += _truth(p, known.truth.get(p.name))
         if known.other is not None:
