@@ -174,7 +174,7 @@ def torque_rows(
 
 
 def torque_errors(model: SpacecraftModel, predicted: np.ndarray, measured: np.ndarray) -> TorqueErrors:
-    """Compare torques (N, nv) [N m] of the model's joints."""
+    """Compare torques of the model's joints, ``predicted`` and ``measured``, (N, nv) [N m]."""
     error = predicted - measured
     joints = dict(zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True))
     return TorqueErrors(

@@ -73,7 +73,8 @@ def attitude_errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return error and its rate, (N, 3) each, as `attitude_error` does, for a whole run at once.
 
-    Rotations (N, 3, 3), all else (N, 3). Raises nothing: the run has passed the singularities' checks.
+    ``rotations`` (N, 3, 3) body to inertial, ``omegas`` (N, 3) body axes [rad/s], wanted ``angles`` (N, 3) [rad]
+    and ``rates`` (N, 3) [rad/s]. Raises nothing: the run has passed the singularities' checks.
     """
     roll, pitch, _ = angles.T
     dr, dp, dy = rates.T
@@ -127,7 +128,10 @@ def euler_rotation(angles: np.ndarray) -> np.ndarray:
 
 
 def euler_jacobian(angles: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return E (3, 3) with omega = E rates (body axes), and its time derivative, for roll, pitch, yaw."""
+    """Return E (3, 3) with omega = E rates (body axes), and its time derivative, for roll, pitch, yaw.
+
+    ``angles`` (3,) [rad], ``rates`` (3,) [rad/s] of roll, pitch and yaw.
+    """
     (cr, cp, _), (sr, sp, _) = np.cos(angles), np.sin(angles)
     dr, dp, _ = rates
     jacobian = np.array([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]])

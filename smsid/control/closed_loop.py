@@ -218,7 +218,7 @@ def tracking_of(
     tau: np.ndarray,
     actuators: Actuators,
 ) -> Tracking:
-    """Return a run from times (N,), states q, v and generalised forces tau (N, nv)."""
+    """Return a run from its ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
     wanted = [controller.reference.at(float(t)) for t in time]
     position, rate = np.array([w[0] for w in wanted]), np.array([w[1] for w in wanted])
     base, base_rate = attitude_errors(

@@ -46,7 +46,7 @@ class Gains:
         return len(self.proportional)
 
     def blocks(self) -> list[np.ndarray]:
-        """Return the coordinates (indices) that the gains couple, group by group."""
+        """Return the coordinates that the gains couple, group by group, indices (k,) each."""
         from scipy.sparse.csgraph import connected_components
 
         count, label = connected_components(
@@ -57,6 +57,8 @@ class Gains:
 
 def gains(size: int, proportional: float | np.ndarray, derivative: float | np.ndarray) -> Gains:
     """Return gains for ``size`` coordinates, each a number, a diagonal (size,) or a matrix (size, size).
+
+    ``proportional`` is K_P [1/s^2], ``derivative`` K_D [1/s] of (43).
 
     Raises `ControlError` for another shape or a matrix that is not positive definite.
     """

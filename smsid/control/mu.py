@@ -47,7 +47,7 @@ def mu_upper_bound(
     """Return an upper bound on mu of a matrix, and its scalings, from which a neighbour's search may start.
 
     Args:
-        response: (n, n) complex, n the sum of the blocks' sizes.
+        response: (n, n) complex, dimensionless, n the sum of the blocks' sizes.
         blocks: the structure, in order.
         start: scalings of another matrix.
 

@@ -89,7 +89,10 @@ class ReducedDynamics:
         return 3 + len(self.arm)
 
     def with_inertias(self, inertias: list[pin.Inertia]) -> ReducedDynamics:
-        """Return a copy whose bodies have other inertias, one per joint of ``pin`` from the base on."""
+        """Return a copy whose bodies have other inertias, one per joint of ``pin`` from the base on.
+
+        Raises `ControlError` for another number of them.
+        """
         import copy
 
         if len(inertias) != self.pin.njoints - 1:
@@ -161,7 +164,10 @@ class ReducedDynamics:
         return found
 
     def torques(self, terms: BodyTerms, acceleration: np.ndarray) -> np.ndarray:
-        """Return Q_c (3 + n,) that gives u the derivative ``acceleration`` (3 + n,): J_c^-T (H qdd + c)."""
+        """Return Q_c (3 + n,) that gives u the derivative ``acceleration`` (3 + n,): J_c^-T (H qdd + c).
+
+        Raises `ControlError` when the wheels do not act on the base.
+        """
         needed = terms.inertia @ acceleration + terms.bias
         _, _, solution, info = lapack.dgesv(self.base_input(terms), needed)
         if info != 0:
@@ -197,7 +203,10 @@ class ReducedDynamics:
         return set_group_angles(self.pin, self.arm, self._q, angles)
 
     def velocity(self, omega: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | float) -> np.ndarray:
-        """Return v of ``pin``, linear velocity left out; overwritten by the next call."""
+        """Return v of ``pin`` (nv,), linear velocity left out; overwritten by the next call.
+
+        ``omega`` (3,) body axes, joint ``rates`` (n,), ``wheel_rates`` (w,) or one for all, [rad/s].
+        """
         v = self._v
         v[3:6], v[self.arm.v], v[self.wheels.v] = omega, rates, wheel_rates
         return v

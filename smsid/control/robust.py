@@ -2,7 +2,7 @@
 
 About rest, translation and wheel speeds eliminated by momentum as in `smsid.control.reduced`, but with slosh
 and bending free: M x'' + D x' + K x = [Q_c, 0], x = (attitude, joints, slosh, bending). Q_c is the
-controller's, with its own (wrong) H.
+controller's, (46), with its own (wrong) H.
 """
 
 from __future__ import annotations
@@ -96,7 +96,10 @@ def law_of(gains: Gains, controller: StateSpace, inertia: np.ndarray) -> np.ndar
 def closed_loop_matrix(
     plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
 ) -> np.ndarray:
-    """Return A of (x, x', controller) under Q_c = H_hat (K_D de + K_P e - u_inf), ``inertia`` being H_hat."""
+    """Return A of (x, x', controller) under Q_c = H_hat (K_D de + K_P e - u_inf), ``inertia`` (k, k) being H_hat.
+
+    Raises `ControlError` when sizes do not fit.
+    """
     m, k = len(plant.mass), plant.actuated
     if inertia.shape != (k, k) or gains.size != k:
         raise ControlError(
@@ -122,6 +125,8 @@ def named_poles(
     plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
 ) -> tuple[Pole, ...]:
     """Return the closed-loop poles, upper half plane, slowest first, with what is wrong flagged.
+
+    ``inertia`` (k, k) is the controller's H_hat [kg m^2].
 
     Flagged: ``unstable``; ``driven``, a slosh or bending pole that the controller takes damping from: more
     than 1 % less than with the base free and than with base and joints held. Raises `ControlError` when

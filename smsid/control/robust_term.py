@@ -246,13 +246,19 @@ def error_plant(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndar
 
 
 def effective_disturbance(kp: np.ndarray, kd: np.ndarray, weights: Weights) -> np.ndarray:
-    """Return the disturbance (k,) with what noise makes PD ask for, which disturbs like anything else."""
+    """Return the disturbance (k,) with what noise makes PD ask for, which disturbs like anything else.
+
+    ``kp``, ``kd`` (k, k) of (47) [1/s^2, 1/s].
+    """
     noise = np.abs(kp) @ weights.angle_noise + np.abs(kd) @ weights.rate_noise
     return weights.disturbance + noise
 
 
 def rigid_loop(kp: np.ndarray, kd: np.ndarray, controller: StateSpace) -> StateSpace:
-    """Return the loop from d to (e, a_fb) on the rigid, exactly known model: (47) under u_inf = K (e, de)."""
+    """Return the loop from d to (e, a_fb) on the rigid, exactly known model: (47) under u_inf = K (e, de).
+
+    ``kp``, ``kd`` (k, k) [1/s^2, 1/s].
+    """
     k = len(kp)
     zero, one = np.zeros((k, k)), np.eye(k)
     law = np.hstack([kp, kd]) - controller.d

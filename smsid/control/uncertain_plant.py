@@ -71,7 +71,7 @@ class UncertainPlant:
         return self.input.shape[1]
 
     def rigid_size(self, delta: np.ndarray) -> float:
-        """Return the norm of what ``delta`` does to the rigid bodies' mass matrix, in that matrix's norm."""
+        """Return the norm of what ``delta`` (changes,) does to the rigid bodies' mass matrix, in that matrix's norm."""
         rigid = self.rigid
         if not len(rigid):
             return 0.0
@@ -84,7 +84,7 @@ class UncertainPlant:
 
     @property
     def rigid(self) -> np.ndarray:
-        """Coordinates that the bodies' inertial parameters enter: translation, attitude, joints."""
+        """Indices (k,) of what the bodies' inertial parameters enter: translation, attitude, joints."""
         touched = [np.any(c.mass, axis=0) for c in self.changes if c.rigid]
         return np.flatnonzero(np.any(touched, axis=0)) if touched else np.zeros(0, dtype=int)
 

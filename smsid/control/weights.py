@@ -67,7 +67,10 @@ class Weights:
 
 
 def in_band(sigma: float | np.ndarray, rate: float, crossover: float) -> np.ndarray:
-    """Return one sigma of white noise, sampled at ``rate`` [Hz], that falls below ``crossover`` [rad/s]."""
+    """Return one sigma of white noise, sampled at ``rate`` [Hz], that falls below ``crossover`` [rad/s].
+
+    ``sigma`` of any shape and unit: the noise's density is even up to half the rate (`scipy.signal.welch`).
+    """
     return np.asarray(sigma, dtype=float) * np.sqrt(min(1.0, crossover / (np.pi * rate)))
 
 

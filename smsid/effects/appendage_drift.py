@@ -31,7 +31,7 @@ class FrequencyDrift(Starting):
     rate: float = physical("1/s", default=0.0, description="relative change of the frequency per time")
 
     def attach(self, assembly: Assembly) -> None:
-        """Add the force of the change of stiffness."""
+        """Add the force of the change of stiffness; raises `DescriptionError` for a mode there is not."""
         panel = attached_appendage(assembly, self.appendage)
         modes = panel.appendage.modal_data()
         if self.mode > len(modes):

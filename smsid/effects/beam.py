@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 
 def clamped_free_roots(count: int) -> np.ndarray:
-    """Return the first ``count`` roots beta L of ``cos(x) cosh(x) = -1``."""
+    """Return the first roots beta L of ``cos(x) cosh(x) = -1``, (count,)."""
 
     def characteristic(x: float) -> float:
         return np.cos(x) + 1.0 / np.cosh(x)
@@ -48,7 +48,7 @@ class Cantilever:
         return (np.cosh(x) + np.cos(x)) / (np.sinh(x) + np.sin(x))
 
     def angular_frequencies(self, bending_stiffness: float, linear_density: float) -> np.ndarray:
-        """Return the natural frequencies [rad/s] from EI [N m^2] and the linear density [kg/m]."""
+        """Return the natural frequencies (modes,) [rad/s] from EI [N m^2] and the linear density [kg/m]."""
         return (self.roots / self.length) ** 2 * np.sqrt(bending_stiffness / linear_density)
 
     def shape(self, x: np.ndarray | float) -> np.ndarray:

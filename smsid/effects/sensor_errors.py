@@ -121,7 +121,7 @@ class LeverArm(SensorEffect):
     offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
 
     def changed(self, sensor: Sensor) -> Sensor:
-        """Return the sensor where it is."""
+        """Return the sensor where it is; raises `DescriptionError` for one that sits nowhere."""
         if sensor.kind not in ("pose", "imu"):
             raise DescriptionError(
                 f"[[effect]] '{self.name}': a sensor of kind {sensor.kind} has no lever arm.",

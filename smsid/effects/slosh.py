@@ -79,7 +79,7 @@ class SloshNonlinearity(Starting):
     quadratic_damping: float = physical("N s^2/m^2", lower=0.0, default=0.0, description="of the damper")
 
     def attach(self, assembly: Assembly) -> None:
-        """Add the force on the slosh mass."""
+        """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
         if self.tank not in assembly.slosh:
             raise DescriptionError(
                 f"There is no tank '{self.tank}' before this effect.",

@@ -102,7 +102,10 @@ def fourier_experiment(
 
 
 def momentum_condition(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> float:
-    """Return the condition number of the column-scaled regressor of angular momentum, rigid bodies only."""
+    """Return the condition number of the column-scaled regressor of angular momentum, rigid bodies only.
+
+    Of motions q (N, nq), v (N, nv) [rad, rad/s].
+    """
     regressor = Regressor(model)
     rigid = set(regressor.bodies[: 1 + len(model.arm_joints)])
     keep = [i for i, n in enumerate(regressor.names) if n.rsplit(".", 1)[0] in rigid]

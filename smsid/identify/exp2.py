@@ -66,7 +66,7 @@ def identify_momentum(
     """Identify inertial parameters from one recording of Exp. 2, starting at rest, without thrust.
 
     ``model`` carries what Exp. 1 found for slosh and appendages, ``mass`` is M [kg]. ``modal``: 'smoother'
-    (with the identified modes) or 'printed' ((31)-(32) as printed). ``prior``: see `step_b`. ``perturbed``
+    (with the identified modes) or 'printed' ((31)-(32) as printed). ``prior``: as in `step_b`. ``perturbed``
     are the model and mass with the results of Exp. 1 moved by a standard deviation in one direction after the
     other: what that moves is added to the covariance. ``refine`` corrects the tracked point first
     (`refine_pose_point`). ``described`` is the model that nominal values are taken from (default: ``model``).

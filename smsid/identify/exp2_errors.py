@@ -52,6 +52,8 @@ def widened(
     Residuals show errors that come and go within seconds; errors of the slosh state stay for its period and
     look like motion. ``noisier`` gives the motion with the sensors' own noise added; the mean square move
     over replicates and results of a step, in sigmas, is the factor on its covariance, never below 1.
+
+    Raises `NotIdentifiableError` when the identifiable combinations change with the noise.
     """
     coarse = motion.thinned(THINNED)
     like = hidden_states(model, coarse, modal)

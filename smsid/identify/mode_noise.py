@@ -33,7 +33,7 @@ def mode_sigmas(
     """Return standard deviations of the clamped and the coupled modes.
 
     Noise of the sensors' own level (``panel_noise`` (stations,), ``base_noise`` [m/s^2]) is added once more
-    to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations; where estimates answer noise
+    to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where estimates answer noise
     linearly they scatter about the estimate as it does about the truth. With 8 replicates a standard
     deviation is itself known to about a quarter.
     """

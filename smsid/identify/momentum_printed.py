@@ -34,7 +34,8 @@ def step_b_printed(
     """Estimate pi_m of (38)-(39): inertial parameters and products of first moments over m_s.
 
     ``hidden`` needs the modal states only. ``mass`` M and ``slosh_mass`` m_s [kg] from Exp. 1, ``centre``
-    (3,) the inertial CM from Step A [m]. Defined for one tank. Names of products read ``(a)*(b)/m_s``.
+    (3,) the inertial CM from Step A [m]. Names of products read ``(a)*(b)/m_s``. Raises `NotIdentifiableError`
+    unless there is one tank.
     """
     if len(model.slosh) != 1:
         raise NotIdentifiableError(
@@ -51,7 +52,7 @@ def step_b_printed(
 def printed_parameters(
     model: SpacecraftModel, motion: Motion, hidden: HiddenStates, slosh_mass: float
 ) -> np.ndarray:
-    """Return the description's values of the parameters behind `step_b_printed`, products included."""
+    """Return the description's values (k,) of the parameters behind `step_b_printed`, products included."""
     regressor = Regressor(model)
     theta = regressor.parameters
     parts = Split.of(model, regressor, bus_first=True)

@@ -96,7 +96,10 @@ class RecursiveTls:
         return self
 
     def solution(self, *, rcond: float | None = None) -> TlsSolution:
-        """Estimate from everything taken in so far; errors as in `total_least_squares`."""
+        """Estimate from everything taken in so far.
+
+        Raises `NotIdentifiableError` before the first equation, and as `total_least_squares` does.
+        """
         if not self._rows:
             raise NotIdentifiableError("No equations yet.", advice="Call update() first, or give a prior.")
         return solve_factor(

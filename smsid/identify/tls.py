@@ -119,7 +119,7 @@ def accumulate(
 
 
 def triangular(x: np.ndarray) -> np.ndarray:
-    """Upper triangular factor R of ``x = Q R``, economic."""
+    """Upper triangular factor R (k, n) of ``x = Q R`` (N, n), economic, k the smaller of N and n."""
     return np.asarray(np.linalg.qr(x, mode="r"))
 
 
@@ -134,7 +134,8 @@ def solve_factor(
 ) -> TlsSolution:
     """Mixed generalised TLS from the (n + 1, n + 1) triangular factor of ``[A b]`` for ``rows`` rows.
 
-    The arguments and errors are those of `total_least_squares`. The covariance is that of the consistent
+    The arguments and errors (`NotIdentifiableError`, `SmsidError`) are those of `total_least_squares`. The
+    covariance is that of the consistent
     estimator, ``sigma^2 q (G^-1 + N sigma^2 G^-1 K G^-1)`` with ``z = [x; -1]``, ``q = z'Cz``,
     ``G = A'A - s_min^2 C_aa`` and ``K = C_aa - (Cz)_a (Cz)_a'/q`` (Gleser 1981; Van Huffel and Vandewalle
     1991, ch. 8; Crassidis and Cheng 2014, who drop the second term, negligible at small noise).

@@ -75,7 +75,7 @@ class AxisEstimate:
 
     @property
     def sigma(self) -> np.ndarray:
-        """Standard deviations."""
+        """Standard deviations (n,) of ``values``."""
         return np.sqrt(np.diag(self.covariance))
 
     def __getitem__(self, name: str) -> tuple[float, float]:
@@ -123,7 +123,10 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
 
 
 def check_axis(data: AxisData, tanks: int) -> None:
-    """Refuse data without thrust, without noise, or too short for the number of tanks, as `identify_axis`."""
+    """Refuse data without thrust, without noise, or too short for the number of tanks, as `identify_axis`.
+
+    Raises `NotIdentifiableError`, and `SmsidError` for a noise that is not positive.
+    """
     if np.abs(data.force).max() <= 0.0:
         raise NotIdentifiableError(
             f"No thrust acts along {data.axis}: mass and slosh cannot be identified there.",
@@ -144,7 +147,7 @@ def check_axis(data: AxisData, tanks: int) -> None:
 
 
 def check_mass(axis: str, mass: float) -> None:
-    """Refuse a total mass [kg] that is not positive."""
+    """Raise `NotIdentifiableError` for a total mass [kg] that is not positive."""
     if not mass > 0.0:
         raise NotIdentifiableError(
             f"The mass along {axis} comes out as {mass:.4g} kg.",
@@ -223,7 +226,7 @@ def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
 
 
 def row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
-    """Covariance of the errors of a row of [Y, b]: b = -a and the column of p carry them."""
+    """Covariance (n + 1, n + 1) of the errors of a row of [Y, b]: b = -a and the column of p carry them."""
     n = len(kinds)
     noise = np.zeros((n + 1, n + 1))
     noise[n, n] = data.noise**2

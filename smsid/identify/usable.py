@@ -49,7 +49,7 @@ def outliers(residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def spikes(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return which samples (N,) of a smooth motion (N, k) stick out of the cubic through their neighbours.
+    """Return which samples (N,) of a smooth motion, ``values`` (N, k), stick out of the cubic of their neighbours.
 
     ``sigma`` (k,) of their noise. Of neighbours only the one that sticks out most is called a spike.
     """

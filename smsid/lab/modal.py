@@ -236,7 +236,8 @@ def correlation_window(y: np.ndarray, rate: float) -> float:
 def band_kurtosis(y: np.ndarray, rate: float, frequency: float, width: float) -> float:
     """Return the kurtosis of y (N, l) in a band [Hz] about a frequency, of the output strongest there.
 
-    Three for a mode that noise excites, 1.5 for a sine.
+    Three for a mode that noise excites, 1.5 for a sine (Jacobsen, Andersen and Brincker 2007; the kurtosis is
+    that of `scipy.stats.kurtosis`).
     """
     low, high = max(frequency - width / 2, 1e-3 * rate), min(frequency + width / 2, 0.499 * rate)
     band = sosfiltfilt(butter(2, (low, high), "bandpass", fs=rate, output="sos"), y, axis=0)

@@ -80,13 +80,16 @@ class Channel:
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Channel:
-        """Return the channel with another noise."""
+        """Return the channel with another noise ``covariance`` (k, k)."""
         return replace(self, covariance=covariance)
 
     def residual(
         self, nodes: np.ndarray, bias: np.ndarray | None, weights: csr_array | None = None
     ) -> np.ndarray:
-        """Return measured minus predicted (N, k) from predictions at the nodes; ``weights`` in place of W."""
+        """Return measured minus predicted (N, k) from predictions at the nodes, ``bias`` (k,) added to them.
+
+        ``weights`` in place of W.
+        """
         predicted = (self.weights if weights is None else weights) @ nodes
         if self.quantity == "attitude":
             return (Rotation.from_quat(predicted).inv() * Rotation.from_quat(self.values)).as_rotvec()

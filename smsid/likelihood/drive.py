@@ -34,7 +34,7 @@ class Thrust:
 
     @property
     def jumps(self) -> np.ndarray:
-        """Times at which it jumps [s]."""
+        """Times (k,) at which it jumps [s]."""
         if not self.steps:
             return np.zeros(0)
         return self.times[1:][np.any(np.diff(self.values, axis=0) != 0.0, axis=1)]

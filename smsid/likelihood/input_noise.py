@@ -72,7 +72,10 @@ def with_input_noise(
 
 
 def base_response(model: pin.Model, q: np.ndarray, free: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Return d(base velocity) / d(rates ``index`` of v) (6, k) at conserved momentum, bus frame."""
+    """Return d(base velocity) / d(rates ``index`` (k,) of v) (6, k) at conserved momentum, bus frame.
+
+    ``free`` are the indices in v of what follows freely.
+    """
     mass = pin.crba(model, model.createData(), q)
     mass = np.triu(mass) + np.triu(mass, 1).T
     response = -np.linalg.solve(mass[np.ix_(free, free)], mass[np.ix_(free, index)])

@@ -25,7 +25,7 @@ class Normal:
 
     @property
     def information(self) -> np.ndarray:
-        """Of data and prior together."""
+        """Of data and prior together, (n, n)."""
         return self.data + self.prior
 
     def covariance(self) -> np.ndarray:
@@ -64,7 +64,7 @@ def normal_at(pieces: Sequence[Piece], seen: Seen, prior: Prior, *, with_data: b
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
-    """Return the inverse of a positive definite matrix, scaled to unit diagonal first.
+    """Return the inverse (n, n) of a positive definite matrix, scaled to unit diagonal first.
 
     Raises `NotIdentifiableError` naming the component when it is singular.
     """

@@ -46,7 +46,7 @@ class Prediction:
 
 
 def rest_joints(model: pin.Model, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where free joints other than the base are in q and v."""
+    """Return where free joints other than the base are in q and v: indices (k,), (k,)."""
     v = np.array([i for i in free if i >= 6], dtype=int)
     place = {
         model.joints[j].idx_v + k: model.joints[j].idx_q + k
@@ -196,7 +196,10 @@ def applied_forces(parameters: Parameters, drive: Drive, timeline: Timeline) -> 
 def start_velocity(
     model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, free: np.ndarray
 ) -> np.ndarray:
-    """Return the free velocities at which all free momenta vanish while the prescribed parts move with v."""
+    """Return the velocities (len(free),) at which all free momenta vanish while the prescribed parts move with v.
+
+    At configuration q (nq,).
+    """
     start = v.copy()
     start[free] = 0.0
     if not start.any():

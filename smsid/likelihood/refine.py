@@ -251,7 +251,10 @@ def gradient_matrix(
 
 
 def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return which part of each variance the prior accounts for (rows,): 0 seen by the data, 1 not at all."""
+    """Return which part of each variance the prior accounts for (rows,): 0 seen by the data, 1 not at all.
+
+    ``jacobian`` (rows, n) of what is reported, ``covariance`` (n, n) of the parameters.
+    """
     spread = jacobian @ covariance
     variance = np.einsum("ij,ij->i", spread, jacobian)
     return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance

@@ -43,7 +43,10 @@ def judged_by_share(c: Combination, sigma: float, share: float) -> ParameterEsti
 def with_profiles(
     parameters: Sequence[ParameterEstimate], found: Fit, prior: Prior, covariance: np.ndarray
 ) -> list[ParameterEstimate]:
-    """Return the parameters with profile intervals for what is seen, not well known, and not Gaussian."""
+    """Return the parameters with profile intervals for what is seen, not well known, and not Gaussian.
+
+    ``covariance`` (n, n) of the parameters, in order.
+    """
     scalars = {s.name for s in found.point.parameters.scalars}
     out = []
     for p in parameters:

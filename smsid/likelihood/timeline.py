@@ -71,7 +71,7 @@ class Timeline:
 
     @cached_property
     def evaluation_segment(self) -> np.ndarray:
-        """Segment of every evaluation."""
+        """Segment of every evaluation (evaluations,)."""
         own = np.repeat(np.arange(len(self.counts)), self.counts * STAGES)
         return np.concatenate([own, np.arange(len(self.counts))])
 

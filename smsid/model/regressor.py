@@ -99,7 +99,7 @@ def body_names(model: pin.Model) -> tuple[str, ...]:
 
 
 def dynamic_parameters(inertia: pin.Inertia) -> np.ndarray:
-    """Return the ten parameters of a `pin.Inertia`."""
+    """Return the ten parameters (10,) of a `pin.Inertia`: m, m c, I about the origin [kg, kg m, kg m^2]."""
     return np.asarray(inertia.toDynamicParameters())
 
 

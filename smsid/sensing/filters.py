@@ -1,6 +1,6 @@
 """Low-pass filters, decimation and differentiation of sampled data, along the first axis.
 
-The paper filters its noisy measurements with IIR low-pass filters; `lowpass` is that, causal. Offline nothing
+The paper (section V) filters its noisy measurements with IIR low-pass filters; `lowpass` is that, causal. Offline nothing
 needs to be causal, and `zero_phase` shifts nothing in time.
 """
 

@@ -45,7 +45,7 @@ class Delayed:
         return np.where((times < self.begin + self.delay)[:, None], 0.0, values)
 
     def mapped(self, matrix: np.ndarray) -> Delayed:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Delayed(self.signal.mapped(matrix), self.delay, self.begin)
 
 
@@ -79,5 +79,5 @@ class Switched:
         return np.where(late, sample(self.after, times), sample(self.before, times))
 
     def mapped(self, matrix: np.ndarray) -> Switched:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Switched(self.before.mapped(matrix), self.after.mapped(matrix), self.at)

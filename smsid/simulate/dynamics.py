@@ -85,7 +85,7 @@ class Dynamics:
         return a, reaction
 
     def enforce(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return copies of q and v that follow what is prescribed at t."""
+        """Return copies of q (nq,) and v (nv,) that follow what is prescribed at t."""
         p = self.prescribed
         if not self._hybrid_needed:
             return q, v

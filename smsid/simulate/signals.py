@@ -31,7 +31,7 @@ class Signal(Protocol):
         ...
 
     def mapped(self, matrix: np.ndarray) -> Signal:
-        """Return the signal ``matrix @ self``."""
+        """Return the signal ``matrix @ self``, matrix (m, size)."""
         ...
 
 
@@ -56,7 +56,7 @@ class Constant:
         return self.value
 
     def mapped(self, matrix: np.ndarray) -> Constant:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Constant(matrix @ self.value)
 
 
@@ -91,7 +91,7 @@ class Steps:
         return self.values[i] if i >= 0 else np.zeros(self.size)
 
     def mapped(self, matrix: np.ndarray) -> Steps:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Steps(self.times, self.values @ matrix.T)
 
 
@@ -139,7 +139,7 @@ class Fourier:
         return np.cos(np.multiply.outer(times, self._rates) + self._phases) @ self._table.T
 
     def mapped(self, matrix: np.ndarray) -> Fourier:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Fourier(self.frequency, matrix @ self.cos, matrix @ self.sin, matrix @ self.offset)
 
     def derivative(self) -> Fourier:
@@ -205,7 +205,7 @@ class Sampled:
         return values
 
     def mapped(self, matrix: np.ndarray) -> Sampled:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         spline = BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k)
         return Sampled(spline, self.degree, self.knots)
 
@@ -239,7 +239,7 @@ class Stacked:
         return np.concatenate([p(t) for p in self.parts])
 
     def mapped(self, matrix: np.ndarray) -> Signal:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         edges = np.cumsum([0, *(p.size for p in self.parts)])
         return Sum(
             tuple(p.mapped(matrix[:, i:j]) for p, i, j in zip(self.parts, edges[:-1], edges[1:], strict=True))
@@ -270,7 +270,7 @@ class Sum:
         return total
 
     def mapped(self, matrix: np.ndarray) -> Sum:
-        """Return ``matrix @ self``."""
+        """Return ``matrix @ self``, matrix (m, size)."""
         return Sum(tuple(p.mapped(matrix) for p in self.parts))
 
 
