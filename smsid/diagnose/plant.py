@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
+from smsid.effects.base import ForceTerm
 from smsid.model.spacecraft import SpacecraftModel
 
 LOCK = 1e9  # [kg m^2] rotor inertia of a joint that is held still
@@ -57,16 +59,28 @@ class Plant:
         by_q, by_v = self.data.ddq_dq.copy(), self.data.ddq_dv.copy()
         by_q[:, m.spring_v] -= inverse[:, m.spring_v] * m.stiffness
         by_v[:, m.spring_v] -= inverse[:, m.spring_v] * m.damping
-        if m.forces or m.loads:
-            dq, dv = self._force_derivatives(t, q, v, tau)
+        a = np.array(self.data.ddq)
+        plain = m.forces if m.inertial is None else m.forces[:-1]
+        if plain or m.loads:
+            dq, dv = self._differences((*m.loads, *plain), t, q, v, tau)
             by_q += inverse @ dq
             by_v += inverse @ dv
-        return Linear(np.array(self.data.ddq), by_q, by_v, inverse)
+        if m.inertial is not None:
+            # (M + M') da = dtau - d(M a + b) - d(M' a + b'), the last two at a held
+            more, _ = m.inertial.mass_and_bias(t, q, v)
+            dq, dv = self._differences((m.inertial.held(a),), t, q, v, np.zeros(self.nv))
+            whole = np.eye(self.nv) + inverse @ more
+            by_q, by_v = (
+                np.linalg.solve(whole, by_q + inverse @ dq),
+                np.linalg.solve(whole, by_v + inverse @ dv),
+            )
+            inverse = np.linalg.solve(whole, inverse)
+        return Linear(a, by_q, by_v, inverse)
 
-    def _force_derivatives(
-        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    def _differences(
+        self, terms: Sequence[ForceTerm], t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        terms, nv = (*self.model.loads, *self.model.forces), self.nv
+        nv = self.nv
 
         def forces(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             out = tau.copy()

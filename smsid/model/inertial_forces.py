@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.effects.base import InertiaTerm
+from smsid.effects.base import ForceTerm, InertiaTerm
 from smsid.errors import SimulationError
 
 
@@ -55,6 +55,14 @@ class InertialForces:
             mass += m
             bias += b
         return mass, bias
+
+    def held(self, a: np.ndarray) -> ForceTerm:
+        """Return the term that adds the force at accelerations a (nv,), whatever state it is called with."""
+
+        def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            tau += self.force(t, q, v, a)
+
+        return term
 
     def force(self, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the force (nv,) at known accelerations a (nv,), as where motion is prescribed."""

@@ -1,0 +1,46 @@
+"""Derivatives of accelerations against differences, with inertia that no body has."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.diagnose.plant import Plant
+from smsid.effects import JointFriction, MassLoss, WheelImbalance
+
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def state(known):
+    """A plant that loses mass, has a wheel out of balance and a joint that rubs; any state and torques."""
+    point = known.point
+    for effect in (
+        MassLoss(name="leak", rate=3.0, position=(0.4, -0.3, 0.2)),
+        WheelImbalance(name="wobble", wheel="wheel_x", static=0.3, phase=0.4),
+        JointFriction(name="rub", joint="joint2", viscous=0.5),
+    ):
+        point = point.with_effect(effect)
+    model, rng = point.model(), np.random.default_rng(0)
+    q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
+    return (
+        Plant(model, np.zeros(0, dtype=int)),
+        q,
+        rng.standard_normal(model.nv),
+        rng.standard_normal(model.nv),
+    )
+
+
+@pytest.mark.parametrize("by", ["by_q", "by_v", "by_tau"])
+def test_derivatives_are_those_of_differences(state, by):
+    plant, q, v, tau = state
+    time = 40.0
+
+    def acceleration(step):
+        if by == "by_q":
+            return plant.acceleration(time, pin.integrate(plant.pin, q, step), v, tau)
+        return plant.acceleration(time, q, v + step * (by == "by_v"), tau + step * (by == "by_tau"))
+
+    found = getattr(plant.linear(time, q, v, tau), by)
+    steps = STEP * np.eye(plant.nv)
+    expected = np.stack([(acceleration(s) - acceleration(-s)) / (2 * STEP) for s in steps], axis=1)
+    np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
