@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
@@ -16,8 +16,12 @@ from smsid.identify.exp1 import TranslationResult, excited_axes, identify_transl
 from smsid.identify.exp2 import MomentumResult, identify_momentum
 from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
+from smsid.identify.mended import LONGEST, Mended, mended
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
+
+BRIDGED = "its interval does not count what was bridged"
+"""How the note of a parameter begins that a long bridge in a recording has spoiled."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ def _identify(
     description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool
 ) -> Identification:
     started = time.perf_counter()
-    _check_recordings(recordings)
+    mends = _mended(description, recordings)
     original = description
     model = described = build_model(description)
     if not model.free:
@@ -64,8 +68,8 @@ def _identify(
             advice='Both experiments need root = "free".',
         )
     check_on_bus(model)
-    pushed = [r for r in recordings if excited_axes(r)]
-    floating = [r for r in recordings if not excited_axes(r)]
+    pushed = [m.recording for m in mends if excited_axes(m.recording)]
+    floating = [m.recording for m in mends if not excited_axes(m.recording)]
     if len(floating) > 1:
         raise NotIdentifiableError(
             f"{len(floating)} recordings of Exp. 2 were given ({', '.join(r.name for r in floating)}); the "
@@ -73,7 +77,7 @@ def _identify(
             advice="Give one recording without thrust.",
         )
     parameters: list[ParameterEstimate] = []
-    notes: list[str] = []
+    notes = [note for m in mends for note in m.notes]
     timing: dict[str, float] = {}
     conditions: dict[str, float] = {}
     translation, momentum = None, None
@@ -106,6 +110,8 @@ def _identify(
         notes += momentum.notes
         timing |= momentum.timing
         conditions |= momentum.conditions
+    parameters = _doubted(parameters, [m for m in mends if excited_axes(m.recording)], ("acceleration",))
+    parameters = _doubted(parameters, [m for m in mends if not excited_axes(m.recording)], None)
     timing["total"] = time.perf_counter() - started
     estimate = Estimate(
         description=description.name,
@@ -119,7 +125,7 @@ def _identify(
     return Identification(estimate, description, translation, momentum)
 
 
-def _check_recordings(recordings: Sequence[Recording]) -> None:
+def _mended(description: Description, recordings: Sequence[Recording]) -> list[Mended]:
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
     for recording in recordings:
@@ -128,7 +134,21 @@ def _check_recordings(recordings: Sequence[Recording]) -> None:
                 f"'{recording.name}' is for validation.",
                 advice="Identify from recordings in the role estimation.",
             )
-        recording.check()
+    return [mended(r, description.sensor) for r in recordings]
+
+
+def _doubted(
+    parameters: Sequence[ParameterEstimate], mends: Sequence[Mended], quantities: Sequence[str] | None
+) -> list[ParameterEstimate]:
+    """Return the parameters, none identifiable if there is a long bridge in ``quantities`` (or any)."""
+    found = max((m.longest(quantities) for m in mends), key=lambda x: x[1], default=("", 0.0))
+    if found[1] <= LONGEST:
+        return list(parameters)
+    note = f"{BRIDGED}: {found[1]:.3g} s of {found[0]}; maximum likelihood does without the bridge"
+    return [
+        replace(p, status="not_identifiable", note=note) if p.status == "identifiable" else p
+        for p in parameters
+    ]
 
 
 def _perturbed(original: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:

@@ -28,6 +28,8 @@ from smsid.identify.axis_parameters import (
 from smsid.identify.robust import inverse_root
 from smsid.identify.tls import total_least_squares
 
+ROUND_OFF = 1e-9  # share of a variance
+
 
 @dataclass(frozen=True)
 class AxisData:
@@ -232,7 +234,9 @@ def row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
     noise[n, n] = data.noise**2
     if data.panel is not None and data.panel_weights is not None:
         w, k = data.panel_weights, kinds.index(("p", 0))
-        noise[k, k] = data.panel_noise**2 * float(w @ w) + data.noise**2 * w.sum() ** 2
+        # perfect panel sensors leave p the IMU's error alone; a little more keeps the covariance positive
+        shared = (1.0 + ROUND_OFF) * data.noise**2 * w.sum() ** 2
+        noise[k, k] = data.panel_noise**2 * float(w @ w) + shared
         noise[k, n] = noise[n, k] = data.noise**2 * w.sum()  # both contain -n_a
     return noise
 

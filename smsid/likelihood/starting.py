@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.errors import SimulationError
-from smsid.identify.pipeline import Identification
+from smsid.identify.pipeline import BRIDGED, Identification
 from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.fit import evaluate
 from smsid.likelihood.parameters import Parameters
@@ -92,7 +92,7 @@ def _scalars(described: Parameters, found: Identification) -> dict[str, float]:
         value, sigma = found.translation.combined["rho"]
         factor = value if sigma < 0.1 * value else 1.0
     for p in found.estimate.parameters:
-        if p.name in known and p.status == "identifiable":
+        if p.name in known and (p.status == "identifiable" or p.note.startswith(BRIDGED)):
             s = known[p.name]
             sane = 0.2 * s.size < p.value < 5.0 * s.size if s.log else 0.0 <= p.value <= 10.0 * s.size
             if sane:

@@ -1,0 +1,185 @@
+"""Recordings with holes, spikes and limits: bridged where that costs nothing, and said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from likelihood import twin
+
+from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.identify.mended import LONGEST, bridge, even_clock, mended
+from smsid.identify.pipeline import BRIDGED, identify
+from smsid.likelihood.combinations import effects_and_mass
+from smsid.likelihood.parameters import Parameters
+from smsid.recording import Recording
+
+SENSED = ("imu.", "pose.", "panel.", "encoder.", "tachometer.")
+FAR = 4.5  # standard deviations: 40 parameters stay within with 99.97 %
+
+
+@pytest.fixture(scope="module")
+def exp1() -> Recording:
+    return twin.noisy(twin.exp1(), 0)
+
+
+@pytest.fixture(scope="module")
+def exp2() -> Recording:
+    return twin.noisy(twin.exp2(), 0)
+
+
+def changed(recording: Recording, change) -> Recording:
+    """The recording with every sensor's channel (times, values) replaced by what ``change`` makes of it."""
+    channels = {}
+    for name in recording.channels:
+        times, values = recording.time(name), np.array(recording[name])
+        channels[name] = change(name, times, values) if name.startswith(SENSED) else (times, values)
+    return Recording.from_arrays(
+        None, channels, labels=recording.labels, role="estimation", name=recording.name
+    )
+
+
+def outliers(name: str, times: np.ndarray, values: np.ndarray):
+    rng = np.random.default_rng(len(name))
+    if name != "pose.attitude":
+        rows = rng.random(len(values)) < 0.01
+        size = 50.0 * np.std(np.diff(values, axis=0), axis=0)
+        values[rows] += size * rng.choice([-1.0, 1.0], size=values[rows].shape)
+    return times, values
+
+
+def single_holes(name: str, times: np.ndarray, values: np.ndarray):
+    values[np.random.default_rng(len(name)).random(len(values)) < 0.01] = np.nan
+    return times, values
+
+
+def not_finite(name: str, times: np.ndarray, values: np.ndarray):
+    values[(times >= 20.0) & (times <= 22.0)] = np.nan
+    return times, values
+
+
+def missing(name: str, times: np.ndarray, values: np.ndarray):
+    kept = (times < 20.0) | (times > 22.0)
+    return times[kept], values[kept]
+
+
+def saturated(name: str, times: np.ndarray, values: np.ndarray):
+    if name.endswith("acceleration"):
+        limit = 0.8 * np.abs(values).max()
+        values = np.clip(values, -limit, limit)
+    return times, values
+
+
+def true_values() -> dict[str, float]:
+    """Slosh, panel and total mass of the twin: the description is its own."""
+    at = Parameters.of(twin.model())
+    return {c.name: c.value for c in effects_and_mass(at, at)}
+
+
+def inside(estimate, least: int, truth: dict[str, float]) -> None:
+    """At least so many parameters are identifiable, and all of those within their interval."""
+    known = [p for p in estimate.parameters if p.status == "identifiable" and p.name in truth]
+    assert len(known) >= least
+    for p in known:
+        assert abs(p.value - truth[p.name]) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+
+
+@pytest.mark.parametrize("change", [outliers, single_holes])
+def test_single_samples_cost_exp1_nothing(exp1: Recording, change):
+    estimate = identify(twin.description(), [changed(exp1, change)]).estimate
+    inside(estimate, 12, true_values())
+    assert any("bridged" in note for note in estimate.notes)
+
+
+@pytest.mark.parametrize("change", [outliers, single_holes])
+def test_single_samples_cost_exp2_nothing(exp2: Recording, change):
+    nominal = {p.name: p.nominal for p in identify(twin.description(), [exp2]).estimate.group("exp2")}
+    estimate = identify(twin.description(), [changed(exp2, change)]).estimate
+    good = [p for p in estimate.group("exp2") if p.status == "identifiable"]
+    assert len(good) >= 25
+    for p in good:
+        assert abs(p.value - nominal[p.name]) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+
+
+@pytest.mark.parametrize("change", [not_finite, missing, saturated])
+@pytest.mark.parametrize("which", ["exp1", "exp2"])
+def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change, request):
+    found = identify(twin.description(), [changed(request.getfixturevalue(which), change)])
+    assert not [p.name for p in found.estimate.parameters if p.status == "identifiable"]
+    spoilt = [p for p in found.estimate.parameters if p.note.startswith(BRIDGED)]
+    assert len(spoilt) >= 5
+    assert "maximum likelihood" in spoilt[0].note
+
+
+def test_too_short_for_exp1(exp1: Recording):
+    """Two seconds of a slosh that swings in 70: the regression as printed gives the mass without the tank's."""
+    estimate = identify(twin.description(), [exp1.window(0.0, 2.0)]).estimate
+    assert not [p.name for p in estimate.parameters if p.status == "identifiable"]
+    assert "as printed" in estimate["total.mass"].note
+
+
+def test_too_short_for_exp2(exp2: Recording):
+    with pytest.raises(NotIdentifiableError, match="too short"):
+        identify(twin.description(), [exp2.window(0.0, 10.0)])
+
+
+def test_an_axis_without_thrust():
+    recording = twin.noisy(twin.exp1((1, 0, 0)), 0)
+    estimate = identify(twin.description(), [recording]).estimate
+    assert not [p.name for p in estimate.parameters if p.name.endswith((".y", ".z"))]
+    assert any("no thrust along y, z" in note for note in estimate.notes)
+
+
+def test_a_recording_without_fault_comes_out_as_it_went_in(exp1: Recording):
+    found = mended(exp1, twin.description().sensor)
+    assert found.recording is exp1
+    assert found.bridged == {}
+    assert found.longest() == ("", 0.0)
+
+
+def test_holes_are_found_again(exp1: Recording):
+    found = mended(changed(exp1, missing), twin.description().sensor)
+    np.testing.assert_allclose(found.recording.time("imu.acceleration"), exp1.time("imu.acceleration"))
+    name, longest = found.longest(("acceleration",))
+    assert name in ("imu.acceleration", "panel.acceleration")
+    assert longest > 2.0 > LONGEST
+
+
+def test_bridges_follow_what_is_cubic():
+    t = np.linspace(0.0, 1.0, 101)
+    x = np.column_stack([t**3 - t, 2.0 * t**2])
+    bad = np.zeros(101, dtype=bool)
+    bad[[3, 40, 41, 60]] = True
+    bad[70:90] = True
+    np.testing.assert_allclose(bridge(np.where(bad[:, None], np.nan, x), bad), x, atol=1e-12)
+    bad[:] = False
+    bad[:2] = bad[-1] = True
+    ends = bridge(x, bad)
+    np.testing.assert_array_equal(ends[0], x[2])
+    np.testing.assert_array_equal(ends[-1], x[-2])
+
+
+def test_even_clocks():
+    times = np.delete(np.arange(100) * 0.01, [5, 6, 50])
+    clock, place = even_clock(times)
+    np.testing.assert_allclose(clock, np.arange(100) * 0.01, atol=1e-15)
+    np.testing.assert_array_equal(clock[place], times)
+    uneven = np.cumsum(np.random.default_rng(0).uniform(0.005, 0.02, 50))
+    np.testing.assert_array_equal(even_clock(uneven)[0], uneven)
+
+
+def test_a_dead_channel_is_refused(exp1: Recording):
+    def dead(name: str, times: np.ndarray, values: np.ndarray):
+        if name == "imu.acceleration":
+            values[: 2 * len(values) // 3] = np.nan
+        return times, values
+
+    with pytest.raises(RecordingError, match=r"Only 33 % of the samples of 'imu\.acceleration'"):
+        mended(changed(exp1, dead), twin.description().sensor)
+
+
+def test_commands_that_are_not_finite_are_refused(exp1: Recording):
+    force = np.array(exp1["command.force"])
+    force[7] = np.nan
+    broken = exp1.with_channels({"command.force": force})
+    with pytest.raises(RecordingError, match=r"'command\.force' is not finite"):
+        identify(twin.description(), [broken])
