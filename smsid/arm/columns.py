@@ -27,7 +27,7 @@ def torque_columns(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.nda
     """Return what the motors must give for an effect at joint rates v and accelerations a (N, nv).
 
     Rates and accelerations [rad/s, rad/s^2]; the columns are torques [N m] per unit of a parameter: the terms
-    of joint dynamics beyond rigid links (Siciliano et al. 2009, *Robotics*, section 7.1).
+    of joint dynamics beyond rigid links (Siciliano et al. 2009, *Robotics*, chapter 7).
 
     Effects of users take part by ``torque_columns.register(TheirEffect)``.
 

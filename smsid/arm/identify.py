@@ -1,4 +1,7 @@
-"""Identifying a welded arm from its joint torques."""
+"""Identifying a welded arm from its joint torques.
+
+Weighted linear least squares in base parameters (Gautier and Khalil 1990; Swevers et al. 1997).
+"""
 
 from __future__ import annotations
 
@@ -186,7 +189,7 @@ def torque_errors(model: SpacecraftModel, predicted: np.ndarray, measured: np.nd
 
 def structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameters:
     """Base parameters of the arm for any motion: from random states, so that names do not depend on the
-    log.
+    log. Raises `DescriptionError` when torques depend on none.
     """
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))

@@ -73,8 +73,8 @@ def attitude_errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return error and its rate, (N, 3) each, as `attitude_error` does, for a whole run at once.
 
-    ``rotations`` (N, 3, 3) body to inertial, ``omegas`` (N, 3) body axes [rad/s], wanted ``angles`` (N, 3) [rad]
-    and ``rates`` (N, 3) [rad/s]. Raises nothing: the run has passed the singularities' checks.
+    ``rotations`` (N, 3, 3) body to inertial, ``omegas`` (N, 3) body axes [rad/s], wanted ``angles`` (N, 3)
+    [rad] and ``rates`` (N, 3) [rad/s]. Raises nothing: the run has passed the singularities' checks.
     """
     roll, pitch, _ = angles.T
     dr, dp, dy = rates.T

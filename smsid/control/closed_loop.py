@@ -1,4 +1,7 @@
-"""The complete nonlinear spacecraft under control: sensors, sampling, delay, wheel and joint limits."""
+"""The complete nonlinear spacecraft under control: sensors, sampling, delay, wheel and joint limits.
+
+The flights of section V of the paper, (10)-(15) under (43) or (46).
+"""
 
 from __future__ import annotations
 
@@ -218,7 +221,7 @@ def tracking_of(
     tau: np.ndarray,
     actuators: Actuators,
 ) -> Tracking:
-    """Return a run from its ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
+    """Return a run from ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
     wanted = [controller.reference.at(float(t)) for t in time]
     position, rate = np.array([w[0] for w in wanted]), np.array([w[1] for w in wanted])
     base, base_rate = attitude_errors(

@@ -1,4 +1,4 @@
-"""The H-infinity term with the panel looked after: no bending or slosh mode may lose its damping to it."""
+"""The term u_inf of (46) with the panel looked after: no bending or slosh mode may lose its damping to it."""
 
 from __future__ import annotations
 

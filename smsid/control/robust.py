@@ -96,9 +96,9 @@ def law_of(gains: Gains, controller: StateSpace, inertia: np.ndarray) -> np.ndar
 def closed_loop_matrix(
     plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
 ) -> np.ndarray:
-    """Return A of (x, x', controller) under Q_c = H_hat (K_D de + K_P e - u_inf), ``inertia`` (k, k) being H_hat.
+    """Return A of (x, x', controller) under Q_c = H_hat (K_D de + K_P e - u_inf).
 
-    Raises `ControlError` when sizes do not fit.
+    ``inertia`` (k, k) is H_hat. Raises `ControlError` when sizes do not fit.
     """
     m, k = len(plant.mass), plant.actuated
     if inertia.shape != (k, k) or gains.size != k:

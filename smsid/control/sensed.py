@@ -1,4 +1,7 @@
-"""What sensors tell the controller, sample by sample: errors drawn for a whole run, applied as it goes."""
+"""What sensors tell the controller, sample by sample: errors drawn for a whole run, applied as it goes.
+
+The errors are those of `smsid.sensing`; measured are q_b, q_m of (41), their rates and the wheels'.
+"""
 
 from __future__ import annotations
 

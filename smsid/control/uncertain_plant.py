@@ -4,7 +4,7 @@ y are all coordinates, translation and wheels too; M is linear in the inertial p
 
     M = M_0 + sum_i delta_i M_i,  D and K alike,  |delta_i| <= 1 at the end of the 95 % interval,
 
-and the loop is a linear fractional transformation of the delta_i. Translation and wheel speeds do not act
+and the loop is a linear fractional transformation of the delta_i (Zhou, Doyle and Glover 1996, chapter 10). Translation and wheel speeds do not act
 back (momentum is conserved, wheel speeds do not enter about rest), so the states are those of attitude,
 joints, slosh and bending, and the controller's. Slosh and bending are inside the plant.
 """
@@ -71,7 +71,10 @@ class UncertainPlant:
         return self.input.shape[1]
 
     def rigid_size(self, delta: np.ndarray) -> float:
-        """Return the norm of what ``delta`` (changes,) does to the rigid bodies' mass matrix, in that matrix's norm."""
+        """Return the norm of what ``delta`` does to the rigid bodies' mass matrix, in that matrix's norm.
+
+        ``delta`` (changes,), one at the ends of the intervals.
+        """
         rigid = self.rigid
         if not len(rigid):
             return 0.0

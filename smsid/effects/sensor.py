@@ -81,7 +81,10 @@ class QuantityEffect(SensorEffect):
         return tuple(replace(p, unit=unit) if p.unit == OF_QUANTITY else p for p in super().parameters())
 
     def changed(self, sensor: Sensor) -> Sensor:
-        """Return the sensor with another error model for the quantity."""
+        """Return the sensor with another error model for the quantity.
+
+        Raises `DescriptionError` for a quantity it does not measure.
+        """
         if self.quantity not in sensor.quantities:
             raise DescriptionError(
                 f"[[effect]] '{self.name}': sensor '{sensor.name}' does not measure {self.quantity}.",
@@ -108,7 +111,10 @@ class ComponentEffect(QuantityEffect):
     )
 
     def resolved(self: S, description: Description) -> S:
-        """Return the effect with its component as a number."""
+        """Return the effect with its component as a number.
+
+        Raises `DescriptionError` for a component there is not.
+        """
         super().resolved(description)
         if not isinstance(self.component, str):
             return self
@@ -127,7 +133,10 @@ class ComponentEffect(QuantityEffect):
 
     @property
     def key(self) -> str | None:
-        """Key of the component in `ErrorModel.components`; ``None`` for the whole quantity."""
+        """Key of the component in `ErrorModel.components`; ``None`` for the whole quantity.
+
+        Raises `DescriptionError` for a name that needs the description, see `resolved`.
+        """
         if self.component is None and self.station is None:
             return None
         component = self.component

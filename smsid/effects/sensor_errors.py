@@ -36,7 +36,7 @@ class SensorBias(VectorEffect, Starting):
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
     def spoilt(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the bias."""
+        """Return the error model with the bias; raises `DescriptionError` for a second one of another start."""
         if not np.any(self.bias):
             return error
         if self.key is None:
@@ -121,7 +121,7 @@ class LeverArm(SensorEffect):
     offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
 
     def changed(self, sensor: Sensor) -> Sensor:
-        """Return the sensor where it is; raises `DescriptionError` for one that sits nowhere."""
+        """Return the sensor where it is; raises `DescriptionError` for a kind without a place."""
         if sensor.kind not in ("pose", "imu"):
             raise DescriptionError(
                 f"[[effect]] '{self.name}': a sensor of kind {sensor.kind} has no lever arm.",

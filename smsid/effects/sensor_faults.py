@@ -45,7 +45,7 @@ class Outliers(ComponentEffect):
     )
 
     def spoilt(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the outliers."""
+        """Return the error model with the outliers; raises `DescriptionError` when it has some."""
         if not (self.share and self.size):
             return error
         own = error if self.key is None else error.components.get(self.key, ComponentError())

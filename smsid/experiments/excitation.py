@@ -20,7 +20,8 @@ DRAFT = Tolerance(1e-6, 1e-8)  # to rank candidates and see limits, not to make 
 def thrust_experiment(axes: str = "xyz", *, force: float = 40.0, duration: float = 120.0) -> Experiment:
     """Return Exp. 1, equation (48): +force, -force, 0 over thirds of ``duration / 2``, attitude held.
 
-    ``axes`` are the body axes thrust acts along. Thrust is +f for t_f/6, -f until t_f/3, then zero.
+    ``axes`` are the body axes thrust acts along. Thrust is +f for t_f/6, -f until t_f/3, then zero. Raises
+    `ExperimentError` for other axes.
     """
     if not axes or set(axes) - set("xyz"):
         raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")

@@ -35,7 +35,10 @@ class StepProfile(_Table):
 
 
 class FourierProfile(_Table):
-    """Truncated Fourier series; ``cos`` and ``sin`` hold one row per component, ``frequency`` in Hz."""
+    """Truncated Fourier series; ``cos`` and ``sin`` hold one row per component, ``frequency`` in Hz.
+
+    Raises `ExperimentError` when their sizes differ.
+    """
 
     kind: Literal["fourier"] = "fourier"
     frequency: float = Field(gt=0.0)

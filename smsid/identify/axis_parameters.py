@@ -122,7 +122,7 @@ def physical(theta: np.ndarray, tanks: int, panel: bool) -> tuple[np.ndarray, np
 def without_tanks(pi: np.ndarray, kinds: list[Kind], tanks: int) -> tuple[np.ndarray, np.ndarray]:
     """Return what `physical` does, with respect to pi, when tanks cannot be told apart: M and rho alone.
 
-    ``pi`` (k,); values (n,) and their derivatives (n, k). M is f*/a at s = 0, the ratio of the last coefficients;
+    ``pi`` (k,); values (n,) and derivatives (n, k). M is f*/a at s = 0, the ratio of the last coefficients;
     the tanks are not-a-number.
     """
     panel = ("p", 0) in kinds

@@ -33,9 +33,9 @@ def mode_sigmas(
     """Return standard deviations of the clamped and the coupled modes.
 
     Noise of the sensors' own level (``panel_noise`` (stations,), ``base_noise`` [m/s^2]) is added once more
-    to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where estimates answer noise
-    linearly they scatter about the estimate as it does about the truth. With 8 replicates a standard
-    deviation is itself known to about a quarter.
+    to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where
+    estimates answer noise linearly they scatter about the estimate as it does about the truth. With 8
+    replicates a standard deviation is itself known to about a quarter.
     """
     highest = 1.5 * max((m.frequency for m in (*found.clamped, *found.coupled)), default=1.0)
     again = [

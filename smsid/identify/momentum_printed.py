@@ -34,8 +34,9 @@ def step_b_printed(
     """Estimate pi_m of (38)-(39): inertial parameters and products of first moments over m_s.
 
     ``hidden`` needs the modal states only. ``mass`` M and ``slosh_mass`` m_s [kg] from Exp. 1, ``centre``
-    (3,) the inertial CM from Step A [m]. Names of products read ``(a)*(b)/m_s``. Raises `NotIdentifiableError`
-    unless there is one tank.
+    (3,) the inertial CM from Step A [m]. Names of products read ``(a)*(b)/m_s``.
+
+    Raises `NotIdentifiableError` unless there is one tank.
     """
     if len(model.slosh) != 1:
         raise NotIdentifiableError(

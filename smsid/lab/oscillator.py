@@ -1,4 +1,8 @@
-"""A driven oscillator with a spring that need not be linear, fitted by its simulation error."""
+"""A driven oscillator with a spring that need not be linear, fitted by its simulation error.
+
+Output error (Ljung 1999, *System Identification*, chapter 7), as the Silverbox benchmark asks for (Wigren and
+Schoukens 2013).
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Slosh from a tank that is moved: force and motion of the container in, frequency, damping, mass and lag
-out.
+out. The equivalent mass on a spring is that of Abramson (1966), NASA SP-106.
 """
 
 from __future__ import annotations

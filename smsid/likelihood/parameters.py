@@ -108,7 +108,10 @@ class Parameters:
         return replace(self, inertias=np.array(inertias, dtype=float).reshape(self.inertias.shape))
 
     def with_scalars(self, values: Mapping[str, float]) -> Parameters:
-        """Return the point with scalars replaced by name; raises `DescriptionError` for a name there is not."""
+        """Return the point with scalars replaced by name.
+
+        Raises `DescriptionError` for a name there is not.
+        """
         known = {s.name for s in self.scalars}
         unknown = sorted(set(values) - known)
         if unknown:

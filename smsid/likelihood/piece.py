@@ -103,7 +103,7 @@ class Piece:
         return self.timeline.interpolation(c.times - late)
 
     def cleaned(self, residuals: list[np.ndarray]) -> tuple[Piece, list[np.ndarray]]:
-        """Return the piece without samples far outside of their noise, and the residuals (N, k) of the others."""
+        """Return the piece without samples far outside of their noise, and the others' residuals (N, k)."""
         channels, kept = [], []
         for c, r in zip(self.channels, residuals, strict=True):
             bad, _ = outliers(r)
@@ -175,7 +175,10 @@ class Piece:
     def with_noise(
         self, residuals: list[np.ndarray], parameters: Parameters, prediction: Prediction
     ) -> Piece:
-        """Return the piece with the noise its ``residuals``, (N, k) by channel, show, and that of the inputs added."""
+        """Return the piece with the noise its residuals show, and that of the measured inputs added.
+
+        ``residuals`` (N, k) by channel.
+        """
         channels = tuple(
             c.with_covariance(np.diag(np.maximum(np.mean(r**2, axis=0), np.diag(c.covariance) * 1e-4)))
             for c, r in zip(self.channels, residuals, strict=True)

@@ -196,9 +196,9 @@ def applied_forces(parameters: Parameters, drive: Drive, timeline: Timeline) -> 
 def start_velocity(
     model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, free: np.ndarray
 ) -> np.ndarray:
-    """Return the velocities (len(free),) at which all free momenta vanish while the prescribed parts move with v.
+    """Return the free velocities (k,) at which all free momenta vanish while the rest moves with v.
 
-    At configuration q (nq,).
+    At configuration q (nq,), ``free`` (k,) indices in v.
     """
     start = v.copy()
     start[free] = 0.0

@@ -54,7 +54,7 @@ def profile_interval(
 def profile_of(
     fit: Fit, prior: Prior, name: str, *, level: float = 0.95, bound: float = 0.0
 ) -> ProfileInterval:
-    """Return the interval of a fit; arguments and errors (`NotIdentifiableError`) as in `profile_interval`."""
+    """Return the interval of a fit; arguments and `NotIdentifiableError` as in `profile_interval`."""
     scalars = {s.name: s for s in fit.point.parameters.scalars}
     if name not in scalars:
         raise NotIdentifiableError(

@@ -75,7 +75,10 @@ class MeasuredMotion:
         return np.minimum(interval, len(self.spline.c) - WINDOW)
 
     def basis(self, times: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Return values and two derivatives (3, N, WINDOW) at ``times`` (N,) of the functions from ``first`` (N,) on."""
+        """Return values and two derivatives (3, N, WINDOW) of the functions from ``first`` (N,) on.
+
+        At ``times`` (N,) [s].
+        """
         columns = first[:, None] + np.arange(WINDOW)
         return np.stack(
             [

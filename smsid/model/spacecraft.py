@@ -162,8 +162,9 @@ class SpacecraftModel:
         return np.concatenate([h.linear, h.angular + np.cross(com, h.linear)])
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Return kinetic plus potential energy [J] at q (nq,), v (nv,): of gravity and springs, not of nonlinear
-        effects.
+        """Return kinetic plus potential energy [J] at q (nq,), v (nv,).
+
+        Of gravity and springs, not of nonlinear effects.
         """
         kinetic = pin.computeKineticEnergy(self.pin, self.data, q, v)
         gravity = pin.computePotentialEnergy(self.pin, self.data, q)

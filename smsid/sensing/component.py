@@ -71,8 +71,10 @@ def place_of(key: str, shape: tuple[int, ...]) -> tuple[slice | int, ...]:
 
 
 def held(times: np.ndarray, values: np.ndarray, start: float) -> np.ndarray:
-    """Return values (N, ...) at ``times`` (N,) [s] that repeat, from ``start`` on, the last one before it (or the
-    first)."""
+    """Return values (N, ...) that repeat, from ``start`` [s] on, the last one before it (or the first).
+
+    ``times`` (N,) [s].
+    """
     last = max(int(np.searchsorted(times, start)) - 1, 0)
     out = values.copy()
     out[last + 1 :] = values[last]

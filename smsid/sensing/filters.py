@@ -1,7 +1,7 @@
 """Low-pass filters, decimation and differentiation of sampled data, along the first axis.
 
-The paper (section V) filters its noisy measurements with IIR low-pass filters; `lowpass` is that, causal. Offline nothing
-needs to be causal, and `zero_phase` shifts nothing in time.
+The paper (section V) filters its noisy measurements with IIR low-pass filters; `lowpass` is that, causal.
+Offline nothing needs to be causal, and `zero_phase` shifts nothing in time.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def rotations(q: np.ndarray) -> np.ndarray:
 
 
 def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.ndarray]:
-    """Return the exact channels of one sensor."""
+    """Return the exact channels of one sensor by name, (N, ...) as in docs/design.md, section 3."""
     name, r = sensor.name, np.asarray(sensor.position, dtype=float)
     n = len(s.time)
     base_v = s.v[:, :6] if model.free else np.zeros((n, 6))
@@ -86,7 +86,7 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
     """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint torques.
 
-    Effects on the actuators are between these and what the plant gets. Torques that enforce prescribed motion
+    (N, ...) as in docs/design.md, section 3. Effects on actuators are between these and what the plant gets. Torques that enforce prescribed motion
     count as commanded as they act.
     """
     model, inputs = trajectory.model, trajectory.inputs
@@ -111,7 +111,10 @@ def _asked(signal: Signal | None, s: States, index: np.ndarray) -> np.ndarray:
 
 
 def hidden_states(model: SpacecraftModel, s: States) -> dict[str, np.ndarray]:
-    """Return what no sensor sees: slosh and modal states (several tanks: sources ``truth_<tank>``)."""
+    """Return what no sensor sees: slosh and modal states (several tanks: sources ``truth_<tank>``).
+
+    (N, 3) of a tank, (N, modes) of an appendage.
+    """
     found: dict[str, np.ndarray] = {}
     for joint in model.slosh:
         source = "truth" if len(model.slosh) == 1 else f"truth_{joint.name}"
@@ -135,7 +138,7 @@ def find_appendage(model: SpacecraftModel, name: str) -> AppendageJoints:
 
 
 def station_indices(panel: AppendageJoints, sensor: Sensor) -> np.ndarray:
-    """Return which stations of the appendage a sensor uses; distances are matched to the stations.
+    """Return which stations of the appendage a sensor uses, indices (k,); distances are matched to the stations.
 
     Raises `DescriptionError` for a station the appendage does not have.
     """
