@@ -1,4 +1,4 @@
-"""From a description and an estimate to a controller, (43) or (46), that has been examined before it flies."""
+"""From a description and an estimate to a controller, (43) or (46), examined before it flies."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def guarded_term(
     The slower the loop may cross over, the less noise and the more phase lag it has at the slow modes, and
     the less error is asked for, the more it does: crossovers are given up, slowest first, then the bound on
     the error is relaxed, until every mode keeps `KEPT` of its damping. What is left to be told stands in the
-    poles' flags. ``inertia`` (3 + n, 3 + n) is the controller's H_hat.
+    poles' flags. ``inertia`` (3 + n, 3 + n) is the controller's H_hat [kg m^2].
 
     Raises `ControlError` as `design_robust_term`.
     """

@@ -61,7 +61,7 @@ def robust_stability(
 
     Args:
         plant: slosh and bending inside, see `uncertain_plant`.
-        inertia: (3 + n, 3 + n) the controller's H_hat.
+        inertia: (3 + n, 3 + n) the controller's H_hat [kg m^2].
         gains: its gains; ``controller`` its H-infinity term, if any.
         level: how far the bodies' inertia may be off in its own norm, see `identified_level`.
         rng: draws the samples and where the search for the worst parameters starts.
@@ -113,6 +113,8 @@ def worst_parameters(
     rng: np.random.Generator,
 ) -> tuple[float, np.ndarray]:
     """Return the least damping ratio found within ``scale`` times the intervals, and where (changes,).
+
+    ``inertia`` (3 + n, 3 + n) is the controller's H_hat [kg m^2].
 
     Scalars go to the end of their intervals that the derivative of the damping points to, the bodies' inertia
     along it as far as ``level`` and the intervals allow; repeated, from the centre and from random ends. A

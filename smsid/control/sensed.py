@@ -22,7 +22,7 @@ LINEAR = ("scale_error", "scale_sigma", "misalignment", "misalignment_sigma")
 
 
 def measured_truth(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> Measured:
-    """Return what perfect sensors see in the state q (nq,), v (nv,)."""
+    """Return what perfect sensors see in the state q (nq,), v (nv,) [rad, rad/s]."""
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
     return Measured(rotation, v[3:6].copy(), model.joint_angles(q), v[model.arm_joints.v], v[model.wheels.v])
 

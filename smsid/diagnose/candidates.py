@@ -140,7 +140,10 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
 
 
 def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
-    """Return the score of a candidate, the fitted parameters free to move within their priors."""
+    """Return the score of a candidate from its whitened ``columns`` (N rows, d).
+
+    The fitted parameters are free to move within their priors.
+    """
     return candidate.scored(found, columns)
 
 

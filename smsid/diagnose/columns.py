@@ -120,7 +120,7 @@ class Changes:
         return self.effect(less, more, high - low)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Change:
-        """Return the change by a generalised force given along the run, (N - 1, nv) and (N, nv)."""
+        """Return the change by a generalised force along the run, ``middle`` (N - 1, nv) and ``at`` samples (N, nv)."""
         return Change(
             np.einsum("nij,nj->ni", self.run.middle_inverse, middle),
             np.einsum("nij,nj->ni", self.run.inverse, at),

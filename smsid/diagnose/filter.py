@@ -241,7 +241,7 @@ def _delayed(
 
 
 def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return a first q and v from the first samples: pose, joints, wheels as measured, the rest at rest."""
+    """Return a first q (nq,) and v (nv,) from the first samples: what is measured, the rest at rest."""
     q, v = model.home.copy(), np.zeros(model.nv)
     data, pose = problem.data, None
     for block in data.blocks:

@@ -47,7 +47,7 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
 
 
 def locked(model: SpacecraftModel, recording: Recording) -> np.ndarray:
-    """Return the degrees of freedom held still: arms and wheels without a commanded torque."""
+    """Return the degrees of freedom (k,) held still: arms and wheels without a commanded torque."""
     found: list[int] = []
     if COMMANDS["joint_torque"] not in recording:
         found += [int(i) for i in model.arm_joints.v]

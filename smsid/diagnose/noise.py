@@ -74,7 +74,10 @@ def refitted(found: Fitted) -> Fitted:
 
 
 def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
-    """Return the root mean square of the prediction errors over their noise, outliers left out."""
+    """Return the root mean square of the prediction errors over their noise, outliers left out.
+
+    ``factors`` (rows,) on the noise, or one for all.
+    """
     x = np.where(run.used, run.normalised * factors, np.nan)
     return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
 

@@ -48,7 +48,7 @@ class Plant:
         return pin.aba(self.pin, self.data, q, v, total)
 
     def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
-        """Return accelerations with their derivatives."""
+        """Return accelerations at q (nq,), v (nv,) under tau (nv,), with their derivatives."""
         m = self.model
         total = tau.copy()
         m.add_passive_forces(t, q, v, total)
@@ -100,7 +100,7 @@ class Plant:
     def step(
         self, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q and v a step h [s] later under constant applied forces: Runge and Kutta, in a chart."""
+        """Return q (nq,), v (nv,) a step h [s] later under constant applied forces tau (nv,): Runge and Kutta."""
         half = 0.5 * h
         x1, a1 = self._rate(np.zeros(self.nv), v), self.acceleration(t, q, v, tau)
         v2 = v + half * a1

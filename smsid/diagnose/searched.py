@@ -74,7 +74,10 @@ class Searched(Candidate):
 def best_shape(
     candidate: Searched, found: Fit, columns: np.ndarray, shapes: Sequence[Shape], variants: int = 1
 ) -> Score:
-    """Return the score of the best of some shapes of a candidate, by Bayes's criterion."""
+    """Return the score of the best of some shapes of a candidate, by Bayes's criterion.
+
+    ``columns`` (N rows, d), of which each shape takes some.
+    """
     left = found.left(columns)
     gram, slope = left.T @ left, left.T @ found.residual
     raw = np.einsum("ij,ij->j", columns, columns)
@@ -187,7 +190,10 @@ class Leak(Searched):
 
 
 def placed(coefficients: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the place (d,) [m] that coefficients (1 + d,) of a mass and its first moment stand for."""
+    """Return the place (d,) [m] that coefficients (1 + d,) of a mass and its first moment stand for.
+
+    ``steps`` (1 + d,) are their units.
+    """
     if len(coefficients) == 1 or coefficients[0] == 0.0:
         return np.zeros(len(steps))
     place = coefficients[1:] / coefficients[0] * steps

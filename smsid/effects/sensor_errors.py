@@ -36,7 +36,7 @@ class SensorBias(VectorEffect, Starting):
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
     def spoilt(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the bias; raises `DescriptionError` for a second one of another start."""
+        """Return the error model with the bias; raises `DescriptionError` for a second, later one."""
         if not np.any(self.bias):
             return error
         if self.key is None:
