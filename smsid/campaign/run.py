@@ -83,8 +83,8 @@ def run_campaign(
 def run_once(prepared: PreparedCampaign, run: int) -> RunRecord:
     """Return the record of one run: a pure function of campaign and index, but for ``seconds``.
 
-    Whatever the method raises is in the record, an `ExperimentError` of the case too. BLAS is held to one thread: runs are what is parallel, and
-    the number of threads would show in the last bit.
+    Whatever the method raises is in the record, an `ExperimentError` of the case too. BLAS is held to one
+    thread: runs are what is parallel, and the number of threads would show in the last bit.
     """
     started = time.perf_counter()
     campaign = prepared.campaign

@@ -1,11 +1,11 @@
 """The spacecraft with an estimate's values in it: what the controller's model is built from.
 
-It is the H_hat and c_hat of (43). Slosh and appendages take the estimate's values by name. Exp. 2 does not give each body's inertia but
-combinations, ``link2.mx + 2 link3.m = ...``, which with the total mass are all that the motion depends on:
-the bodies taken are those nearest to the description that have them, each weighed by its standard deviation
-against 50 % of the body's size, and ones that can exist. Two descriptions that differ in what the data do not
-see so give the same controller. (Combinations are read from their names; their factors have four digits
-there.)
+It is the H_hat and c_hat of (43). Slosh and appendages take the estimate's values by name. Exp. 2 does not
+give each body's inertia but combinations, ``link2.mx + 2 link3.m = ...``, which with the total mass are all
+that the motion depends on: the bodies taken are those nearest to the description that have them, each weighed
+by its standard deviation against 50 % of the body's size, and ones that can exist. Two descriptions that
+differ in what the data do not see so give the same controller. (Combinations are read from their names; their
+factors have four digits there.)
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ with w = 2 rad/s). Allowed are w outside every mode's band: its frequency over t
 (base and joints free) and held, widened by `CLEARANCE`. Among those w is best whose error, the steady one
 under the disturbance plus three standard deviations of noise, is least; noise may not ask for more than the
 actuators have, nor the gains be too fast for the controller's rate. The loop with slosh and panel inside is
-examined before the gains are handed out. What the paper asks for in section V: gains that do not excite natural
-frequencies.
+examined before the gains are handed out. What the paper asks for in section V: gains that do not excite
+natural frequencies.
 """
 
 from __future__ import annotations

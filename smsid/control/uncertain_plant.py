@@ -4,9 +4,10 @@ y are all coordinates, translation and wheels too; M is linear in the inertial p
 
     M = M_0 + sum_i delta_i M_i,  D and K alike,  |delta_i| <= 1 at the end of the 95 % interval,
 
-and the loop is a linear fractional transformation of the delta_i (Zhou, Doyle and Glover 1996, chapter 10). Translation and wheel speeds do not act
-back (momentum is conserved, wheel speeds do not enter about rest), so the states are those of attitude,
-joints, slosh and bending, and the controller's. Slosh and bending are inside the plant.
+and the loop is a linear fractional transformation of the delta_i (Zhou, Doyle and Glover 1996, chapter 10).
+Translation and wheel speeds do not act back (momentum is conserved, wheel speeds do not enter about rest), so
+the states are those of attitude, joints, slosh and bending, and the controller's. Slosh and bending are
+inside the plant.
 """
 
 from __future__ import annotations

@@ -103,10 +103,10 @@ def scaled_tls(
 
     ``rows`` (N k, n) and ``rhs`` (N k,) hold k equations for each of the motion's N samples, sample by
     sample; ``weights`` (N k,) is a factor on each. The covariance allows for equation errors correlated in
-    time (`hac_covariance`). ``prior`` (mean (n,), covariance (n, n)) enters through recursive TLS, its weight set against equations made as much
-    weaker as their correlation in time makes them. ``again``: rows and right-hand side with the sensors'
-    noise once more; what differs tells how large the errors of the columns are and how they go together.
-    Without it all columns, at equal length, count as equally uncertain.
+    time (`hac_covariance`). ``prior`` (mean (n,), covariance (n, n)) enters through recursive TLS, its weight
+    set against equations made as much weaker as their correlation in time makes them. ``again``: rows and
+    right-hand side with the sensors' noise once more; what differs tells how large the errors of the columns
+    are and how they go together. Without it all columns, at equal length, count as equally uncertain.
     """
     if weights is not None:
         rows, rhs = rows * weights[:, None], rhs * weights

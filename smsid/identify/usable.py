@@ -51,7 +51,8 @@ def outliers(residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def spikes(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return which samples (N,) of a smooth motion stick out of the cubic through their neighbours.
 
-    ``values`` (N, k), ``sigma`` (k,) of their noise. Of neighbours only the one that sticks out most is called a spike.
+    ``values`` (N, k), ``sigma`` (k,) of their noise. Of neighbours only the one that sticks out most is
+    called a spike.
     """
     bad = np.zeros(len(values), dtype=bool)
     if len(values) < 5:

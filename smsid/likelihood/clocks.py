@@ -23,10 +23,10 @@ def doubtful_clocks(
     """Return the sensors whose residuals at the maximum still go with an offset or a drift of their clock.
 
     ``residuals`` (N, k) by channel. With how far, in standard deviations of the score. A clock late by tau
-    reads y(t - tau), which leaves -tau dy/dt in the residual. The score of tau and of its growth with time, as if nothing else had been
-    estimated, has at most unit variance when the clock is good. Source: Rao's score test (Rao 1948). One
-    wrong clock pulls at what all sensors share, so that the others' scores grow too: the largest is to be
-    believed first.
+    reads y(t - tau), which leaves -tau dy/dt in the residual. The score of tau and of its growth with time,
+    as if nothing else had been estimated, has at most unit variance when the clock is good. Source: Rao's
+    score test (Rao 1948). One wrong clock pulls at what all sensors share, so that the others' scores grow
+    too: the largest is to be believed first.
     """
     kinematics = Kinematics.of(parameters.layout.model, prediction)
     start = piece.timeline.edges[0]

@@ -86,8 +86,8 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
     """Return the commanded force, torque (with the torque that holds the attitude), wheel and joint torques.
 
-    (N, ...) as in docs/design.md, section 3. Effects on actuators are between these and what the plant gets. Torques that enforce prescribed motion
-    count as commanded as they act.
+    (N, ...) as in docs/design.md, section 3. Effects on actuators are between these and what the plant gets.
+    Torques that enforce prescribed motion count as commanded as they act.
     """
     model, inputs = trajectory.model, trajectory.inputs
     found: dict[str, np.ndarray] = {}
