@@ -105,7 +105,9 @@ def tuned_gains(
     demands: Demands,
     modes: tuple[Mode, ...],
 ) -> Tuning:
-    """Return gains that keep clear of the modes; ``inertia`` (3 + n, 3 + n) [kg m^2] is the controller's H_hat.
+    """Return gains that keep clear of the modes.
+
+    ``inertia`` (3 + n, 3 + n) [kg m^2] is the controller's H_hat.
 
     Raises `ControlError` when no frequency is clear of all bands within what the actuators can do, or when
     the loop with these gains would be unstable or drive a mode.

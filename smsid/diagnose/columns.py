@@ -120,7 +120,10 @@ class Changes:
         return self.effect(less, more, high - low)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Change:
-        """Return the change by a generalised force along the run, ``middle`` (N - 1, nv) and ``at`` samples (N, nv)."""
+        """Return the change by a generalised force along the run.
+
+        ``middle`` (N - 1, nv) between samples, ``at`` (N, nv) them.
+        """
         return Change(
             np.einsum("nij,nj->ni", self.run.middle_inverse, middle),
             np.einsum("nij,nj->ni", self.run.inverse, at),

@@ -100,7 +100,7 @@ class Plant:
     def step(
         self, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq,), v (nv,) a step h [s] later under constant applied forces tau (nv,): Runge and Kutta."""
+        """Return q (nq,), v (nv,) a step h [s] later under constant forces tau (nv,): Runge and Kutta."""
         half = 0.5 * h
         x1, a1 = self._rate(np.zeros(self.nv), v), self.acceleration(t, q, v, tau)
         v2 = v + half * a1

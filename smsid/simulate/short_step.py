@@ -50,7 +50,10 @@ def short_step(
     relative: float,
     absolute: float,
 ) -> ShortPiece | None:
-    """Step from (t, y) with its ``rate`` right to ``t_end`` [s]; None when that misses the tolerance."""
+    """Step from (t, y) with its ``rate`` right to ``t_end`` [s]; None when that misses the tolerance.
+
+    y and rate (n,); ``derivative`` takes (t, y) and writes the rate into its third argument.
+    """
     h = t_end - t
     rates = np.empty((STAGES + 1, len(y)))
     rates[0] = rate

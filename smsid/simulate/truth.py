@@ -138,7 +138,7 @@ def find_appendage(model: SpacecraftModel, name: str) -> AppendageJoints:
 
 
 def station_indices(panel: AppendageJoints, sensor: Sensor) -> np.ndarray:
-    """Return which stations of the appendage a sensor uses, indices (k,); distances are matched to the stations.
+    """Return which stations of the appendage a sensor uses, indices (k,), found by their distances.
 
     Raises `DescriptionError` for a station the appendage does not have.
     """
