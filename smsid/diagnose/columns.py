@@ -44,7 +44,6 @@ class Changes:
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
-        self._own_passive = {w: self._passive(model, self._states(w)) for w in ("middle", "at")}
 
     def inertial(self, columns: Sequence[int]) -> list[Change]:
         """Return the changes by inertial parameters, ten per body: -M^-1 Y."""
@@ -85,7 +84,7 @@ class Changes:
             )
         middle = at = None
         if type(changed).attach is not Effect.attach or type(changed).drive is not Effect.drive:
-            forces = [self._force(where, origin, model) for where in ("middle", "at")]
+            forces = [self._force(where, origin, model, changed.name) for where in ("middle", "at")]
             if type(changed).drive is not Effect.drive:
                 new, old = self._applied(model), self._applied(origin) if known else self.applied
                 forces[0] += new.middle - old.middle
@@ -145,10 +144,14 @@ class Changes:
             self._rates = rates
         return self._rates
 
-    def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
+    def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel, changed: str) -> np.ndarray:
         states = self._states(where)
-        known = self._own_passive[where] if origin is self.model else self._passive(origin, states)
-        out = self._passive(model, states) - known
+        if origin.loads or model.loads:  # they see each other's forces
+            out = _passive(model, states) - _passive(origin, states)
+        else:
+            out = _springs(model, states) - _springs(origin, states)
+            for sign, of in ((1.0, model), (-1.0, origin)):
+                _add_terms(out, sign, of, states, _touched(of, changed))
         if any(a != b for a, b in zip(origin.pin.jointPlacements, model.pin.jointPlacements, strict=True)):
             return out - _inverse(model, states) + _inverse(origin, states)
         theta = _inertial(model) - _inertial(origin)
@@ -159,20 +162,6 @@ class Changes:
         if armature.any():
             out -= armature * states.a
         return out
-
-    def _passive(self, model: SpacecraftModel, states: States) -> np.ndarray:
-        out = states.tau.copy()
-        if model.forces or model.loads:
-            for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
-                model.add_passive_forces(float(t), q, v, tau, inertial=False)
-            if model.inertial is not None:  # at the accelerations there are, whatever is held still
-                for i, t in enumerate(states.time):
-                    out[i] += model.inertial.force(float(t), states.q[i], states.v[i], states.a[i])
-            return out - states.tau
-        out[:, model.spring_v] -= (
-            model.stiffness * states.q[:, model.spring_q] + model.damping * states.v[:, model.spring_v]
-        )
-        return out - states.tau
 
     def _reading(
         self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
@@ -190,6 +179,58 @@ class Changes:
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
         return out
+
+
+def _passive(model: SpacecraftModel, states: States) -> np.ndarray:
+    """Return the passive forces (N, nv) along states."""
+    out = states.tau.copy()
+    for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
+        model.add_passive_forces(float(t), q, v, tau, inertial=False)
+    if model.inertial is not None:  # at the accelerations there are, whatever is held still
+        for i, t in enumerate(states.time):
+            out[i] += model.inertial.force(float(t), states.q[i], states.v[i], states.a[i])
+    return out - states.tau
+
+
+def _springs(model: SpacecraftModel, states: States) -> np.ndarray:
+    out = np.zeros_like(states.tau)
+    out[:, model.spring_v] -= (
+        model.stiffness * states.q[:, model.spring_q] + model.damping * states.v[:, model.spring_v]
+    )
+    return out
+
+
+def _add_terms(
+    out: np.ndarray, sign: float, model: SpacecraftModel, states: States, effects: set[str]
+) -> None:
+    """Add the forces (N, nv) of some effects along states, times a sign."""
+    inertias = [] if model.inertial is None else list(model.inertial.terms)
+    mine = [term for owner, term in model.owned if owner in effects]
+    heavy = [term for term in inertias if any(term is x for x in mine)]
+    light = [term for term in model.forces if any(term is x for x in mine)]
+    if not (heavy or light):
+        return
+    part = states.tau.copy()
+    for i, t in enumerate(states.time):
+        q, v = states.q[i], states.v[i]
+        for force in light:
+            force(float(t), q, v, part[i])
+        for term in heavy:  # at the accelerations there are, whatever is held still
+            mass, bias = term(float(t), q, v)
+            part[i] -= mass @ states.a[i] + bias
+    out += sign * (part - states.tau)
+
+
+def _touched(model: SpacecraftModel, changed: str) -> set[str]:
+    """Return the effects whose forces may change with one: itself, and those that name it."""
+    found, size = {changed}, 0
+    while len(found) > size:
+        size = len(found)
+        for effect in model.description.effect:
+            named = {x for x in effect.model_dump().values() if isinstance(x, str)}
+            if named & found:
+                found.add(effect.name)
+    return found
 
 
 def _inverse(model: SpacecraftModel, states: States) -> np.ndarray:

@@ -18,6 +18,7 @@ LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = 10.0  # times its noise level that the model leaves, over all channels, before misfit is counted
+FOLLOWED = 2.0  # the same below which the model is taken to follow again
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 
@@ -63,12 +64,12 @@ def refitted(found: Fitted) -> Fitted:
         return found
     again = _with_misfit(found)
     stated = again.fit.problem.data.scaled(1.0 / again.factors)
-    if strayed(again.fit.run, again.factors) > MISFIT:
+    if strayed(again.fit.run, again.factors) > FOLLOWED:
         return again
     LOGGER.info("what is left can be fitted to the noise")
     problem = replace(again.fit.problem, data=stated)
     exact = fit(again.fit.point, again.fit.unknowns, problem, iterations=8)
-    if strayed(exact.run) > MISFIT:
+    if strayed(exact.run) > FOLLOWED:
         return again
     return _with_noise(Fitted(exact, np.ones(stated.rows)))
 

@@ -44,6 +44,10 @@ class Assembly:
     forces: list[ForceTerm] = field(default_factory=list)
     loads: list[ForceTerm] = field(default_factory=list)  # called first: tau is the applied force alone
     inertias: list[InertiaTerm] = field(default_factory=list)
+    owner: str = ""  # effect that is being attached
+    owned: list[tuple[str, ForceTerm | InertiaTerm]] = field(
+        default_factory=list
+    )  # forces, inertias by effect
     breakpoints: list[float] = field(default_factory=list)  # times at which a force jumps [s]
     motors: dict[int, int] = field(default_factory=dict)  # joint: joint whose angle the encoder adds
     twists: dict[int, Twist] = field(default_factory=dict)  # joint: twist that its encoder adds at once
@@ -123,6 +127,7 @@ class Assembly:
     def add_force(self, term: ForceTerm, breakpoints: Sequence[float] = ()) -> None:
         """Add a nonlinear generalised force, with the times at which it jumps [s]."""
         self.forces.append(term)
+        self.owned.append((self.owner, term))
         self.breakpoints += breakpoints
 
     def add_load_force(
@@ -138,6 +143,7 @@ class Assembly:
     def add_inertia_term(self, term: InertiaTerm, breakpoints: Sequence[float] = ()) -> None:
         """Add inertia that no body of the model can have: varying in time, or not of a rigid body."""
         self.inertias.append(term)
+        self.owned.append((self.owner, term))
         self.breakpoints += breakpoints
 
     def note_slosh(self, name: str, joint: int) -> None:

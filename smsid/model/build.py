@@ -75,6 +75,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         source = replace(source, wheeled=model.copy(), wheels=tuple(wheels))
     for effect in d.effect:
         with _placed("effect", effect.name):
+            assembly.owner = effect.name
             effect.attach(assembly)
 
     arms = _arms(assembly, d, source)
@@ -102,6 +103,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         thrust_point=np.asarray(d.thrust.point, dtype=float),
         loads=tuple(assembly.loads),
         inertial=inertial,
+        owned=tuple(assembly.owned),
         breakpoints=tuple(sorted(set(assembly.breakpoints))),
         motors=_motors(model, all_joints, assembly.motors),
         twists=tuple(

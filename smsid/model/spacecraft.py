@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description.schema import Description
-from smsid.effects.base import ForceTerm, Twist
+from smsid.effects.base import ForceTerm, InertiaTerm, Twist
 from smsid.model.assembly import AppendageJoints
 from smsid.model.inertial_forces import InertialForces
 
@@ -73,6 +73,7 @@ class SpacecraftModel:
     the bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and
     ``damping``; ``loads`` are forces that depend on the applied ones and come first, ``forces`` all other
     nonlinear ones, the last of them ``inertial`` if there is any; at ``breakpoints`` [s] a force jumps.
+    ``owned`` are the terms of ``forces`` and ``inertial``, each with the name of the effect it is of.
     What an encoder reads is `encoder_angles`. Not safe to share between threads: ``data`` is scratch space.
     """
 
@@ -97,6 +98,7 @@ class SpacecraftModel:
     thrust_point: np.ndarray
     loads: tuple[ForceTerm, ...] = ()
     inertial: InertialForces | None = None
+    owned: tuple[tuple[str, ForceTerm | InertiaTerm], ...] = ()
     breakpoints: tuple[float, ...] = ()
     motors: tuple[tuple[int, int, int], ...] = ()  # index of the arm joint, q and v of what its encoder adds
     twists: tuple[tuple[int, int, Twist], ...] = ()  # index of the arm joint, its v, what its encoder adds
