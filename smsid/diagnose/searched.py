@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares
 from smsid.diagnose.columns import Change, Changes
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.point import Unknown
+from smsid.effects.payload import point_parameters
 from smsid.effects.wheel_imbalance import WheelImbalance
 
 FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
@@ -149,44 +151,64 @@ class Imbalance(Searched):
 
 
 @dataclass(frozen=True)
-class Leak(Searched):
+class Leak(Candidate):
     """Mass that a body loses from an unknown place; ``free`` are the rate and the place.
 
-    ``body`` is the place of the body among those of the model.
+    ``body`` is the place of the body among those of the model. Its columns are those of ten inertial
+    parameters that change in proportion to time, as a point mass's grow with its place to the second power.
     """
 
     body: int = 0
 
     def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
-        """Return the derivatives by the rate and by the rate times the place."""
-        first = 10 * self.body
-        found = []
+        """Return the derivatives by the body's inertial parameters, less at the rate of one step."""
         middle, at = changes.run.middle.time[:, None], changes.run.states.time[:, None]
-        for change, step in zip(
-            changes.inertial(range(first, first + 4)), (1.0, *self.steps[1:]), strict=True
-        ):
+        found = []
+        for change in changes.inertial(range(10 * self.body, 10 * self.body + 10)):
             assert change.middle is not None and change.at is not None
-            scale = -self.steps[0] * step
-            found.append(Change(scale * change.middle * middle, scale * change.at * at))
+            found.append(Change(-self.steps[0] * change.middle * middle, -self.steps[0] * change.at * at))
         return found
 
-    def shapes(self) -> tuple[Shape, ...]:
-        """Return the shapes: lost at the origin, or anywhere."""
-        return Shape((0,), None), Shape((0, 1, 2, 3), None)
-
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
-        """Return rate and place of a loss and its first moment."""
+    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+        """Return the score at the origin, or where the likelihood is largest."""
         assert self.effect is not None
-        rate, place = float(coefficients[0]), placed(coefficients, np.array(self.steps[1:]))
+        left = found.left(columns)
+        gram, slope = left.T @ left, left.T @ found.residual
+
+        def worth(place: np.ndarray) -> float:
+            theta = point_parameters(1.0, place)
+            fits = float(theta @ slope)
+            return -(max(fits, 0.0) ** 2) / max(float(theta @ gram @ theta), 1e-300) + float(place @ place)
+
+        starts = [np.zeros(3), *(0.5 * x for x in np.vstack([np.eye(3), -np.eye(3)]))]
+        place = min((minimize(worth, x, method="Nelder-Mead") for x in starts), key=lambda r: r.fun).x
+        samples = float(np.log(found.run.samples))
+        moves = -worth(place) - 4.0 * samples > -worth(np.zeros(3)) - samples
+        place = place if moves and np.linalg.norm(place) < FAR else np.zeros(3)
         effect = self.effect.with_values(dict(zip(self.free[1:], place.tolist(), strict=True)))
-        by = moments(coefficients[0], place / np.array(self.steps[1:]), len(shape.columns))
+        theta = point_parameters(1.0, place)
+        rate = float(theta @ slope) / float(theta @ gram @ theta)
+        by = np.column_stack(
+            [
+                theta,
+                *(
+                    rate * (point_parameters(1.0, place + h) - point_parameters(1.0, place - h)) / 2e-4
+                    for h in 1e-4 * np.eye(3)
+                ),
+            ]
+        )
+        by[:, 1:] *= np.array(self.steps[1:])
+        raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
+        _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
         own = Resolved(
             self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
             means=tuple((n, 0.0) for n in self.free[1:]),
         )  # fmt: skip
-        return own, by, np.array([rate, 0.0, 0.0, 0.0]), rate > 0.0
+        ratio = max(rate, 0.0) * float(theta @ slope)
+        estimate = np.array([rate, 0.0, 0.0, 0.0])
+        freedom = 4 if place.any() else 1
+        excited = float(values.min(initial=1.0))
+        return Score(own, ratio, freedom, estimate, covariance, excited, left @ by, found.taken(columns @ by))
 
 
 def placed(coefficients: np.ndarray, steps: np.ndarray) -> np.ndarray:
