@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,8 +24,12 @@ LONGEST = 0.1  # [s] of a bridge that a low-pass of a few hertz does not notice
 FEWEST = 0.5  # share of the samples of a channel that must be usable
 PASSES = 3  # of looking for spikes: large ones hide smaller ones beside them
 NEIGHBOURS = 6  # samples on each side of a short bridge that its cubic goes through
-MEDIAN = 5  # samples: a step is no spike
+MEDIAN = 5  # samples: where several look like spikes, those far from their median are
+EDGE = 2  # rows at an end, or beside a jump, that a parabola is followed to
 CHAIN = 3  # rows from one hole to the next for them to be two bridges
+STEPS = 0.02  # share of samples at which a force may change and still count as made of steps
+TINY = 1e-6  # [s] by which rounding may move a clock
+NO_CUTS = np.zeros(0, dtype=int)
 REGULAR = 0.25  # steps that a sample may be off an even clock for the clock to count as even
 
 
@@ -67,6 +72,7 @@ def mended(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
     kept = [n for n in recording.channels if n in known or n.startswith("command.")]
     clocks: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
     channels, bridged = {}, {}
+    jumps = thrust_jumps(recording)
     for name in kept:
         times, values = recording.time(name), recording[name]
         if name not in known:
@@ -80,9 +86,11 @@ def mended(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
         if times.tobytes() not in clocks:
             clocks[times.tobytes()] = even_clock(times)
         clock, place = clocks[times.tobytes()]
-        full, bad = _full(values, clock, place, quantity, sensor, name)
+        happened = clock - sensor.error(quantity).lag
+        cuts = np.searchsorted(happened, jumps - TINY) if quantity == "acceleration" else NO_CUTS
+        full, bad = _full(values, clock, place, quantity, sensor, name, cuts)
         if bad.any():
-            full = bridge(full, bad)
+            full = bridge(full, bad, cuts)
             if quantity == "attitude":
                 full = full / np.linalg.norm(full, axis=1, keepdims=True)
             step = float(np.median(np.diff(clock)))
@@ -124,18 +132,48 @@ def even_clock(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return clock, place
 
 
-def bridge(values: np.ndarray, bad: np.ndarray) -> np.ndarray:
+def thrust_jumps(recording: Recording) -> np.ndarray:
+    """Return when the commanded force jumps [s]; nothing if it changes too often to be made of steps."""
+    if "command.force" not in recording:
+        return np.zeros(0)
+    changes = np.any(np.diff(recording["command.force"], axis=0) != 0.0, axis=1)
+    if np.count_nonzero(changes) > STEPS * len(changes):
+        return np.zeros(0)
+    return recording.time("command.force")[1:][changes]
+
+
+def bridge(values: np.ndarray, bad: np.ndarray, cuts: np.ndarray = NO_CUTS) -> np.ndarray:
     """Return values (N, ...) with bad rows (N,) replaced by cubics through usable rows on both sides.
 
-    A bridge goes by what lies within half its length of it, six rows at least; at the ends of the record the
-    first or last usable row is repeated.
+    A bridge goes by what lies within half its length of it, six rows at least; at the ends of the record a
+    parabola goes on for two rows, more are the first or last usable row again. ``cuts`` (k,) are rows at
+    which the values jump: there one record ends and another begins.
     """
     flat = np.array(values, dtype=float).reshape(len(values), -1)
+    for start, stop in _pieces(len(flat), cuts):
+        if bad[start:stop].all() and stop > start:
+            kept = np.flatnonzero(~bad)
+            flat[start:stop] = flat[kept[np.argmin(np.abs(kept - start))]]
+        elif stop > start:
+            flat[start:stop] = _bridged(flat[start:stop], bad[start:stop])
+    return flat.reshape(values.shape)
+
+
+def _pieces(count: int, cuts: np.ndarray) -> list[tuple[int, int]]:
+    edges = [0, *(int(c) for c in cuts if 0 < c < count), count]
+    return list(pairwise(edges))
+
+
+def _bridged(flat: np.ndarray, bad: np.ndarray) -> np.ndarray:
     good = np.flatnonzero(~bad)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
     for first, stop in edges.reshape(-1, 2):
         if first == 0 or stop == len(flat):
-            flat[first:stop] = flat[good[0] if first == 0 else good[-1]]
+            near = good[: 2 * NEIGHBOURS] if first == 0 else good[-2 * NEIGHBOURS :]
+            if stop - first <= EDGE and len(near) == 2 * NEIGHBOURS:
+                flat[first:stop] = _beyond(near, np.arange(first, stop)) @ flat[near]
+            else:
+                flat[first:stop] = flat[good[0] if first == 0 else good[-1]]
             continue
         reach = max((stop - first) // 2, NEIGHBOURS)
         at = int(np.searchsorted(good, first))
@@ -144,11 +182,17 @@ def bridge(values: np.ndarray, bad: np.ndarray) -> np.ndarray:
         columns = np.vander((near - middle) / width, 4, increasing=True)
         fit = np.linalg.lstsq(columns, flat[near], rcond=None)[0]
         flat[first:stop] = np.vander((np.arange(first, stop) - middle) / width, 4, increasing=True) @ fit
-    return flat.reshape(values.shape)
+    return flat
 
 
 def _full(
-    values: np.ndarray, clock: np.ndarray, place: np.ndarray, quantity: str, sensor: Sensor, name: str
+    values: np.ndarray,
+    clock: np.ndarray,
+    place: np.ndarray,
+    quantity: str,
+    sensor: Sensor,
+    name: str,
+    cuts: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The channel on the clock without holes, and which rows are to be bridged."""
     good = usable(values, quantity, sensor.error(quantity).saturation)
@@ -176,8 +220,10 @@ def _full(
     # a channel that stands still, or was rounded, has a noise of zero and no spikes
     sigma = np.where(sigma > 0.0, sigma, np.inf)
     for _ in range(PASSES):
-        flat = bridge(full, bad).reshape(len(full), -1)
-        more = spikes(flat, sigma) & _off_median(flat, sigma) & ~bad
+        flat = bridge(full, bad, cuts).reshape(len(full), -1)
+        parts = [flat[a:b] for a, b in _pieces(len(flat), cuts)]
+        found = [(spikes(x, sigma) & _off_median(x, sigma)) | _at_ends(x, sigma) for x in parts]
+        more = np.concatenate(found) & ~bad
         if not more.any():
             break
         bad |= more
@@ -185,11 +231,33 @@ def _full(
 
 
 def _off_median(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Which rows are far from the median of their neighbours in a component: spikes are, steps are not."""
+    """Which rows are far from the median of their neighbours: a spike is, those beside it are not."""
+    if len(values) < MEDIAN:
+        return np.zeros(len(values), dtype=bool)
     half = MEDIAN // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN, axis=0)
     return (np.abs(values - np.median(windows, axis=-1)) > 6.0 * sigma).any(axis=1)
+
+
+def _at_ends(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Which of the first and last rows are far from a parabola through those next to them."""
+    out, n = np.zeros(len(values), dtype=bool), 2 * NEIGHBOURS
+    if len(values) < n + EDGE:
+        return out
+    inner, outer = np.arange(EDGE, EDGE + n), np.arange(EDGE)
+    weights = _beyond(inner, outer)
+    size = np.sqrt(1.0 + np.sum(weights**2, axis=1))[:, None] * sigma
+    for rows in (slice(None), slice(None, None, -1)):
+        x = values[rows]
+        out[rows][outer] |= (np.abs(x[outer] - weights @ x[inner]) > 6.0 * size).any(axis=1)
+    return out
+
+
+def _beyond(near: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return weights (at, near) of the parabola through rows ``near`` at rows ``at``."""
+    scaled = np.vander((near - near[0]) / len(near), 3, increasing=True)
+    return np.vander((at - near[0]) / len(near), 3, increasing=True) @ np.linalg.pinv(scaled)
 
 
 def _longest(bad: np.ndarray) -> int:

@@ -7,6 +7,7 @@ import pytest
 from likelihood import twin
 
 from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.mended import LONGEST, bridge, even_clock, mended
 from smsid.identify.pipeline import BRIDGED, identify
 from smsid.likelihood.combinations import effects_and_mass
@@ -19,12 +20,12 @@ FAR = 4.5  # standard deviations: 40 parameters stay within with 99.97 %
 
 @pytest.fixture(scope="module")
 def exp1() -> Recording:
-    return twin.noisy(twin.exp1(), 0)
+    return twin.noisy(twin.exp1((1, 1, 1), 60.0), 0)
 
 
 @pytest.fixture(scope="module")
 def exp2() -> Recording:
-    return twin.noisy(twin.exp2(), 0)
+    return twin.noisy(twin.exp2(40.0), 0)
 
 
 def changed(recording: Recording, change) -> Recording:
@@ -86,18 +87,21 @@ def inside(estimate, least: int, truth: dict[str, float]) -> None:
 @pytest.mark.parametrize("change", [outliers, single_holes])
 def test_single_samples_cost_exp1_nothing(exp1: Recording, change):
     estimate = identify(twin.description(), [changed(exp1, change)]).estimate
-    inside(estimate, 12, true_values())
+    inside(estimate, 9, true_values())
     assert any("bridged" in note for note in estimate.notes)
 
 
 @pytest.mark.parametrize("change", [outliers, single_holes])
 def test_single_samples_cost_exp2_nothing(exp2: Recording, change):
-    nominal = {p.name: p.nominal for p in identify(twin.description(), [exp2]).estimate.group("exp2")}
-    estimate = identify(twin.description(), [changed(exp2, change)]).estimate
-    good = [p for p in estimate.group("exp2") if p.status == "identifiable"]
-    assert len(good) >= 25
-    for p in good:
-        assert abs(p.value - nominal[p.name]) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+    def seen(recording: Recording) -> dict[str, ParameterEstimate]:
+        found = identify(twin.description(), [recording]).estimate.group("exp2.step_b")
+        return {p.name: p for p in found if p.status == "identifiable"}
+
+    before, after = seen(exp2), seen(changed(exp2, change))
+    assert len(after) >= 0.9 * len(before) > 15
+    for p in after.values():
+        assert p.nominal is not None  # the description is the truth
+        assert abs(p.value - p.nominal) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
 
 
 @pytest.mark.parametrize("change", [not_finite, missing, saturated])
@@ -111,7 +115,7 @@ def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change
 
 
 def test_too_short_for_exp1(exp1: Recording):
-    """Two seconds of a slosh that swings in 70: the regression as printed gives the mass without the tank's."""
+    """Two seconds of a slosh that swings in 70: the regression as printed misses the tank's mass."""
     estimate = identify(twin.description(), [exp1.window(0.0, 2.0)]).estimate
     assert not [p.name for p in estimate.parameters if p.status == "identifiable"]
     assert "as printed" in estimate["total.mass"].note
@@ -123,7 +127,7 @@ def test_too_short_for_exp2(exp2: Recording):
 
 
 def test_an_axis_without_thrust():
-    recording = twin.noisy(twin.exp1((1, 0, 0)), 0)
+    recording = twin.noisy(twin.exp1((1, 0, 0), 60.0), 0)
     estimate = identify(twin.description(), [recording]).estimate
     assert not [p.name for p in estimate.parameters if p.name.endswith((".y", ".z"))]
     assert any("no thrust along y, z" in note for note in estimate.notes)
@@ -151,11 +155,17 @@ def test_bridges_follow_what_is_cubic():
     bad[[3, 40, 41, 60]] = True
     bad[70:90] = True
     np.testing.assert_allclose(bridge(np.where(bad[:, None], np.nan, x), bad), x, atol=1e-12)
+
+
+def test_bridges_at_ends_and_beside_jumps():
+    t = np.linspace(0.0, 1.0, 101)
+    x = np.where(t < 0.5, t**2, 7.0 - t)[:, None]
+    bad = np.zeros(101, dtype=bool)
+    bad[[0, 1, 48, 49, 50, 100]] = True
+    np.testing.assert_allclose(bridge(np.where(bad[:, None], np.nan, x), bad, np.array([50])), x, atol=1e-12)
     bad[:] = False
-    bad[:2] = bad[-1] = True
-    ends = bridge(x, bad)
-    np.testing.assert_array_equal(ends[0], x[2])
-    np.testing.assert_array_equal(ends[-1], x[-2])
+    bad[:10] = True
+    np.testing.assert_array_equal(bridge(x, bad)[:10], np.tile(x[10], (10, 1)))
 
 
 def test_even_clocks():
