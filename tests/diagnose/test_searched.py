@@ -1,0 +1,69 @@
+"""Candidates with a place or a phase: the linear score finds what the columns were mixed with."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.fit import Fit
+from smsid.diagnose.searched import Imbalance, Leak
+from smsid.effects import MassLoss, WheelImbalance
+
+ROWS = 4000
+
+
+def stub(columns, truth, rng, noise):
+    """A fit with two fitted parameters whose residual is a mixture of columns, and noise."""
+    whitened = rng.standard_normal((ROWS, 1, 2))
+    residual = columns @ truth + whitened[:, 0] @ np.array([3.0, -2.0]) + noise * rng.standard_normal(ROWS)
+    own = SimpleNamespace(whitened=whitened, unknowns=(None, None), prior=SimpleNamespace())
+    own.prior.rows, own.prior.off = np.eye(2), np.zeros(2)
+    own.residual = np.concatenate([residual, np.zeros(2)])
+    own.factors = np.linalg.qr(np.vstack([whitened.reshape(ROWS, 2), own.prior.rows]))
+    own.left = lambda c: Fit.left(own, c)
+    own.taken = lambda c: Fit.taken(own, c)
+    own.run = SimpleNamespace(samples=ROWS)
+    return own
+
+
+@pytest.mark.parametrize("phase", [-2.0, 0.3, 2.9])
+def test_phase_of_an_imbalance(phase):
+    rng = np.random.default_rng(1)
+    effect = WheelImbalance(name="w", wheel="wheel_x")
+    candidate = Imbalance(
+        "wheel_imbalance",
+        "wheel_x",
+        "actuator",
+        "static imbalance",
+        effect,
+        ("w.static", "w.phase"),
+        (1e-4, 1e-2),
+    )
+    columns = rng.standard_normal((ROWS, 2))
+    found = candidate.scored(stub(columns, 0.4 * np.array([np.cos(phase), np.sin(phase)]), rng, 1.0), columns)
+    assert found.freedom == 2
+    assert abs(found.estimate[0] - 0.4) < 4.0 * np.sqrt(found.covariance[0, 0])
+    assert found.covariance[0, 0] == pytest.approx(1.0 / ROWS, rel=0.1)
+    assert found.candidate.effect.phase == pytest.approx(phase, abs=4.0 / (0.4 * np.sqrt(ROWS)))
+    assert found.candidate.unknowns(())[0].nominal == 0.0
+
+
+def test_place_of_a_leak():
+    """Parameters of a point mass as Steiner's theorem has them, none of the place known before."""
+    rng = np.random.default_rng(2)
+    effect = MassLoss(name="leak", rate=0.0)
+    free = ("leak.rate", "leak.position.x", "leak.position.y", "leak.position.z")
+    candidate = Leak("mass_loss", "bus", "inertia", "mass loss", effect, free, (1e-3, 0.1, 0.1, 0.1))
+    columns, place, rate = rng.standard_normal((ROWS, 10)), np.array([0.5, -0.6, 0.4]), 2.0
+    about = place @ place * np.eye(3) - np.outer(place, place)
+    theta = np.r_[1.0, place, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    found = candidate.scored(stub(columns, rate * theta, rng, 1.0), columns)
+    assert found.freedom == 4
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert abs(found.estimate[0] - rate) < 4.0 * sigma[0]
+    off = np.array(found.candidate.effect.position) - place
+    assert (np.abs(off) < 4.0 * sigma[1:] * 0.1 + 1e-3).all()
+    nothing = candidate.scored(stub(columns, np.zeros(10), rng, 1.0), columns)
+    assert nothing.ratio < 30.0
+    gains = candidate.scored(stub(columns, -rate * theta, rng, 1.0), columns)
+    assert gains.ratio < 0.2 * found.ratio, "mass is lost, not won"
