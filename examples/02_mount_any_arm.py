@@ -1,10 +1,12 @@
 # /// script
-# dependencies = ["smsid[robots]"]
+# dependencies = ["smsid[robots,plot]"]
 # ///
 """Mount one robot after another of example-robot-data on a 2000 kg bus and let it move in free floating.
 
 Joint torques are small random Fourier series. Nothing pushes the spacecraft from outside, so its momentum
 must stay zero: the last but one column says how well it does, relative to the momentum of the moving parts.
+
+python examples/02_mount_any_arm.py [folder [robot ...]]
 """
 
 from __future__ import annotations
@@ -13,12 +15,16 @@ import sys
 import time
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pinocchio as pin
 
 from smsid.description import Arm, Description, Mount
 from smsid.model import SpacecraftModel, build_model
 from smsid.simulate import Fourier, Inputs, simulate
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
 
 URDF = Path(__file__).resolve().parent.parent / "urdf"
 DURATION = 3.0  # [s]
@@ -58,11 +64,22 @@ def random_torques(model: SpacecraftModel, rng: np.random.Generator, size: float
     return acceleration.mapped(joint_inertia(model))
 
 
-def main(robots: tuple[str, ...] = ROBOTS) -> None:
-    """Print a line per robot."""
+def draw(drifts: dict[str, float], file: Path) -> None:
+    """Draw how well momentum was kept, robot by robot."""
+    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    axes.bar(list(drifts), list(drifts.values()), color="tab:blue")
+    axes.set_yscale("log")
+    axes.set_ylabel("momentum drift over momentum of the parts")
+    axes.tick_params(axis="x", rotation=60)
+    figure.savefig(file, dpi=120)
+
+
+def main(folder: Path, robots: tuple[str, ...] = ROBOTS) -> None:
+    """Print a line per robot, and draw the drifts."""
     print(
         f"{'robot':20s} {'joints':>6s} {'mass [kg]':>10s} {'momentum drift':>15s} {'s per simulated s':>18s}"
     )
+    drifts = {}
     for robot in robots:
         model = mount(robot)
         torque = random_torques(model, np.random.default_rng(0))
@@ -70,9 +87,13 @@ def main(robots: tuple[str, ...] = ROBOTS) -> None:
         trajectory = simulate(model, Inputs(joint_torque=torque), DURATION)
         seconds = (time.perf_counter() - start) / DURATION
         audit = trajectory.audit()
-        drift = audit.momentum_drift / audit.momentum_scale
-        print(f"{robot:20s} {len(model.arm_joints):6d} {model.mass:10.2f} {drift:15.1e} {seconds:18.4f}")
+        drifts[robot] = audit.momentum_drift / audit.momentum_scale
+        joints = len(model.arm_joints)
+        print(f"{robot:20s} {joints:6d} {model.mass:10.2f} {drifts[robot]:15.1e} {seconds:18.4f}")
+    draw(drifts, folder / "momentum.png")
 
 
 if __name__ == "__main__":
-    main(tuple(sys.argv[1:]) or ROBOTS)
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
+    target.mkdir(parents=True, exist_ok=True)
+    main(target, tuple(sys.argv[2:]) or ROBOTS)

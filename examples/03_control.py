@@ -1,13 +1,17 @@
 # /// script
-# dependencies = ["smsid"]
+# dependencies = ["smsid[plot]"]
 # ///
 """What identification is worth in control: tune on an estimate, examine, fly the true spacecraft.
 
-python examples/03_control.py
+python examples/03_control.py [folder]
 """
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+import matplotlib
 import numpy as np
 
 from smsid.control.closed_loop import track
@@ -22,10 +26,13 @@ from smsid.identify.pipeline import identify
 from smsid.model import build_model
 from smsid.paths import urdf_folder
 
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
 RATE = 20.0  # [Hz] of the controller
 
 
-def main() -> None:
+def main(folder: Path) -> None:
     description = load_description(urdf_folder() / "paper_sms.toml")
     truth = build_model(description)
     rng = np.random.default_rng(1)
@@ -43,11 +50,21 @@ def main() -> None:
     home = truth.joint_angles(truth.home)
     reference = Reference(minimum_jerk(home, home + 0.2, 20.0))
     wrong = perturbed(ReducedDynamics(truth), 0.20, np.random.default_rng(3))
+    figure, (base, joints) = plt.subplots(2, sharex=True, figsize=(8, 5), layout="constrained")
     for name, dynamics in (("identified", made.dynamics), ("20 % off", wrong)):
         law = ModelBasedController(dynamics, made.term.gains, reference, robust=made.term, period=1.0 / RATE)
         run = track(truth, law, rate=RATE, sensors=description.sensor, rng=np.random.default_rng(5))
         print(f"{name:12s} largest errors: base {run.base:.2e} rad, joints {run.joints:.2e} rad")
+        base.plot(run.time, 1e6 * np.abs(run.error[:, :3]).max(axis=1), label=name)
+        joints.plot(run.time, 1e6 * np.abs(run.error[:, 3:]).max(axis=1))
+    base.set_ylabel("base [urad]")
+    joints.set_ylabel("joints [urad]")
+    joints.set_xlabel("time [s]")
+    base.legend(title="tracking error, model of the controller")
+    figure.savefig(folder / "control.png", dpi=120)
 
 
 if __name__ == "__main__":
-    main()
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
+    target.mkdir(parents=True, exist_ok=True)
+    main(target)

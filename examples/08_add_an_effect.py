@@ -2,6 +2,8 @@
 
 The arm of the paper's spacecraft coasts with and without it; `smsid diagnose` tries it at every joint, as it
 says by ``candidates``. A package offers its effects to others through the entry point ``smsid.effects``.
+
+python examples/08_add_an_effect.py [folder]
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import ClassVar, Literal
 
+import matplotlib
 import numpy as np
 
 from smsid.description import load_description
@@ -17,6 +20,9 @@ from smsid.diagnose import Candidate
 from smsid.effects import Starting, physical, register
 from smsid.model import build_model
 from smsid.simulate import Inputs, simulate
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
 
 URDF = Path(__file__).resolve().parent.parent / "urdf"
 
@@ -53,17 +59,26 @@ class CableDrag(Starting):
             )
 
 
-def main() -> int:
+def main(folder: Path) -> None:
+    """Fly with and without the cable, and draw the joint's angle."""
     plain = load_description(URDF / "paper_sms.toml")
     cable = CableDrag(name="cable", joint="joint2", pull=4.0, start=5.0)
     print("parameters:", ", ".join(f"{p.name} [{p.unit}]" for p in cable.parameters()))
-    for description in (plain, plain.with_effects(cable)):
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    times = np.linspace(0.0, 20.0, 201)
+    for name, description in (("without", plain), ("with the cable", plain.with_effects(cable))):
         model = build_model(description)
-        states = simulate(model, Inputs(), 20.0).states(np.array([4.0, 20.0]))
-        print(np.round(model.joint_angles(states.q)[:, 1], 4), "rad at 4 and 20 s")
+        angles = model.joint_angles(simulate(model, Inputs(), 20.0).states(times).q)[:, 1]
+        print(f"{name}: {angles[40]:.4f} rad at 4 s, {angles[-1]:.4f} rad at 20 s")
+        axes.plot(times, angles, label=name)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("angle of joint2 [rad]")
+    axes.legend()
+    figure.savefig(folder / "cable.png", dpi=120)
     print("looked for at", ", ".join(c.location for c in CableDrag.candidates(build_model(plain))))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
+    target.mkdir(parents=True, exist_ok=True)
+    main(target)

@@ -1,13 +1,19 @@
 # /// script
-# dependencies = ["smsid[data,bags]"]
+# dependencies = ["smsid[data,bags,plot]"]
 # ///
 """Tests in the laboratory, on recordings of others: slosh in a tank, close modes of a slab.
 
 Needs SMSID_DATA with the folders antisloshing and cessipy_slab, or the network to download them.
+
+python examples/11_laboratory_tests.py [folder]
 """
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+import matplotlib
 import numpy as np
 import pinocchio as pin
 
@@ -16,13 +22,16 @@ from smsid.identify.estimate import ParameterEstimate
 from smsid.lab import ambient_modes, compare_tank_models, cylinder_slosh, tank_test
 from smsid.model import build_model
 
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
 
 def show(p: ParameterEstimate) -> None:
     """Print a parameter with its interval."""
     print(f"  {p.name:36s} {p.value:9.4f} +- {1.96 * p.sigma:.4f} {p.unit}")
 
 
-def tank() -> None:
+def tank(axes: plt.Axes) -> None:
     """Water in a cylinder that a robot moves along y: the motion comes from the arm's kinematics."""
     description, log = antisloshing()
     model = build_model(description)
@@ -36,6 +45,7 @@ def tank() -> None:
     found = compare_tank_models(test, ("rigid", "slosh"))  # more: see benchmarks/antisloshing.py
     for name, fit in found.fits.items():
         print(f"{name}: {fit.ring_down:.3f} N are left when the container is at rest again")
+        axes.plot(test.time, fit.residual, linewidth=0.7, label=name)
     for p in found.fits[found.named].estimate.parameters:
         show(p)
     for note in found.fits[found.named].estimate.notes:
@@ -54,11 +64,18 @@ def slab() -> None:
         show(p)
 
 
-def main() -> None:
-    """Run both."""
-    tank()
+def main(folder: Path) -> None:
+    """Run both, and draw what is left of the tank's force."""
+    figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
+    tank(axes)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("measured minus modelled force [N]")
+    axes.legend()
+    figure.savefig(folder / "tank.png", dpi=120)
     slab()
 
 
 if __name__ == "__main__":
-    main()
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
+    target.mkdir(parents=True, exist_ok=True)
+    main(target)

@@ -1,4 +1,4 @@
-"""Every example runs headless."""
+"""Every example runs headless, is short, and leaves a picture where it is told to."""
 
 from __future__ import annotations
 
@@ -11,10 +11,23 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples"
+SCRIPTS = sorted(FOLDER.glob("*.py"))
+PICTURES = (".png", ".svg", ".html")
+LINES = 120
 
 
-@pytest.mark.parametrize("script", sorted(FOLDER.glob("*.py")), ids=lambda p: p.stem)
-def test_the_example_runs(script: Path, tmp_path: Path) -> None:
+def test_the_numbers_are_complete() -> None:
+    numbers = [path.name[:2] for path in SCRIPTS]
+    assert numbers == [f"{k:02d}" for k in range(1, len(SCRIPTS) + 1)]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_the_example_is_short(script: Path) -> None:
+    assert len(script.read_text(encoding="utf-8").splitlines()) < LINES
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_the_example_runs_and_leaves_a_picture(script: Path, tmp_path: Path) -> None:
     text = script.read_text(encoding="utf-8")
     if "SMSID_DATA" in text and not os.environ.get("SMSID_DATA"):
         pytest.skip("SMSID_DATA names no folder with public recordings")
@@ -23,13 +36,18 @@ def test_the_example_runs(script: Path, tmp_path: Path) -> None:
             metadata.version("example-robot-data")
         except metadata.PackageNotFoundError:
             pytest.skip("example-robot-data is not installed")
+    elsewhere, chosen = tmp_path / "elsewhere", tmp_path / "chosen"
+    elsewhere.mkdir()
     done = subprocess.run(
-        [sys.executable, str(script)],
+        [sys.executable, str(script), str(chosen)],
         capture_output=True,
         text=True,
-        cwd=tmp_path,
+        cwd=elsewhere,
         timeout=600,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "DISPLAY": "", "WAYLAND_DISPLAY": ""},
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
+    pictures = [path for path in chosen.iterdir() if path.suffix in PICTURES]
+    assert pictures and all(path.stat().st_size > 5000 for path in pictures), list(chosen.iterdir())
+    assert not list(elsewhere.iterdir()), "it wrote outside of the folder it was given"
