@@ -29,6 +29,7 @@ COMMANDS = {
     "lab": Entry("smsid.lab.command:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
     "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
     "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
+    "plot": Entry("smsid.cli.plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
     "version": Entry("smsid.cli.version:version_command", "Print the version."),
 }
 

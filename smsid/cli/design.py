@@ -1,0 +1,194 @@
+"""``smsid design``: the experiment whose data tell most, within limits."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from smsid.design import Design
+    from smsid.design.separate import Separation
+    from smsid.design.watch import Progress
+
+console, errors = Console(), Console(stderr=True)
+SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
+INTERRUPTED = 130
+
+
+def design_command(
+    description: Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML")],
+    wanted: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            help="what to find out: slosh, panel, mass, inertia, b_s, k_s, m_s, an effect's name, names of "
+            "parameters as identify prints them, or patterns of names; several with commas",
+        ),
+    ] = None,
+    separate: Annotated[
+        str | None,
+        typer.Option(help="two causes as diagnose prints them, e.g. 'viscous at joint2,coulomb at joint2'"),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="experiment (TOML) to write, whole or not at all")
+    ] = Path("experiment.toml"),
+    mode: Annotated[
+        str, typer.Option(help="thrust (attitude held), motion (arm and wheels, free floating), or auto")
+    ] = "auto",
+    criterion: Annotated[
+        str, typer.Option(help="worst relative standard deviation; A: their mean square; D: the volume")
+    ] = "worst",
+    to: Annotated[
+        str | None, typer.Option(help="precision the worst parameter is to reach (10%), in the shortest time")
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="of the experiment [s]; with --to the longest allowed")
+    ] = None,
+    stroke: Annotated[float | None, typer.Option(help="limit: slosh mass from its rest [m]")] = None,
+    tip: Annotated[float | None, typer.Option(help="limit: deflection of an appendage's tip [m]")] = None,
+    root_moment: Annotated[
+        float | None, typer.Option(help="limit: elastic moment at an appendage's root [N m]")
+    ] = None,
+    force: Annotated[float | None, typer.Option(help="limit: thrust per axis [N]")] = None,
+    axes: Annotated[str | None, typer.Option(help="along which thrust may act, e.g. xz")] = None,
+    swing: Annotated[float | None, typer.Option(help="limit: a joint about home [rad]")] = None,
+    joint_rate: Annotated[float | None, typer.Option(help="limit: rate of a joint [rad/s]")] = None,
+    joint_torque: Annotated[float | None, typer.Option(help="limit: torque of a joint [N m]")] = None,
+    wheel_rate: Annotated[float | None, typer.Option(help="limit: rate of a wheel [rad/s]")] = None,
+    wheel_torque: Annotated[float | None, typer.Option(help="limit: torque of a wheel [N m]")] = None,
+    pointing: Annotated[float | None, typer.Option(help="limit: how far the bus turns [rad]")] = None,
+    margin: Annotated[float, typer.Option(help="share of every limit to leave unused")] = 0.02,
+    seed: Annotated[int, typer.Option(help="of the search")] = 0,
+    effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
+) -> None:
+    """Design an experiment: `smsid simulate DESC EXPERIMENT.toml` flies it.
+
+    The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
+    """
+    from smsid.description import load_description
+    from smsid.design import Limits, design_experiment
+    from smsid.design.separate import design_separation
+    from smsid.errors import ExperimentError
+    from smsid.experiments import save_experiment
+
+    if (wanted is None) == (separate is None):
+        raise ExperimentError(
+            "Say what the experiment is for.",
+            advice="Give either --for or --separate; see `smsid design --help`.",
+        )
+    limits = Limits(
+        stroke=stroke,
+        tip=tip,
+        root_moment=root_moment,
+        force=force,
+        swing=swing,
+        joint_rate=joint_rate,
+        joint_torque=joint_torque,
+        wheel_rate=wheel_rate,
+        wheel_torque=wheel_torque,
+        pointing=pointing,
+        margin=margin,
+    )
+    described = load_description(description)
+    with _progress() as tell:
+        if separate is not None:
+            found = design_separation(
+                described,
+                separate,
+                limits=limits,
+                duration=duration,
+                seed=seed,
+                effort=effort,
+                name=output.stem,
+                progress=tell,
+            )
+        else:
+            found = design_experiment(
+                described,
+                [w for w in (wanted or "").split(",") if w.strip()],
+                mode=mode,  # type: ignore[arg-type]
+                criterion=criterion,  # type: ignore[arg-type]
+                limits=limits,
+                duration=duration,
+                to=None if to is None else share(to),
+                axes=axes,
+                seed=seed,
+                effort=effort,
+                name=output.stem,
+                progress=tell,
+            )
+    save_experiment(found.experiment, output)
+    for part in _tables(found):
+        console.print(part)
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False, highlight=False)
+    console.print(f"{found.evaluations} experiments tried; wrote {output}")
+    if found.interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def share(text: str) -> float:
+    """Return a share given as ``10%`` or ``0.1``; raises `ExperimentError` for anything else."""
+    from smsid.errors import ExperimentError
+
+    match = SHARE.fullmatch(text)
+    try:
+        value = float(match[1]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ExperimentError(f"'{text}' is no precision.", advice="Write it as 10% or 0.1.")
+    return value / 100.0 if match and match[2] else value
+
+
+def _tables(found: Design | Separation) -> Iterator[Table | str]:
+    from smsid.cli.tables import limits_table
+    from smsid.design import Design
+
+    experiment = found.experiment
+    yield f"{experiment.note}; {experiment.duration:.6g} s"
+    if isinstance(found, Design):
+        table = Table(title="predicted (Cramer-Rao)", title_justify="left", header_style="bold")
+        table.add_column("parameter", overflow="fold", max_width=58)
+        for name in ("value", "sigma", "sigma before", "unit", "relative", "before"):
+            table.add_column(name, justify="left" if name == "unit" else "right")
+        rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
+        for i, (sigma, before, relative, relative_before) in enumerate(rows):
+            table.add_row(
+                Text(found.goal.names[i]),
+                f"{found.goal.values[i]:.6g}",
+                f"{sigma:.2g}",
+                f"{before:.2g}",
+                found.goal.units[i],
+                f"{100 * relative:.2g} %",
+                f"{100 * relative_before:.2g} %",
+            )
+        yield table
+        yield (
+            f"worst parameter {found.gain:.3g} times better known than 'before', the paper's kind of "
+            f"excitation within the same limits ({found.reference.note})"
+        )
+    else:
+        table = Table(title="detection limits", title_justify="left", header_style="bold")
+        for name in ("cause", "parameter", "told from the other", "before", "unit"):
+            table.add_column(name, justify="right" if name in ("told from the other", "before") else "left")
+        for row in found.rows:
+            table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
+        yield table
+        yield f"correlation of the two: {found.correlation:.4f} (before: {found.correlation_before:.4f})"
+    yield limits_table(found.limits)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    with errors.status("designing") as status:
+        yield lambda stage, tried, best: status.update(f"{stage}: {tried} tried, best {best:.3g}")

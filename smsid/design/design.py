@@ -1,0 +1,218 @@
+"""Experiment design: the thrust or motion whose data tell most about what is asked, within limits."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.design.forecast import exact_covariance
+from smsid.design.goal import CRITERIA, Criterion, needs_motion
+from smsid.design.limits import Limits
+from smsid.design.moving import Moving, design_motion, within_limits
+from smsid.design.result import Design
+from smsid.design.shortest import shortest
+from smsid.design.thrusting import Thrusting, design_thrust, intervals_of, paper_thrust, thrust_use, weaker
+from smsid.design.watch import Progress, Watch
+from smsid.errors import ExperimentError
+from smsid.experiments import Experiment, LimitUse
+from smsid.likelihood.parameters import Parameters
+from smsid.model import build_model
+from smsid.model.spacecraft import SpacecraftModel
+
+LOGGER = logging.getLogger(__name__)
+Mode = Literal["auto", "thrust", "motion"]
+DURATION = {"thrust": 120.0, "motion": 80.0}  # [s], the paper's
+LONGEST = 3600.0  # [s] when a precision is asked for
+FULL = 0.99  # share of what may be used at which a limit counts as what holds the design back
+QUICK = 0.4  # effort for a motion while its duration is sought
+
+
+def design_experiment(
+    description: Description,
+    wanted: Sequence[str],
+    *,
+    mode: Mode = "auto",
+    criterion: Criterion = "worst",
+    limits: Limits | None = None,
+    duration: float | None = None,
+    to: float | None = None,
+    axes: str | None = None,
+    seed: int = 0,
+    effort: float = 1.0,
+    name: str = "design",
+    progress: Progress | None = None,
+) -> Design:
+    """Return the experiment that tells most about what is wanted.
+
+    Args:
+        description: the spacecraft with its sensors and their noise; predictions are for its values.
+        wanted: what is to be found out, see `smsid.design.goal.goal_of`.
+        mode: ``thrust``: attitude held, arm and wheels locked (the paper's Exp. 1); ``motion``: joints and
+            wheels move, free floating (Exp. 2); ``auto``: motion if anything asked for needs it.
+        criterion: the ``worst`` relative standard deviation, or A (their mean square), or D (the volume).
+        limits: beside those the description states.
+        duration: of the experiment [s]; with ``to`` the longest allowed.
+        to: relative standard deviation the worst parameter is to reach, in the shortest time.
+        axes: along which thrust may act, letters of ``xyz``; by default those that move what is asked for.
+        seed: of the search.
+        effort: how long to search for a motion; 1 is about 300 tries.
+        name: of the experiment.
+        progress: hears of every try.
+
+    The limits are checked on the simulated motion of the described spacecraft, with their margin. An
+    interrupt (KeyboardInterrupt) ends the search with the best so far.
+
+    Raises `ExperimentError` for a goal that stands for nothing, limits that cannot be kept, or a precision
+    out of reach; it names the limit in the way.
+    """
+    limits = limits or Limits()
+    if criterion not in CRITERIA:
+        raise ExperimentError(f"There is no criterion '{criterion}'.", advice=f"Use {', '.join(CRITERIA)}.")
+    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
+        raise ExperimentError(f"A duration of {duration} s is none.", advice="Give seconds.")
+    if to is not None and not (np.isfinite(to) and to > 0.0):
+        raise ExperimentError(f"A precision of {to} cannot be reached.", advice="Give a share such as 10%.")
+    if axes is not None and (not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes)):
+        raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")
+    if not wanted:
+        raise ExperimentError("Nothing is asked for.", advice="For instance: slosh, inertia, b_s.")
+    with threadpool_limits(limits=1, user_api="blas"):
+        model = build_model(description)
+        chosen = mode
+        if mode == "auto":
+            chosen = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
+        if chosen == "motion":
+            return _motion(model, wanted, criterion, limits, duration, to, seed, effort, name, progress)
+        return _thrust(model, wanted, criterion, limits, duration, to, axes, seed, name, progress)
+
+
+def _thrust(
+    model: SpacecraftModel,
+    wanted: Sequence[str],
+    criterion: Criterion,
+    limits: Limits,
+    duration: float | None,
+    to: float | None,
+    axes: str | None,
+    seed: int,
+    name: str,
+    progress: Progress | None,
+) -> Design:
+    watch: Watch[Thrusting] = Watch(progress)
+    last: list[np.ndarray] = []
+
+    def search(length: float) -> tuple[float, Thrusting]:
+        watch.restarted(f"thrust of {length:.4g} s")
+        try:
+            made = design_thrust(
+                model, wanted, criterion, limits, length, np.random.default_rng(seed), watch, last, axes
+            )
+        except KeyboardInterrupt:
+            if watch.best is None:
+                raise
+            watch.interrupted, made = True, watch.best
+        last[:] = [made.thrust]
+        return float(made.goal.relative(made.covariance).max()), made
+
+    def whole(length: float) -> float:
+        return intervals_of(60.0) * round(length / intervals_of(60.0), 2)
+
+    if to is None:
+        _, made = search(duration or DURATION["thrust"])
+    else:
+        made = shortest(search, to, DURATION["thrust"], duration or LONGEST, whole, watch)
+    made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
+    uses = thrust_use(model, made.experiment, limits)
+    over = max(limits.share(u) for u in uses)
+    if over > 1.0 + 1e-6:
+        made = weaker(made, 0.9999 / over)
+        uses = thrust_use(model, made.experiment, limits)
+    reference = paper_thrust(model, made, limits)
+    return _finished(model, made, uses, reference, watch, to, limits)
+
+
+def _motion(
+    model: SpacecraftModel,
+    wanted: Sequence[str],
+    criterion: Criterion,
+    limits: Limits,
+    duration: float | None,
+    to: float | None,
+    seed: int,
+    effort: float,
+    name: str,
+    progress: Progress | None,
+) -> Design:
+    watch: Watch[Moving] = Watch(progress)
+    last: list[np.ndarray] = []
+    first: list[Moving] = []
+
+    def search(length: float) -> tuple[float, Moving]:
+        watch.restarted(f"motion of {length:.4g} s")
+        rng = np.random.default_rng(seed)
+        work = effort if to is None else QUICK * effort
+        try:
+            made, origin = design_motion(
+                model, wanted, criterion, limits, length, rng, watch, last[0] if last else None, work
+            )
+            first[:] = [origin]
+        except KeyboardInterrupt:
+            if watch.best is None:
+                raise
+            watch.interrupted, made = True, watch.best
+            first[:] = first or [made]
+        last[:] = [made.point]
+        return float(made.goal.relative(made.covariance).max()), made
+
+    if to is None:
+        _, made = search(duration or DURATION["motion"])
+    else:
+        made = shortest(search, to, DURATION["motion"], duration or LONGEST, lambda t: round(t, 1), watch)
+    made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
+    made, uses = within_limits(model, made, limits)
+    reference, _ = within_limits(model, first[0], limits)
+    return _finished(model, made, uses, reference.experiment, watch, to, limits)
+
+
+def _finished(
+    model: SpacecraftModel,
+    made: Thrusting | Moving,
+    uses: tuple[LimitUse, ...],
+    reference: Experiment,
+    watch: Watch,
+    to: float | None,
+    limits: Limits,
+) -> Design:
+    """Return the design with exact bounds of what was found and of the reference."""
+    watch.stage = "predicting"
+    goal = made.goal
+    sigma, before = (
+        goal.relative(exact_covariance(model.description, e)) * goal.scales
+        for e in (made.experiment, reference)
+    )
+    notes = []
+    if watch.interrupted:
+        notes.append("interrupted: this is the best found so far")
+    used_up = [u for u in uses if limits.share(u) > FULL]
+    if used_up:
+        notes.append("held back by " + "; ".join(map(str, used_up)))
+    if to is not None and (sigma / goal.scales).max() > to:
+        reached = float((sigma / goal.scales).max())
+        notes.append(f"asked for {100 * to:.4g} %, predicted {100 * reached:.4g} %")
+    return Design(
+        made.experiment,
+        goal,
+        sigma,
+        reference,
+        before,
+        uses,
+        watch.evaluations,
+        watch.interrupted,
+        tuple(notes),
+    )

@@ -1,0 +1,74 @@
+"""The shortest experiment that reaches a precision: a search over durations, each with its own design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from smsid.design.watch import Watch
+from smsid.errors import ExperimentError
+
+T = TypeVar("T")
+POWER = 1.5  # of the duration with which a standard deviation falls, to begin with
+FACTOR = 4.0  # by which a duration changes at most in a step
+CLOSE = 0.01  # relative, to the shortest
+ROUNDS = 9
+
+
+def shortest(
+    search: Callable[[float], tuple[float, T]],
+    target: float,
+    begin: float,
+    longest: float,
+    whole: Callable[[float], float],
+    watch: Watch[T],
+) -> T:
+    """Return the design of the shortest duration at which a relative standard deviation is at most a target.
+
+    ``search`` gives for a duration [s] the standard deviation and the design, ``whole`` rounds durations. By
+    regula falsi on logarithms, to 1 %. An interrupt ends it with the shortest that reaches the target, else
+    with the most precise. Raises `ExperimentError` when even the longest does not reach it.
+    """
+    tried: dict[float, tuple[float, T]] = {}
+
+    def at(duration: float) -> float:
+        tried[duration] = search(duration)
+        return tried[duration][0]
+
+    duration = whole(min(begin, longest))
+    at(duration)
+    for _ in range(ROUNDS):
+        good = [t for t, (s, _) in tried.items() if s <= target]
+        bad = [t for t, (s, _) in tried.items() if s > target]
+        if watch.interrupted or (good and bad and max(bad) > min(good) * (1.0 - CLOSE)):
+            break
+        if bad and max(bad) >= whole(longest) * (1.0 - 1e-9):
+            reached = min(s for s, _ in tried.values())
+            raise ExperimentError(
+                f"{100 * target:.4g} % is out of reach within {longest:.4g} s: the best found gives "
+                f"{100 * reached:.4g} %.",
+                advice="Allow a longer duration or looser limits.",
+                reached=reached,
+                duration=longest,
+            )
+        duration = whole(float(np.clip(_next(tried, target, good, bad), 0.0, longest)))
+        if duration <= 0.0 or duration in tried:
+            break
+        at(duration)
+    good = [t for t, (s, _) in tried.items() if s <= target]
+    chosen = min(good) if good else min(tried, key=lambda t: tried[t][0])
+    return tried[chosen][1]
+
+
+def _next(tried: dict, target: float, good: list[float], bad: list[float]) -> float:
+    """Return the next duration: between a good and a bad one where the logarithms meet, else beyond."""
+    if good and bad:
+        low, high = max(t for t in bad if t < min(good)) if min(bad) < min(good) else min(bad), min(good)
+        a, b = np.log(tried[low][0] / target), np.log(target / tried[high][0])
+        share = np.clip(a / (a + b), 0.1, 0.95)
+        return float(low * (high / low) ** share * (1.0 + 0.3 * CLOSE))
+    at = min(good) if good else max(bad)
+    factor = float(np.clip((tried[at][0] / target) ** (1.0 / POWER), 1.0 / FACTOR, FACTOR))
+    return at * factor * (0.995 if good else 1.005)

@@ -1,0 +1,175 @@
+"""Designs Exp. 1: thrust with the attitude held, arm and wheels locked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.design.forecast import Forecast
+from smsid.design.goal import Criterion, Goal, goal_of
+from smsid.design.limits import Limits
+from smsid.design.pulses import Feasible, Pulses, best_pulses, random_start
+from smsid.design.thrust import ThrustSpace, thrust_space
+from smsid.design.watch import Watch
+from smsid.errors import ExperimentError
+from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
+from smsid.experiments.excitation import DRAFT
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate import simulate
+
+TICK = 0.01  # [s] that intervals are whole multiples of, where the duration allows it
+INTERVALS = (40, 72)  # how many there may be
+STARTS = 4
+DIGITS = 3  # of a thrust in newtons
+LOOKS = 5  # random thrusts over which slopes are averaged
+IDLE = 0.25  # share of the largest slope below which an axis has little to do with a parameter
+
+
+@dataclass(frozen=True)
+class Thrusting:
+    """A thrust that was found, as an experiment, with what is predicted of it."""
+
+    experiment: Experiment
+    goal: Goal
+    covariance: np.ndarray
+    thrust: np.ndarray
+
+
+def intervals_of(duration: float) -> int:
+    """Return into how many intervals a duration [s] is divided, each a multiple of `TICK` if possible."""
+    few, many = INTERVALS
+    ticks = duration / TICK
+    if abs(ticks - round(ticks)) < 1e-6:
+        whole = [n for n in range(many, few - 1, -1) if round(ticks) % n == 0]
+        if whole:
+            return min(whole, key=lambda n: abs(n - 60))
+    return 60
+
+
+def design_thrust(
+    model: SpacecraftModel,
+    wanted: Sequence[str],
+    criterion: Criterion,
+    limits: Limits,
+    duration: float,
+    rng: np.random.Generator,
+    watch: Watch[Thrusting],
+    starts: Sequence[np.ndarray] = (),
+    axes: str | None = None,
+) -> Thrusting:
+    """Return the best thrust of a duration [s] that the search finds; an interrupt leaves it in the watch.
+
+    ``starts`` are thrusts (intervals, 3) to begin from beside the paper's and random ones; ``axes``: along
+    which thrust may act (letters of xyz; by default those that move what is asked for). Raises
+    `ExperimentError` when nothing limits the thrust, or nothing asked for answers to it.
+    """
+    force = strongest(model, limits)
+    allowed = tuple("xyz".index(a) for a in axes or "xyz")
+    space = thrust_space(Forecast.of(model, duration), allowed, intervals_of(duration), limits, force)
+    goal = goal_of(space.forecast.parameters, wanted, criterion, None)
+    if axes is None:
+        space = space.restricted(_axes(space, goal, rng))
+    feasible = Feasible(space)
+
+    def tell(found: Pulses) -> None:
+        whole = np.zeros((space.intervals, 3))
+        whole[:, list(space.axes)] = np.round(found.thrust, DIGITS)
+        covariance, _ = space.covariance(whole[:, list(space.axes)])
+        made = Thrusting(thrust_steps(whole, duration), goal, covariance, whole)
+        watch.tried(made, goal.cost(covariance), float(goal.relative(covariance).max()))
+
+    begin = [s[:, list(space.axes)] for s in starts if len(s) == space.intervals]
+    fresh = STARTS if not begin else 1
+    begin += [_bang_bang(space)] + [random_start(space, rng) for _ in range(fresh - 1)]
+    for start in begin:
+        if np.any(start):
+            # the mean first: where one parameter is the worst, the others have no slope
+            smooth = best_pulses(space, goal.by("A"), start, feasible, tell)
+            if criterion != "A":
+                best_pulses(space, goal, smooth.thrust, feasible, tell)
+    assert watch.best is not None
+    return watch.best
+
+
+def strongest(model: SpacecraftModel, limits: Limits) -> float:
+    """Return the most thrust per axis [N] that limits allow; raises `ExperimentError` when none is stated."""
+    known = [f for f in (model.description.thrust.max_force, limits.force) if f is not None]
+    if not known:
+        raise ExperimentError(
+            f"'{model.description.name}' states no limit of its thrust.",
+            advice="Give `max_force` in [thrust] of the description, or --force.",
+        )
+    return limits.usable * min(known)
+
+
+def thrust_steps(thrust: np.ndarray, duration: float, name: str = "design") -> Experiment:
+    """Return the experiment of a thrust (intervals, 3) [N]."""
+    changes = np.concatenate([[True], np.any(np.diff(thrust, axis=0) != 0.0, axis=1)])
+    first = np.flatnonzero(changes)
+    times = tuple(round(i * duration / len(thrust), 9) for i in first)
+    values = tuple(tuple(float(x) + 0.0 for x in thrust[i]) for i in first)
+    return Experiment(
+        name=name,
+        note="designed: thrust, attitude held, joints and wheels locked",
+        duration=duration,
+        hold_attitude=True,
+        lock_joints=True,
+        lock_wheels=True,
+        force=StepProfile(times=times, values=values),  # type: ignore[arg-type]
+    )
+
+
+def paper_thrust(model: SpacecraftModel, made: Thrusting, limits: Limits) -> Experiment:
+    """Return the paper's thrust (48) on the same axes, of the same duration, as strong as limits allow."""
+    axes = (
+        "".join(a for a, used in zip("xyz", np.abs(made.thrust).sum(axis=0).tolist(), strict=True) if used)
+        or "x"
+    )
+    duration = made.experiment.duration
+    unit = thrust_experiment(axes, force=1.0, duration=duration)
+    uses = thrust_use(model, unit, limits)
+    share = max(limits.share(u) for u in uses)
+    return thrust_experiment(
+        axes, force=round(min(1.0 / share, strongest(model, limits)), 4), duration=duration
+    )
+
+
+def thrust_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -> tuple[LimitUse, ...]:
+    """Return what the simulated motion uses of every limit."""
+    duration = experiment.duration
+    motion = simulate(model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT)
+    states = motion.states(np.linspace(0.0, duration, int(8 * duration) + 1))
+    return limits.use(model, states, experiment.hold_attitude)
+
+
+def weaker(made: Thrusting, factor: float) -> Thrusting:
+    """Return the thrust times a factor; its covariance is left as it was."""
+    thrust = np.round(made.thrust * factor, DIGITS)
+    experiment = thrust_steps(thrust, made.experiment.duration, made.experiment.name)
+    return Thrusting(experiment, made.goal, made.covariance, thrust)
+
+
+def _bang_bang(space: ThrustSpace) -> np.ndarray:
+    out = np.zeros((space.intervals, len(space.axes)))
+    third = space.intervals // 6
+    out[:third], out[third : 2 * third] = 1.0, -1.0
+    return out
+
+
+def _axes(space: ThrustSpace, goal: Goal, rng: np.random.Generator) -> list[int]:
+    """Return which axes have to do with the goal: for any of its parameters, more than a little."""
+    shares = np.zeros((len(goal.names), len(space.axes)))
+    for _ in range(LOOKS):
+        covariance, jacobian = space.covariance(random_start(space, rng))
+        for i in range(len(goal.names)):
+            _, weight = goal.only(i).cost_and_weight(covariance)
+            slope = np.abs(space.pulled(jacobian, weight, covariance)).max(axis=0)
+            shares[i] += slope / max(slope.max(), 1e-300) / LOOKS
+    used = (shares > IDLE).any(axis=0)
+    if not used.any():
+        raise ExperimentError(
+            f"No thrust shows {', '.join(goal.names)}.", advice="Ask for it with --mode motion."
+        )
+    return [int(i) for i in np.flatnonzero(used)]

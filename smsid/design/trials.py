@@ -1,0 +1,117 @@
+"""Kinds of experiments that a search can draw at random, step from, and fly without noise."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.design.limits import Limits
+from smsid.design.moving import HARMONICS, PERIODS
+from smsid.design.series import SeriesSpace
+from smsid.design.thrusting import strongest, thrust_steps
+from smsid.errors import ExperimentError
+from smsid.experiments import Experiment, LimitUse, fly
+from smsid.experiments.excitation import DRAFT
+from smsid.model import build_model
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+RATE = 10.0  # [Hz]
+PIECES = 24  # of a thrust
+PASSES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Trials(ABC):
+    """Experiments of one kind, each a point of ordinary numbers."""
+
+    model: SpacecraftModel
+    limits: Limits
+    duration: float
+
+    @abstractmethod
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """Return a random point."""
+
+    @abstractmethod
+    def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
+        """Return the experiment of a point, all of it times ``shrink``."""
+
+    def stepped(self, point: np.ndarray, width: float, rng: np.random.Generator) -> np.ndarray:
+        """Return a point a random step away: ``width`` in the root mean square of the point's numbers."""
+        return point + width * float(np.sqrt(np.mean(point**2))) * rng.normal(size=point.shape)
+
+    def flown(
+        self, point: np.ndarray, rate: float = RATE
+    ) -> tuple[Experiment, Recording, tuple[LimitUse, ...]]:
+        """Return a point's experiment, as strong as limits allow, its noise-free recording, and their use.
+
+        Raises `ExperimentError` naming the limits that cannot be kept.
+        """
+        description = self.model.description
+        perfect = [s.model_copy(update={"errors": {}, "preset": None}) for s in description.sensor]
+        blank = build_model(description.with_sensors(*perfect))
+        shrink, broken = 1.0, ()
+        for _ in range(PASSES):
+            experiment = self.experiment(point, shrink)
+            flight = fly(blank, experiment, np.random.default_rng(0), rate=rate, tolerance=DRAFT)
+            times = np.linspace(0.0, self.duration, int(8 * self.duration) + 1)
+            states = flight.trajectory.states(times)
+            uses = self.limits.use(self.model, states, experiment.hold_attitude)
+            broken = self.limits.broken(uses)
+            if not broken:
+                return experiment, flight.recording, uses
+            shrink *= 0.995 / max(self.limits.share(u) for u in broken)
+        raise ExperimentError(
+            "No experiment keeps these limits: " + "; ".join(map(str, broken)) + ".",
+            advice="Loosen them.",
+            limits=broken,
+        )
+
+
+class Motions(Trials):
+    """Fourier series of joints and wheels, free floating."""
+
+    @property
+    def space(self) -> SeriesSpace:
+        """Their space."""
+        return SeriesSpace(self.model, self.limits, self.duration, HARMONICS, PERIODS)
+
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """Return a random point."""
+        return self.space.random(rng)
+
+    def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
+        """Return the experiment of a point."""
+        return self.space.experiment(point, shrink)
+
+
+class Thrusts(Trials):
+    """Pieces of constant thrust, attitude held."""
+
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """Return a random point."""
+        return np.repeat(rng.normal(size=(PIECES // 2, 3)), 2, axis=0).ravel()
+
+    def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
+        """Return the experiment of a point: its largest thrust is what limits allow."""
+        thrust = point.reshape(PIECES, 3)
+        size = shrink * strongest(self.model, self.limits) / np.abs(thrust).max()
+        return thrust_steps(np.round(size * thrust, 3), self.duration)
+
+
+def families(model: SpacecraftModel, limits: Limits, duration: float) -> list[Trials]:
+    """Return the kinds of experiments a spacecraft can fly; raises `ExperimentError` when there is none."""
+    found: list[Trials] = []
+    if len(model.arm_joints) or len(model.wheels):
+        found.append(Motions(model, limits, duration))
+    if model.free and (model.description.thrust.max_force or limits.force):
+        found.append(Thrusts(model, limits, duration))
+    if not found:
+        raise ExperimentError(
+            f"'{model.description.name}' has nothing to move it: no joints, no wheels, no limit of thrust.",
+            advice="Give `max_force` in [thrust], or --force.",
+        )
+    return found
