@@ -78,8 +78,18 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     if notes:
         sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
-    verdict = f"{TITLES[d.verdict].capitalize()}: {d.sentence}".replace("+-", "±")
+    verdict = f"{TITLES[d.verdict].capitalize()}: {shortened(d.sentence)}"
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
+
+
+def shortened(sentence: str, most: int = 260) -> str:
+    """Return a sentence that lists many causes with the first of them; all stand in the table below."""
+    parts = sentence.replace("+-", "±").split("; ")
+    kept = parts[:1]
+    while len(kept) < len(parts) and len("; ".join(kept)) + len(parts[len(kept)]) < most:
+        kept.append(parts[len(kept)])
+    left = len(parts) - len(kept)
+    return "; ".join(kept) + (f"; and {left} more, below." if left else "")
 
 
 def causes_section(d: Diagnosis) -> Section:

@@ -74,7 +74,7 @@ def diagnosis_map(
         return None
     best: dict[tuple[str, str], Tested] = {}
     for t in found:
-        key = row_of(t.where), t.dependence
+        key = row_of(t.where), column_of(t.dependence)
         if key not in best or evidence(t, 1) > evidence(best[key], 1):
             best[key] = t
     rows = ordered(dict.fromkeys(k for k, _ in best))
@@ -107,6 +107,11 @@ def diagnosis_map(
 def row_of(where: str) -> str:
     """Return the row of the map that an equation or a channel's component belongs to."""
     return re.sub(r"\[.*\]$", "", where)
+
+
+def column_of(dependence: str) -> str:
+    """Return the column of the map that a dependence belongs to: those on other joints share one."""
+    return re.sub(r"^(rate|acceleration) of .*$", r"\1 of another joint", dependence)
 
 
 def ordered(rows: Iterable[str]) -> list[str]:

@@ -1,0 +1,78 @@
+"""One look for all figures: size of a column, colours that everyone can tell apart, fonts that print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smsid._files import atomic_path
+from smsid.errors import SmsidError, require
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0063a3", "#c44f00", "#8a919c", "#00845f", "#a8468a", "#9a7400")
+WIDE, NARROW = 7.16, 3.5  # [in] of two columns, and of one
+FORMATS = (".png", ".svg", ".pdf")
+STYLE: dict[str, Any] = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e4e1",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "legend.fontsize": 7.5,
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "savefig.dpi": 300,
+    "figure.constrained_layout.use": True,
+}
+
+
+@contextmanager
+def canvas(
+    rows: int = 1, columns: int = 1, *, width: float = WIDE, height: float = 2.4, **more: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """Give a figure and its axes (as `Figure.subplots` does) in this look; no window is opened.
+
+    ``height`` [in] is that of the whole. Raises `MissingDependencyError` without matplotlib.
+    """
+    require("matplotlib", "plot")
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE):
+        figure = Figure(figsize=(width, height))
+        yield figure, figure.subplots(rows, columns, **more)
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure, whole or not at all; the suffix decides the format.
+
+    Raises `SmsidError` for a suffix that is none of PNG, SVG and PDF.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise SmsidError(f"'{path.name}' is no PNG, SVG or PDF.", advice=f"End it in {', '.join(FORMATS)}.")
+    FigureCanvasAgg(figure)
+    # no date in the file: the same figure is the same file
+    meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(kind, {})
+    with rc_context({**STYLE, "svg.hashsalt": "smsid"}), atomic_path(path) as temporary:
+        figure.savefig(temporary, format=kind[1:], metadata=meta)
+    return path
+
+
+def legend_above(axes: Axes, columns: int = 4) -> None:
+    """Put the legend above the axes, out of the way of the data."""
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
