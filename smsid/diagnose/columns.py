@@ -155,9 +155,9 @@ class Changes:
         if any(a != b for a, b in zip(origin.pin.jointPlacements, model.pin.jointPlacements, strict=True)):
             return out - _inverse(model, states) + _inverse(origin, states)
         theta = _inertial(model) - _inertial(origin)
-        changed = np.flatnonzero(theta)
-        if len(changed):
-            out -= self._regressor(where)[:, :, changed] @ theta[changed]
+        moved = np.flatnonzero(theta)
+        if len(moved):
+            out -= self._regressor(where)[:, :, moved] @ theta[moved]
         armature = np.asarray(model.pin.armature) - np.asarray(origin.pin.armature)
         if armature.any():
             out -= armature * states.a

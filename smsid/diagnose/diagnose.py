@@ -16,6 +16,7 @@ from smsid.diagnose.faults import Fault, outliers, quantised_channels, stuck_cha
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
 from smsid.diagnose.gain import Gain, gain
 from smsid.diagnose.inputs import locked
+from smsid.diagnose.noise import FOLLOWED, strayed
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
@@ -31,6 +32,7 @@ from smsid.recording import Recording
 LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
 RATE = 25.0  # [Hz]
+LOUD = 5.0  # times its stated noise above which a channel is doubted
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
@@ -232,7 +234,9 @@ def _gain(
 
 
 def _foreign(found: Search) -> str:
-    """Return why the recording cannot be of this spacecraft, if so."""
+    """Return why the recording cannot be of this spacecraft, if so; open loop, where it is not followed."""
+    if strayed(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
+        return ""
     problem = found.last.problem
     data = problem.data
     until = float(data.times[0]) + 5.0

@@ -9,6 +9,7 @@ import numpy as np
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 SETTLE = 5.0  # [s] of a validation recording that an open-loop simulation takes its start from
@@ -57,21 +58,17 @@ def gain(
 
     Noise levels and timing are those of ``like``.
     """
-    closed, opened = [], []
-    problem = like
-    for point, simulated in ((given, True), (nominal, False), (extended, True)):
-        model = point.model()
-        fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
-        data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
-        problem = replace(like, recording=recording, data=data)
-        closed.append(run_filter(model, problem))
-        if simulated:
-            opened.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
-    data = problem.data
+    first, second = (_read(point, recording, like, rate) for point in (given, nominal))
+    third = second if extended is nominal else _read(extended, recording, like, rate)
+    closed = [run_filter(*first), run_filter(*second)]
+    closed.append(closed[1] if third is second else run_filter(*third))
+    data = third[1].data
+    begin = float(data.times[0]) + SETTLE  # corrected up to there only, to find its start
+    opened = [run_filter(*read, until=begin) for read in (first, third)]
     excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
     rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
     channels = []
-    later = data.times > data.times[0] + SETTLE
+    later = data.times > begin
     for block in data.blocks:
         errors = [_open_loop(run, later, block.rows) for run in opened]
         noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
@@ -79,6 +76,13 @@ def gain(
         channels.append(ChannelGain(block.channel, unit, errors[0], errors[1], noise))
     name, samples = recording.name, closed[0].samples
     return Gain(name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels))
+
+
+def _read(point: Point, recording: Recording, like: Problem, rate: float) -> tuple[SpacecraftModel, Problem]:
+    model = point.model()
+    fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
+    data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
+    return model, replace(like, recording=recording, data=data)
 
 
 def _open_loop(run: Run, later: np.ndarray, rows: slice) -> float:

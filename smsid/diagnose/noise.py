@@ -144,6 +144,6 @@ def misfit_factors(data: Measured, run: Run) -> np.ndarray:
         x = run.normalised[run.used[:, row], row]
         if len(x) < FEW:
             continue
-        _, power = welch(x, nperseg=max(len(x) // PARTS, FEW // 2), detrend=False)
+        _, power = welch(x, nperseg=max(len(x) // PARTS, FEW // 2), detrend=False)  # pyright: ignore
         out[row] = float(np.sqrt(0.5 * power[:-1].max()))
     return out
