@@ -1,28 +1,82 @@
-"""``smsid view``: a spacecraft in 3-D."""
+"""``smsid view``: a spacecraft in 3-D, at rest or as it was recorded."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, writable
 from smsid.cli.output import console, working
+from smsid.errors import SmsidError
 
 
 def view_command(
     description: DescriptionPath,
-    recording: Annotated[Path | None, typer.Argument(help="recording to replay")] = None,
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Argument(help="recordings to replay: the first as it is, others with it; without: at rest"),
+    ] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", callback=writable, help="self-contained HTML to write")
+        Path,
+        typer.Option("--output", "-o", "--html", callback=writable, help="self-contained HTML to write"),
     ] = Path("view.html"),
+    simulated: Annotated[
+        bool,
+        typer.Option("--simulated", help="also what the description makes of the first recording's commands"),
+    ] = False,
+    layout: Annotated[
+        str, typer.Option(help="of more than one motion: ghost (over each other) or beside")
+    ] = "ghost",
+    bending: Annotated[
+        float, typer.Option(help="deflections drawn this many times larger; the page has a slider")
+    ] = 1.0,
+    slosh: Annotated[float, typer.Option(help="slosh drawn this many times larger")] = 1.0,
+    speed: Annotated[float, typer.Option(help="seconds of motion per second; the page has a choice")] = 1.0,
+    fps: Annotated[float, typer.Option(help="frames kept per second on screen")] = 20.0,
+    dark: Annotated[bool, typer.Option("--dark", help="before stars")] = False,
+    arrows: Annotated[bool, typer.Option(help="thrust, torques, momentum, centre of mass")] = True,
+    trail: Annotated[bool, typer.Option(help="the way of each arm's tool")] = True,
+    live: Annotated[
+        bool, typer.Option("--live", help="serve it to a browser until Ctrl-C instead of writing a file")
+    ] = False,
 ) -> Outcome:
-    """Write a 3-D view of a spacecraft, or the replay of a recording, as one HTML file (extra: view)."""
-    from smsid.view import view_main
+    """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, or live (extra: view)."""
+    from smsid.view import Look, live_main, view_main
 
+    kind = _layout(layout)
+    look = Look(
+        slosh_factor=slosh,
+        panel_factor=bending,
+        background="space" if dark else "light",
+        arrows=arrows,
+        trail=trail,
+    )
+    chosen = {"simulated": simulated, "layout": kind, "look": look, "fps": fps, "speed": speed}
+    if simulated and not recordings:
+        raise SmsidError("--simulated needs a recording.", advice="Give the one whose commands to fly.")
+    if live:
+        with working("drawing"):
+            view = live_main(description, recordings, **chosen)
+        console().print(f"open {view.url} in a browser; Ctrl-C ends it", highlight=False, soft_wrap=True)
+        try:
+            while True:
+                time.sleep(1.0)
+        except KeyboardInterrupt:
+            view.close()
+        return Outcome({"url": view.url, "notes": list(view.scene.notes)})
     with working("drawing"):
-        _, notes = view_main(description, recording, output)
-    console().print(f"wrote {output}")
+        _, notes = view_main(description, recordings, output, **chosen)
+    for note in notes:
+        console().print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    console().print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
     return Outcome({"notes": list(notes)}, [output])
+
+
+def _layout(name: str) -> Literal["ghost", "beside"]:
+    if name == "ghost" or name == "beside":
+        return name
+    raise SmsidError(f"There is no layout '{name}'.", advice="Use --layout ghost or --layout beside.")

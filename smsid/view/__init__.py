@@ -1,6 +1,6 @@
 """The spacecraft in 3-D: scenes, replays of simulations and recordings, live or as one HTML file.
 
->>> played = replay(model, trajectory)
+>>> played = replay(model, recording, beside=[("simulated", simulated_twin(model, recording))])
 >>> export_html(played, "view.html")
 
 meshcat is needed for `export_html`, `show` and `LiveView` only; importing this starts nothing.
@@ -9,12 +9,14 @@ meshcat is needed for `export_html`, `show` and `LiveView` only; importing this 
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
-from smsid.view.main import live_main, view_main
+from smsid.view.main import live_main, played, view_main
 from smsid.view.motion import Motion
-from smsid.view.replay import Replay, replay
+from smsid.view.replay import Companion, Replay, replay
 from smsid.view.scene import Scene, build_scene
+from smsid.view.twin import simulated_twin
 
 __all__ = [
+    "Companion",
     "LiveView",
     "Look",
     "Motion",
@@ -23,7 +25,9 @@ __all__ = [
     "build_scene",
     "export_html",
     "live_main",
+    "played",
     "replay",
     "show",
+    "simulated_twin",
     "view_main",
 ]

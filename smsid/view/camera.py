@@ -20,6 +20,13 @@ class Camera:
     offset: np.ndarray
 
 
+def across(corners: np.ndarray) -> np.ndarray:
+    """Return the vector (3,) [m], level and along the window, that is as long as points (K, 3) [m] extend."""
+    right = np.cross([0.0, 0.0, 1.0], VIEW_FROM)
+    right /= np.linalg.norm(right)
+    return right * float(np.ptp(corners @ right))
+
+
 def fitted_camera(corners: np.ndarray) -> Camera:
     """Return the camera that has points (K, 3) [m] in the middle of the window and fills it with them."""
     back = VIEW_FROM / np.linalg.norm(VIEW_FROM)

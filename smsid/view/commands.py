@@ -25,7 +25,7 @@ BACKGROUNDS = {
     "light": ((0.96, 0.97, 0.99), (0.74, 0.79, 0.86)),
 }
 # three.js sides and the type codes of meshcat's typed arrays
-_BOTH_SIDES = 2
+_FRONT, _BOTH_SIDES = 0, 2
 _TYPES = {"float32": ("Float32Array", 0x17), "uint32": ("Uint32Array", 0x16)}
 _TYPES |= {"uint16": ("Uint16Array", 0x14), "uint8": ("Uint8Array", 0x12)}
 _META = {"metadata": {"version": 4.5, "type": "Object"}}
@@ -34,6 +34,11 @@ _META = {"metadata": {"version": 4.5, "type": "Object"}}
 def scene_commands(scene: Scene, first: dict[str, np.ndarray] | None = None) -> Iterator[Command]:
     """Yield the commands that draw a scene; ``first`` gives poses (4, 4) by path other than those at rest."""
     yield from _surroundings(scene)
+    yield from part_commands(scene, first)
+
+
+def part_commands(scene: Scene, first: dict[str, np.ndarray] | None = None) -> Iterator[Command]:
+    """Yield the commands that draw a scene's parts alone."""
     poses = {path: pose[0] for path, pose in scene.poses(scene.rest).items()}
     poses.update(first or {})
     for part in scene.parts:
@@ -158,12 +163,15 @@ def _geometry(shape: Shape) -> tuple[dict[str, Any], np.ndarray]:
 def _material(shape: Shape, material: Material) -> dict[str, Any]:
     color, clear = _hex(material.color), material.opacity < 1.0
     common = {"color": color, "opacity": material.opacity, "transparent": clear, "depthWrite": not clear}
+    if material.overlay:  # drawn last, over everything
+        common |= {"depthTest": False, "transparent": True}
     if isinstance(shape, Stars):
         return {"type": "PointsMaterial", "size": 1.6, "sizeAttenuation": False, "vertexColors": True}
     if isinstance(shape, Lines):
         return {"type": "LineBasicMaterial", **common}
     coloured = isinstance(shape, Mesh) and shape.colors is not None
-    common |= {"side": _BOTH_SIDES, "vertexColors": coloured, "flatShading": isinstance(shape, Mesh)}
+    sides = _FRONT if material.overlay else _BOTH_SIDES
+    common |= {"side": sides, "vertexColors": coloured, "flatShading": isinstance(shape, Mesh)}
     if coloured:
         common["color"] = 0xFFFFFF
     if material.unlit:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -10,8 +12,11 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.view.momentum import Momenta, momenta
 from smsid.view.motion import Motion
 from smsid.view.surface import Surface
+
+DEFLECTION = "deflection of appendages drawn"
 
 
 @dataclass(frozen=True)
@@ -25,11 +30,9 @@ class Scale:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is not true to scale, in words."""
-        factors = {"slosh": self.slosh, "deflection of appendages": self.panel}
+        factors = {"slosh drawn": self.slosh, DEFLECTION: self.panel}
         found = [
-            f"{what} drawn {factor:g} times larger"
-            if factor > 1.0
-            else f"{what} drawn {1 / factor:g} times smaller"
+            f"{what} {factor:g} times larger" if factor > 1.0 else f"{what} {1 / factor:g} times smaller"
             for what, factor in factors.items()
             if factor != 1.0
         ]
@@ -40,14 +43,15 @@ class Scale:
 
 @dataclass(frozen=True)
 class Frames:
-    """A motion as drawn: q (N, nq) with slosh and wheels scaled, joint poses in their parents, thrust (N, 3).
+    """A motion as drawn: q (N, nq) with slosh and wheels scaled, joint poses in their parents.
 
-    ``deflection`` q (N, nq) has the deflections scaled.
+    ``deflection`` q (N, nq) has the deflections scaled; ``motion`` is what is drawn.
     """
 
+    model: SpacecraftModel = field(repr=False)
+    motion: Motion = field(repr=False)
     q: np.ndarray
     joints: np.ndarray  # (N, njoints, 4, 4)
-    force: np.ndarray
     deflection: np.ndarray = field(repr=False)
 
     @classmethod
@@ -66,7 +70,12 @@ class Frames:
             pin.forwardKinematics(model.pin, data, row)
             for j in range(model.pin.njoints):
                 joints[i, j] = data.liMi[j].homogeneous
-        return cls(q, joints, motion.force, deflection)
+        return cls(model, motion, q, joints, deflection)
+
+    @cached_property
+    def momenta(self) -> Momenta:
+        """Centre of mass and momenta, true to scale."""
+        return momenta(self.model, self.motion)
 
 
 class Driver(Protocol):
@@ -105,16 +114,33 @@ class StripDriver:
 
 
 @dataclass(frozen=True)
-class ForceDriver:
-    """An arrow along x of unit length at ``point`` that takes direction and size of the thrust."""
-
-    point: np.ndarray
-    length_per_newton: float
+class CentreDriver:
+    """The part sits at the centre of mass, in inertial axes."""
 
     def poses(self, frames: Frames) -> np.ndarray:
-        """Return poses (N, 4, 4) in body axes; without force the arrow shrinks to nothing."""
-        size = np.linalg.norm(frames.force, axis=1)
-        unit = np.where(size[:, None] > 0.0, frames.force, [1.0, 0.0, 0.0])
+        """Return poses (N, 4, 4)."""
+        poses = np.tile(np.eye(4), (len(frames.q), 1, 1))
+        poses[:, :3, 3] = frames.momenta.com
+        return poses
+
+
+@dataclass(frozen=True)
+class VectorDriver:
+    """A sign along x of unit size that takes direction and size of a vector.
+
+    ``vector`` gives (N, 3) of the frames, in the parent's axes; ``point`` (3,) [m] is where it starts, or
+    ``None`` for the centre of mass.
+    """
+
+    vector: Callable[[Frames], np.ndarray]
+    point: np.ndarray | None
+    length_per_unit: float
+
+    def poses(self, frames: Frames) -> np.ndarray:
+        """Return poses (N, 4, 4); without a vector the sign shrinks to nothing."""
+        vector = self.vector(frames)
+        size = np.linalg.norm(vector, axis=1)
+        unit = np.where(size[:, None] > 0.0, vector, [1.0, 0.0, 0.0])
         unit /= np.linalg.norm(unit, axis=1)[:, None]
         half = unit + np.array([1.0, 0.0, 0.0])
         back = np.linalg.norm(half, axis=1) < 1e-9
@@ -122,7 +148,7 @@ class ForceDriver:
         # half a turn about the bisector takes x to the unit vector
         turn = Rotation.from_rotvec(np.pi * half / np.linalg.norm(half, axis=1)[:, None])
         poses = np.zeros((len(size), 4, 4))
-        poses[:, :3, :3] = turn.as_matrix() * np.maximum(size * self.length_per_newton, 1e-4)[:, None, None]
-        poses[:, :3, 3] = self.point
+        poses[:, :3, :3] = turn.as_matrix() * np.maximum(size * self.length_per_unit, 1e-4)[:, None, None]
+        poses[:, :3, 3] = frames.momenta.com if self.point is None else self.point
         poses[:, 3, 3] = 1.0
         return poses

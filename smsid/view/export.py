@@ -10,21 +10,43 @@ import os
 from importlib import resources
 from pathlib import Path
 from string import Template
+from typing import Any
+
+import numpy as np
 
 from smsid._files import atomic_write
 from smsid.errors import require
+from smsid.view import arrows, trail
+from smsid.view.bending import Bend, bends
+from smsid.view.camera import ASPECT
 from smsid.view.commands import Command, scene_commands
+from smsid.view.drivers import DEFLECTION
+from smsid.view.ghost import GHOST
+from smsid.view.readouts import readouts
 from smsid.view.replay import Replay
 from smsid.view.scene import Scene
+from smsid.view.shapes import Color
 
 logger = logging.getLogger(__name__)
+
+PLAIN: Color = (0.62, 0.64, 0.68)
+COLORS: dict[str, Color] = {
+    "thrust": arrows.THRUST,
+    "torques": arrows.TORQUE,
+    "momentum": arrows.LINEAR,
+    "angular momentum": arrows.ANGULAR,
+    "centre of mass": (0.95, 0.78, 0.10),
+    "tool trail": trail.COLOR,
+    "sensors": (0.90, 0.22, 0.16),
+}
 
 
 def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: str | None = None) -> Path:
     """Write a replay, or a scene at rest, as one self-contained HTML file and return its path.
 
     The file holds meshcat's viewer, so it plays from a disk without network. ``view.html#t=12.5`` opens it
-    paused at 12.5 s of the motion. The file appears whole or not at all.
+    paused at 12.5 s of the motion. The page bends appendages itself, so that their scale can be changed while
+    it plays. The file appears whole or not at all.
 
     Raises:
         MissingDependencyError: meshcat is not installed.
@@ -32,22 +54,88 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
     """
     viewer = _viewer()
     scene = view.scene if isinstance(view, Replay) else view
-    commands = list(view.commands(play=False) if isinstance(view, Replay) else scene_commands(scene))
-    start, speed, stop = 0.0, 1.0, 0.0
-    if isinstance(view, Replay):
-        start, stop, speed = float(view.motion.time[0]), float(view.motion.time[-1]), view.speed
-    page = Template(resources.files("smsid.view").joinpath("player.html").read_text(encoding="utf-8"))
     name = title or scene.model.description.name
-    facts = {"start": start, "stop": stop, "speed": speed, "notes": list(scene.notes), "title": name}
+    facts: dict[str, Any] = {"title": name, "start": 0.0, "stop": 0.0, "speed": 1.0, "rate": 1.0}
+    facts |= {"notes": list(scene.notes), "aspect": ASPECT, "motions": [], "layers": [], "readouts": []}
+    facts |= {"bends": [], "trails": [], "factor": scene.look.panel_factor}
+    if isinstance(view, Replay):
+        found = [(view.scene, view.frames), *((c.scene, c.frames) for c in view.companions)]
+        bent = [b for s, f in found for b in bends(s, f)]
+        commands = list(view.commands(play=False, leave=[p for b in bent for p in b.paths]))
+        facts |= _played(view, bent)
+    else:
+        commands = list(scene_commands(scene))
+    folder = resources.files("smsid.view")
+    page = Template(folder.joinpath("player.html").read_text(encoding="utf-8"))
     text = page.substitute(
         title=html.escape(name),
         theme=scene.look.background,
+        style=folder.joinpath("player.css").read_text(encoding="utf-8"),
         viewer=viewer,
+        player=folder.joinpath("player.js").read_text(encoding="utf-8"),
         facts=_script_safe(json.dumps(facts)),
         commands=json.dumps([_packed(c) for c in commands]),
     )
     logger.info("%s: %.1f MB", path, len(text) / 1e6)
     return atomic_write(path, text)
+
+
+def _played(view: Replay, bent: list[Bend]) -> dict[str, Any]:
+    """Return what the page needs to know beyond the drawing, to play it."""
+    time, motions = view.motion.time, []
+    if view.companions:
+        ghost = view.layout == "ghost"
+        color, place = _css(GHOST if ghost else PLAIN), "" if ghost else ", left"
+        label = f"{view.label or 'first'}{place}"
+        motions.append({"label": label, "path": view.scene.root, "color": _css(PLAIN)})
+        motions += [
+            {"label": c.label if ghost else f"{c.label}, right", "path": c.scene.root, "color": color}
+            for c in view.companions
+        ]
+    trails = [*view.scene.trails, *(t for c in view.companions for t in c.scene.trails)]
+    layers: dict[str, list[str]] = {name: [] for name in COLORS}
+    for scene in (view.scene, *(c.scene for c in view.companions)):
+        for name, paths in scene.layers.items():
+            layers.setdefault(name, []).extend(paths)
+    notes = [n for n in view.notes if not (bent and n.startswith(DEFLECTION))]  # the page has a slider for it
+    return {
+        "start": float(time[0]),
+        "stop": float(time[-1]),
+        "speed": view.speed,
+        "rate": view.frame_rate,
+        "motions": motions,
+        "notes": notes,
+        "layers": [
+            {"name": name, "color": _css(COLORS.get(name, PLAIN)), "paths": paths}
+            for name, paths in layers.items()
+            if paths
+        ],
+        "trails": [{"path": t.path, "pieces": t.pieces, "indices": trail.INDICES} for t in trails],
+        "readouts": [
+            {"label": r.label, "unit": r.unit, "layer": r.layer, "values": _floats(r.values)}
+            for r in readouts(view)
+        ],
+        "bends": [
+            {
+                "paths": b.paths,
+                "step": b.step,
+                "modes": b.delta.shape[1],
+                "edges": _floats(b.edges),
+                "twist": _floats(b.twist),
+                "delta": _floats(b.delta),
+            }
+            for b in bent
+        ],
+    }
+
+
+def _css(color: Color) -> str:
+    return "#" + "".join(f"{round(255 * c):02x}" for c in color)
+
+
+def _floats(values: np.ndarray) -> str:
+    """Return an array as the page reads it: 32-bit floats in base 64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
 def _viewer() -> str:

@@ -21,6 +21,8 @@ class Look:
         background: ``light``, or ``space`` (dark, with stars).
         follow: the camera's target moves with the bus.
         sensors: draw a small frame at each pose sensor and IMU, and a mark at each accelerometer.
+        arrows: draw thrust, torques, momentum and the centre of mass of a motion.
+        trail: draw the way of each arm's tool.
 
     Raises:
         SmsidError: a factor or opacity out of range, or fewer than two strips.
@@ -33,6 +35,8 @@ class Look:
     background: Literal["light", "space"] = "light"
     follow: bool = True
     sensors: bool = True
+    arrows: bool = True
+    trail: bool = True
 
     def __post_init__(self) -> None:
         if not (self.slosh_factor > 0.0 and self.panel_factor > 0.0):

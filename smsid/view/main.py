@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from smsid.description import load_description
@@ -11,41 +12,48 @@ from smsid.recording import load_recording
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
-from smsid.view.replay import replay
-from smsid.view.scene import build_scene
+from smsid.view.replay import Layout, Replay, replay
+from smsid.view.scene import Scene, build_scene
+from smsid.view.twin import simulated_twin
+
+PathLike = str | os.PathLike[str]
 
 
 def view_main(
-    description: str | os.PathLike[str],
-    recording: str | os.PathLike[str] | None,
-    output: str | os.PathLike[str],
+    description: PathLike,
+    recordings: PathLike | Sequence[PathLike] | None,
+    output: PathLike,
     *,
+    simulated: bool = False,
+    layout: Layout = "ghost",
     look: Look | None = None,
     fps: float = 20.0,
     speed: float = 1.0,
     title: str | None = None,
 ) -> tuple[Path, tuple[str, ...]]:
-    """Write the 3-D view of a spacecraft at its home posture, or of a recording's motion, as one HTML file.
+    """Write the 3-D view of a spacecraft at its home posture, or of motions recorded, as one HTML file.
 
     Returns the file's path and the notes that stand in the view. Relative paths start at the working folder.
+    The rest as `played`.
 
     Raises:
         MissingDependencyError: meshcat is not installed.
         DescriptionError: the description cannot be used.
-        RecordingError: the recording cannot be read, or tells nothing of the motion.
+        RecordingError: a recording cannot be read, or tells nothing of the motion or of what drove it.
+        SimulationError: what it was driven by cannot be simulated.
     """
-    model = build_model(load_description(description), visuals=True)
-    if recording is None:
-        scene = build_scene(model, look=look)
-        return export_html(scene, output, title=title), scene.notes
-    played = replay(model, load_recording(recording), look=look, fps=fps, speed=speed)
-    return export_html(played, output, title=title), played.notes
+    view = played(
+        description, recordings, simulated=simulated, layout=layout, look=look, fps=fps, speed=speed
+    )
+    return export_html(view, output, title=title), view.notes
 
 
 def live_main(
-    description: str | os.PathLike[str],
-    recording: str | os.PathLike[str] | None,
+    description: PathLike,
+    recordings: PathLike | Sequence[PathLike] | None,
     *,
+    simulated: bool = False,
+    layout: Layout = "ghost",
     look: Look | None = None,
     fps: float = 20.0,
     speed: float = 1.0,
@@ -54,7 +62,51 @@ def live_main(
 
     Raises as `view_main`.
     """
+    view = played(
+        description, recordings, simulated=simulated, layout=layout, look=look, fps=fps, speed=speed
+    )
+    return show(view) if isinstance(view, Replay) else LiveView(view)
+
+
+def played(
+    description: PathLike,
+    recordings: PathLike | Sequence[PathLike] | None,
+    *,
+    simulated: bool = False,
+    layout: Layout = "ghost",
+    look: Look | None = None,
+    fps: float = 20.0,
+    speed: float = 1.0,
+) -> Replay | Scene:
+    """Return the replay of recordings, or the scene at rest where there is none.
+
+    Args:
+        description: the spacecraft's TOML, or a bare URDF.
+        recordings: the first is drawn as it is, the others with it, by ``layout``.
+        simulated: also what the description makes of the first recording's commands.
+        layout: ``ghost`` lays the others over the first, ``beside`` puts them next to it.
+        look: factors and colours.
+        fps: frames per second on screen [Hz].
+        speed: seconds of the motion per second on screen.
+
+    Raises as `view_main`.
+    """
     model = build_model(load_description(description), visuals=True)
-    if recording is None:
-        return LiveView(build_scene(model, look=look))
-    return show(replay(model, load_recording(recording), look=look, fps=fps, speed=speed))
+    paths = [recordings] if isinstance(recordings, str | os.PathLike) else list(recordings or ())
+    if not paths:
+        return build_scene(model, look=look)
+    loaded = [load_recording(path) for path in paths]
+    names = _names(paths)
+    beside: list = list(zip(names[1:], loaded[1:], strict=True))
+    if simulated:
+        beside.append(("simulated", simulated_twin(model, loaded[0])))
+    label = f"measured: {names[0]}" if simulated else names[0]
+    return replay(
+        model, loaded[0], beside=beside, label=label, layout=layout, look=look, fps=fps, speed=speed
+    )
+
+
+def _names(paths: Sequence[PathLike]) -> list[str]:
+    """Return short names of files: their stems, or their paths where stems coincide."""
+    stems = [Path(p).stem for p in paths]
+    return stems if len(set(stems)) == len(stems) else [str(p) for p in paths]

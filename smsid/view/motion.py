@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation, Slerp
 
-from smsid.errors import RecordingError, SmsidError
-from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.errors import SmsidError
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.sensing.sensor import Sensor
 from smsid.simulate.trajectory import States, Trajectory
 
 logger = logging.getLogger(__name__)
@@ -25,17 +22,32 @@ Source = Trajectory | States | Recording
 class Motion:
     """Configurations q (N, nq) at evenly spaced times (N,) [s], and the thrust (N, 3) in body axes [N].
 
-    ``notes`` says what the source did not tell and what therefore stays at rest.
+    ``notes`` says what the source did not tell and what therefore stays at rest. ``v`` (N, nv) are velocities
+    (body axes first), ``torque`` (N, 3) acts on the bus in body axes, ``joint_torque`` (N, joints) and
+    ``wheel_torque`` (N, wheels) at the joints [N m]; ``None`` where nothing is known of them.
     """
 
     time: np.ndarray
     q: np.ndarray
     force: np.ndarray
     notes: tuple[str, ...] = ()
+    v: np.ndarray | None = None
+    torque: np.ndarray | None = None
+    joint_torque: np.ndarray | None = None
+    wheel_torque: np.ndarray | None = None
 
 
-def motion_of(model: SpacecraftModel, source: Source, step: float, max_frames: int) -> Motion:
+def motion_of(
+    model: SpacecraftModel,
+    source: Source,
+    step: float,
+    max_frames: int,
+    *,
+    times: np.ndarray | None = None,
+) -> Motion:
     """Return the motion sampled every ``step`` [s], or coarser when that makes more than ``max_frames``.
+
+    With ``times`` (N,) [s] it is sampled then; before its start and after its end it stands still.
 
     Raises `RecordingError` when a recording tells nothing of the motion, or its clocks do not overlap, and
     `SmsidError` for states that do not fit the model.
@@ -43,21 +55,41 @@ def motion_of(model: SpacecraftModel, source: Source, step: float, max_frames: i
     if not step > 0.0 or max_frames < 2:
         raise SmsidError("Frame rate and speed must be positive, and a replay has two frames or more.")
     if isinstance(source, Recording):
-        return _from_recording(model, source, step, max_frames)
+        from smsid.view.recorded import recorded_motion
+
+        return recorded_motion(model, source, step, max_frames, times)
     if isinstance(source, Trajectory):
-        times = _grid(source.start, source.stop, step, max_frames)
-        source = source.states(times)
-    if source.q.ndim != 2 or source.q.shape[1] != model.nq or not len(source.time):
+        wanted = grid(source.start, source.stop, step, max_frames) if times is None else times
+        found = source.states(np.clip(wanted, source.start, source.stop))
+    else:
+        found = source
+    if found.q.ndim != 2 or found.q.shape[1] != model.nq or not len(found.time):
         raise SmsidError(
-            f"States of shape {source.q.shape} do not fit the spacecraft, whose q has {model.nq} entries.",
+            f"States of shape {found.q.shape} do not fit the spacecraft, whose q has {model.nq} entries.",
             advice="Replay with the model that was simulated.",
         )
-    times = _grid(float(source.time[0]), float(source.time[-1]), step, max_frames)
-    force = source.tau[:, :3] if model.free else np.zeros((len(source.time), 3))
-    return Motion(times, _between(model, source, times), _interpolated(source.time, force, times))
+    if times is None:
+        times = grid(float(found.time[0]), float(found.time[-1]), step, max_frames)
+    tau = found.tau + found.reaction
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return interpolated(found.time, values, times)
+
+    force = found.tau[:, :3] if model.free else np.zeros((len(found.time), 3))
+    torque = tau[:, 3:6] - np.cross(model.thrust_point, force) if model.free else np.zeros_like(force)
+    return Motion(
+        times,
+        _between(model, found, times),
+        at(force),
+        v=at(found.v),
+        torque=at(torque),
+        joint_torque=at(tau[:, model.arm_joints.v]),
+        wheel_torque=at(tau[:, model.wheels.v]),
+    )
 
 
-def _grid(start: float, stop: float, step: float, max_frames: int) -> np.ndarray:
+def grid(start: float, stop: float, step: float, max_frames: int) -> np.ndarray:
+    """Return the times (N,) [s] of the frames."""
     count = max(2, int(np.floor((stop - start) / step + 1e-9)) + 1)
     if count > max_frames:
         logger.info("%d frames would be too many: one every %.3g s", count, (stop - start) / (max_frames - 1))
@@ -67,7 +99,7 @@ def _grid(start: float, stop: float, step: float, max_frames: int) -> np.ndarray
 
 def _between(model: SpacecraftModel, states: States, times: np.ndarray) -> np.ndarray:
     t = states.time
-    if len(t) == len(times) and np.array_equal(t, times):
+    if len(t) == len(times) and np.array_equal(t, np.clip(times, t[0], t[-1])):
         return states.q
     if len(t) < 2:
         return np.repeat(states.q, len(times), axis=0)
@@ -77,147 +109,10 @@ def _between(model: SpacecraftModel, states: States, times: np.ndarray) -> np.nd
     return np.array([pin.interpolate(model.pin, a, b, float(u)) for a, b, u in pairs])
 
 
-def _interpolated(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+def interpolated(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return values (N, ...) known at t (N,) at other times, linearly; held past the ends."""
     columns = values.reshape(len(t), -1).T
-    return np.stack([np.interp(times, t, c) for c in columns], axis=-1).reshape(len(times), *values.shape[1:])
-
-
-def _channel(recording: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return time and values of a channel, samples that are not finite left out."""
-    t, values = recording.time(name), recording[name]
-    good = np.isfinite(values.reshape(len(t), -1)).all(axis=1) & np.isfinite(t)
-    if not good.any():
-        raise RecordingError(
-            f"'{name}' has no finite sample.", advice="Leave it out or mend it.", channel=name
-        )
-    return np.asarray(t[good]), np.asarray(values[good])
-
-
-def _sources(model: SpacecraftModel, kind: str, default: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and positions (3,) of the sensors that may have recorded a quantity."""
-    sensors: tuple[Sensor, ...] = model.description.sensor
-    for sensor in sensors:
-        if sensor.kind == kind:
-            yield sensor.name, np.asarray(sensor.position)
-    if all(sensor.name != default for sensor in sensors):
-        yield default, np.zeros(3)
-
-
-def _from_recording(model: SpacecraftModel, rec: Recording, step: float, max_frames: int) -> Motion:
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    lever, notes = np.zeros(3), []
-
-    def look(role: str, kind: str, default: str, quantity: str) -> np.ndarray | None:
-        for name, position in _sources(model, kind, default):
-            if f"{name}.{quantity}" in rec:
-                found[role] = _channel(rec, f"{name}.{quantity}")
-                return position
-        return None
-
-    def missing(what: str) -> None:
-        notes.append(f"{what} not recorded: drawn at rest")
-
-    if model.free:
-        place = look("position", "pose", "pose", "position")
-        lever = lever if place is None else place
-        if place is None:
-            missing("position")
-        if look("attitude", "pose", "pose", "attitude") is None:
-            missing("attitude")
-    if len(model.arm_joints) and look("joints", "encoder", "encoder", "joint_position") is None:
-        missing("joint angles")
-    if len(model.wheels) and look("wheels", "tachometer", "tachometer", "wheel_rate") is None:
-        missing("wheel rates")
-    for role, quantity, size in (
-        ("slosh", "slosh_position", model.slosh),
-        ("modes", "modal_position", model.modes),
-    ):
-        names = [c for c in rec.channels if c.endswith(f".{quantity}")]
-        if len(size) and not names:
-            missing("slosh" if role == "slosh" else "deflection of appendages")
-        elif len(size):
-            found[role] = _hidden(rec, sorted(names, key=lambda c: not c.startswith("truth.")), role)
-    if not found:
-        raise RecordingError(
-            "The recording tells nothing about the motion.",
-            advice="It needs one of position, attitude, joint_position, wheel_rate, slosh_position, "
-            "modal_position, from the sources that the description names.",
-            channels=rec.channels,
-        )
-    forces = [c for c in ("command.force", *rec.channels) if c.endswith(".force") and c in rec]
-    if forces:
-        found["force"] = _channel(rec, forces[0])
-    motion = [t for role, (t, _) in found.items() if role != "force"]
-    start, stop = max(t[0] for t in motion), min(t[-1] for t in motion)
-    if start > stop:
-        raise RecordingError("The clocks of the recording do not overlap.", advice="Check its times.")
-    times = _grid(float(start), float(stop), step, max_frames)
-    q = _configurations(model, found, lever, times, notes)
-    force = _interpolated(*found["force"], times) if "force" in found else np.zeros((len(times), 3))
-    for note in notes:
-        logger.warning("replay: %s", note)
-    return Motion(times, q, force, tuple(notes))
-
-
-def _hidden(rec: Recording, names: list[str], role: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return time and values (N, columns) of slosh or modes; several tanks may have a channel each."""
-    t, values = _channel(rec, names[0])
-    same = [n for n in names if n.split(".")[0] == names[0].split(".")[0]] if role == "modes" else names
-    columns = [values.reshape(len(t), -1)]
-    columns += [_interpolated(*_channel(rec, n), t).reshape(len(t), -1) for n in same[1:]]
-    return t, np.concatenate(columns, axis=1)
-
-
-def _configurations(
-    model: SpacecraftModel,
-    found: dict[str, tuple[np.ndarray, np.ndarray]],
-    lever: np.ndarray,
-    times: np.ndarray,
-    notes: list[str],
-) -> np.ndarray:
-    q = np.tile(model.home, (len(times), 1))
-
-    def columns(role: str, count: int, what: str) -> np.ndarray | None:
-        if role not in found:
-            return None
-        t, values = found[role]
-        if values.shape[1] < count or (role == "joints" and values.shape[1] != count):
-            notes.append(
-                f"{what}: {values.shape[1]} columns recorded, the spacecraft has {count}: drawn at rest"
-            )
-            return None
-        if role == "wheels":
-            turned = np.cumsum(np.diff(t)[:, None] * (values[1:] + values[:-1]) / 2, axis=0)
-            values = np.vstack([np.zeros(values.shape[1]), turned])
-        return _interpolated(t, values, times)[:, :count]
-
-    if model.free:
-        turn = Rotation.identity()
-        if "attitude" in found:
-            t, attitude = found["attitude"]
-            turn = (
-                Slerp(t, Rotation.from_quat(attitude))(times)
-                if len(t) > 1
-                else Rotation.from_quat(attitude[0])
-            )
-            q[:, 3:7] = turn.as_quat()
-        if "position" in found:
-            q[:, :3] = _interpolated(*found["position"], times) - turn.apply(lever)
-    joints = columns("joints", len(model.arm_joints), "joint angles")
-    if joints is not None:
-        q = np.array(
-            [set_group_angles(model.pin, model.arm_joints, a, b) for a, b in zip(q, joints, strict=True)]
-        )
-    wheels = columns("wheels", len(model.wheels), "wheel rates")
-    if wheels is not None:
-        q = np.array(
-            [set_group_angles(model.pin, model.wheels, a, b) for a, b in zip(q, wheels, strict=True)]
-        )
-    slosh = columns("slosh", 3 * len(model.slosh), "slosh")
-    if slosh is not None:
-        for k, joint in enumerate(model.slosh):
-            q[:, joint.q] = slosh[:, 3 * k : 3 * k + 3]
-    modes = columns("modes", len(model.modes), "deflection of appendages")
-    if modes is not None:
-        q[:, model.modes.q] = modes / model.mode_scale
-    return q
+    shape = (len(times), *values.shape[1:])
+    if not len(columns):
+        return np.zeros(shape)
+    return np.stack([np.interp(times, t, c) for c in columns], axis=-1).reshape(shape)

@@ -11,7 +11,7 @@ from smsid.effects.slosh import Slosh
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SloshJoint, SpacecraftModel
 from smsid.simulate.truth import station_indices
-from smsid.view.drivers import Driver, ForceDriver, StripDriver
+from smsid.view.drivers import Driver, StripDriver
 from smsid.view.look import Look
 from smsid.view.motion import Motion
 from smsid.view.shapes import (
@@ -33,7 +33,6 @@ TANK = Material((0.72, 0.86, 1.0), opacity=0.22, shine=1.0)
 WHEEL = Material((0.62, 0.64, 0.68), shine=0.8)
 MARK = Material((0.90, 0.22, 0.16))
 PLAIN = Material()
-ARROW = Material((1.0, 0.55, 0.10), unlit=True)
 EDGE = Material((1.0, 0.86, 0.50), opacity=0.9, unlit=True)
 LINK = Material((0.70, 0.72, 0.76))
 LARGEST_TANK, TANK_MARGIN = 3.0, 1.05  # radius of a tank in those of its ball; room at the wall
@@ -45,7 +44,8 @@ WHEEL_SIZE = (0.21, 0.159)  # [m], [kg m^2]: radius drawn for a spin inertia; ot
 class Part:
     """A node of the scene: its path below the root, and its pose (4, 4) in the parent node (with scale).
 
-    A part without shape groups others; one with a driver moves.
+    A part without shape groups others; one with a driver moves. ``layer`` names what a viewer may switch off,
+    with all below it.
     """
 
     path: str
@@ -54,6 +54,7 @@ class Part:
     material: Material = PLAIN
     driver: Driver | None = None
     shadow: bool = True
+    layer: str = ""
 
     @property
     def half_size(self) -> np.ndarray:
@@ -120,7 +121,7 @@ def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
         shared = sum(w.position == wheel.position for w in wheels) > 1
         disc = f"{paths[model.pin.getJointId(wheel.name)]}/disc"
         # a wheel moved along its own axis still spins in place
-        pose = moved(-1.7 * radius * axis if shared else np.zeros(3), _z_to(axis))
+        pose = moved(-1.7 * radius * axis if shared else np.zeros(3), z_to(axis))
         parts.append(Part(disc, pose, Cylinder(radius, 0.4 * radius), WHEEL))
         stripe = ((0.5 * radius, 0.0, 0.0), (0.9 * radius, 0.2 * radius, 0.46 * radius), MARK.color)
         hub = ((0.0, 0.0, 0.0), (0.3 * radius, 0.3 * radius, 0.6 * radius), (0.2, 0.21, 0.24))
@@ -182,7 +183,8 @@ def appendage_parts(
         for i in np.flatnonzero(owner == k):
             size = 0.014 * surface.length
             at = local[i] - rest[:3, 3] + [0.0, 0.0, 0.5 * size + 0.5 * surface.thickness]
-            parts.append(Part(f"{strip}/station{i}", moved(at), Box((size, size, size)), MARK))
+            mark = Box((size, size, size))
+            parts.append(Part(f"{strip}/station{i}", moved(at), mark, MARK, layer="sensors"))
     rigid = surface.rigid and len(appendage.joints) > 0
     return parts, [f"'{effect.name}' has no mode shapes: drawn rigid"] if rigid else []
 
@@ -200,25 +202,9 @@ def sensor_parts(model: SpacecraftModel, bus: str) -> list[Part]:
             (tuple(size / 2 * e), tuple(thin + (size - thin) * e), tuple(0.15 + 0.85 * e)) for e in np.eye(3)
         ]
         pose = moved(sensor.position, sensor.rotation)
-        parts.append(
-            Part(f"{bus}/{node_name(sensor.name)}.frame", pose, boxes_mesh(bars), Material(shine=0.0))
-        )
+        path = f"{bus}/{node_name(sensor.name)}.frame"
+        parts.append(Part(path, pose, boxes_mesh(bars), Material(shine=0.0), layer="sensors"))
     return parts
-
-
-def thrust_parts(model: SpacecraftModel, bus: str, motion: Motion, length: float) -> list[Part]:
-    """Return the arrow of the thrust; ``length`` [m] is that of the largest force of the motion."""
-    largest = float(np.linalg.norm(motion.force, axis=1).max())
-    driver = ForceDriver(model.thrust_point, length / largest)
-    turn = _z_to(np.array([1.0, 0.0, 0.0]))
-    path = f"{bus}/thrust"
-    return [
-        Part(path, moved(model.thrust_point) @ np.diag([1e-4, 1e-4, 1e-4, 1.0]), driver=driver),
-        Part(f"{path}/shaft", moved((0.42, 0.0, 0.0), turn), Cylinder(0.009, 0.84), ARROW, shadow=False),
-        Part(
-            f"{path}/head", moved((0.91, 0.0, 0.0), turn), Cylinder(0.03, 0.18, top=0.0), ARROW, shadow=False
-        ),
-    ]
 
 
 def _marked_stations(model: SpacecraftModel, appendage: AppendageJoints) -> np.ndarray:
@@ -229,7 +215,7 @@ def _marked_stations(model: SpacecraftModel, appendage: AppendageJoints) -> np.n
     return np.zeros((0, 3))
 
 
-def _z_to(axis: np.ndarray) -> np.ndarray:
+def z_to(axis: np.ndarray) -> np.ndarray:
     """Return a rotation (3, 3) that takes z to a unit axis."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(helper, axis)

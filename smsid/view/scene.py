@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
+from smsid.view.arrows import sign_parts
 from smsid.view.drivers import Frames, JointDriver, Scale
+from smsid.view.ghost import GHOST, ghostly
 from smsid.view.look import Look
+from smsid.view.momentum import momenta
 from smsid.view.motion import Motion
 from smsid.view.parts import Part
+from smsid.view.trail import Trail, trail_parts
 from smsid.view.visuals import visuals_of
 
 ROOT = "spacecraft"
+TRAIL = 0.004  # radius of a trail in radii of the scene
 FITTED_FRAMES = 12  # of a motion, that the camera is fitted to
 WHEEL_STEP = 0.35  # [rad] a wheel turns at most between frames, or it would seem to stand or run backwards
 
@@ -24,7 +30,8 @@ class Scene:
     """Parts of a spacecraft with their poses at rest, and what the view has to say about itself.
 
     ``scale`` says what is drawn larger or smaller than life; ``corners`` (K, 3) [m] are those of the parts'
-    extents on their way, in inertial axes (as seen from the bus origin if the camera follows it).
+    extents on their way, in inertial axes (as seen from the bus origin if the camera follows it). ``trails``
+    are the tubes along the ways of the tools.
     """
 
     model: SpacecraftModel
@@ -34,6 +41,21 @@ class Scene:
     scale: Scale
     corners: np.ndarray
     notes: tuple[str, ...]
+    trails: tuple[Trail, ...] = ()
+
+    @property
+    def root(self) -> str:
+        """The path that all parts lie under."""
+        return self.parts[0].path
+
+    @property
+    def layers(self) -> dict[str, tuple[str, ...]]:
+        """What a viewer may switch off: paths by name, as drawn, of parts with all below them."""
+        found: dict[str, list[str]] = {}
+        for part in self.parts:
+            if part.layer:
+                found.setdefault(part.layer, []).append(part.path)
+        return {name: tuple(paths) for name, paths in found.items()}
 
     @property
     def radius(self) -> float:
@@ -59,10 +81,26 @@ class Scene:
         return world
 
 
-def build_scene(model: SpacecraftModel, motion: Motion | None = None, look: Look | None = None) -> Scene:
+def build_scene(
+    model: SpacecraftModel,
+    motion: Motion | None = None,
+    look: Look | None = None,
+    *,
+    scale: Scale | None = None,
+    root: str = ROOT,
+    ghost: bool = False,
+) -> Scene:
     """Return the scene of a spacecraft, home at rest; a motion sizes tanks, arrows and wheel speed.
 
     Needs no meshcat and no server. A model built without visuals gets those of its description.
+
+    Args:
+        model: the spacecraft.
+        motion: what it will do.
+        look: factors and colours.
+        scale: what is drawn larger than life; by default as `fitting_scale` finds.
+        root: the path all parts lie under.
+        ghost: see-through and of one colour, without tanks, signs and sensors.
 
     Raises:
         DescriptionError: a mesh of the URDFs is missing.
@@ -70,9 +108,9 @@ def build_scene(model: SpacecraftModel, motion: Motion | None = None, look: Look
     look = look or Look()
     still = Motion(np.zeros(1), model.home[None], np.zeros((1, 3)))
     motion = motion or still
-    scale = Scale(make.slosh_factor(model, motion, look), look.panel_factor, _wheel_factor(model, motion))
+    scale = scale or fitting_scale(model, (motion,), look)
     visual = visuals_of(model)
-    paths = joint_paths(model)
+    paths = joint_paths(model, root)
     bus = 1 if model.free else 0
     inside = make.hidden_points(model)
     parts: list[Part] = []
@@ -92,20 +130,33 @@ def build_scene(model: SpacecraftModel, motion: Motion | None = None, look: Look
         surface_parts, remark = make.appendage_parts(model, appendage, paths, look)
         parts += surface_parts
         notes += remark
-    if look.sensors:
+    if look.sensors and not ghost:
         parts += make.sensor_parts(model, paths[bus])
     rest = Frames.of(model, still, scale)
     corners = _corners(parts, Frames.of(model, _sampled(model, motion, look), scale))
     scene = Scene(model, look, tuple(parts), rest, scale, corners, (*notes, *motion.notes))
-    if model.free and np.any(motion.force):
-        parts += make.thrust_parts(model, paths[bus], motion, 0.75 * scene.radius)
-    return replace(scene, parts=tuple(parts))
+    trails: list[Trail] = []
+    if look.trail:
+        color = {"color": GHOST} if ghost else {}
+        tubes, trails = trail_parts(model, root, motion, TRAIL * scene.radius, **color)
+        parts += tubes
+    if ghost:
+        parts = ghostly(parts)
+    elif look.arrows and motion is not still:
+        parts += sign_parts(model, paths, motion, momenta(model, motion), scene.radius)
+    return replace(scene, parts=tuple(parts), trails=tuple(trails))
 
 
-def joint_paths(model: SpacecraftModel) -> dict[int, str]:
+def fitting_scale(model: SpacecraftModel, motions: Sequence[Motion], look: Look) -> Scale:
+    """Return the scale that suits all motions: no fuel leaves its tank, no wheel seems to run backwards."""
+    slosh = min(make.slosh_factor(model, m, look) for m in motions)
+    return Scale(slosh, look.panel_factor, min(_wheel_factor(model, m) for m in motions))
+
+
+def joint_paths(model: SpacecraftModel, root: str = ROOT) -> dict[int, str]:
     """Return the path of every joint but those of modes; a joint's path starts with its parent's."""
     modes = {int(j) for j in model.modes.joints}
-    paths = {0: ROOT}
+    paths = {0: root}
     for joint in range(1, model.pin.njoints):
         if joint not in modes:
             paths[joint] = f"{paths[model.pin.parents[joint]]}/{make.node_name(model.pin.names[joint])}"

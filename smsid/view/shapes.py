@@ -11,12 +11,16 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Material:
-    """Colour (red, green, blue in 0 to 1), opacity, gloss, and whether light does not matter to it."""
+    """Colour (red, green, blue in 0 to 1), opacity, gloss, and whether light does not matter to it.
+
+    ``overlay``: seen through whatever is in front.
+    """
 
     color: Color = (0.9, 0.9, 0.9)
     opacity: float = 1.0
     shine: float = 0.3
     unlit: bool = False
+    overlay: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,192 @@
+"""Signs for vectors: arrows of thrust and momentum, bent arrows of torque, the mark of the centre of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.view.drivers import CentreDriver, Driver, Frames, VectorDriver
+from smsid.view.momentum import Momenta
+from smsid.view.motion import Motion
+from smsid.view.parts import Part, moved, z_to
+from smsid.view.shapes import Color, Cylinder, Material, Mesh
+
+# told apart by those who see colours differently (Okabe and Ito)
+THRUST: Color = (0.84, 0.37, 0.0)
+TORQUE: Color = (0.80, 0.40, 0.63)
+LINEAR: Color = (0.0, 0.62, 0.45)
+ANGULAR: Color = (0.0, 0.45, 0.70)
+HIDDEN = np.diag([1e-4, 1e-4, 1e-4, 1.0])
+# in radii of the scene, at the largest value
+ARROW_LENGTH, MARK_SIZE = 0.75, 0.02
+BUS_RING, JOINT_RING, WHEEL_RING = 0.30, 0.28, 0.13
+
+
+def sign_parts(
+    model: SpacecraftModel, paths: dict[int, str], motion: Motion, found: Momenta, radius: float
+) -> list[Part]:
+    """Return the signs of all forces, torques and momenta of a motion; ``radius`` [m] is the scene's."""
+    bus, root = paths[1 if model.free else 0], paths[0]
+    parts: list[Part] = []
+    if model.free and np.any(motion.force):
+        driver = VectorDriver(
+            lambda f: f.motion.force, model.thrust_point, _per(ARROW_LENGTH * radius, motion.force)
+        )
+        parts += _arrow(f"{bus}/thrust", driver, THRUST, "thrust")
+    parts += _torques(model, paths, bus, motion, radius)
+    parts += _momenta(model, root, found, ARROW_LENGTH * radius)
+    mark = _quartered(MARK_SIZE * radius)
+    parts.append(
+        Part(
+            f"{root}/com",
+            moved(found.com[0]),
+            mark,
+            Material(shine=0.2, overlay=True),
+            CentreDriver(),
+            False,
+            "centre of mass",
+        )
+    )
+    return parts
+
+
+def _torques(
+    model: SpacecraftModel, paths: dict[int, str], bus: str, motion: Motion, radius: float
+) -> list[Part]:
+    """Return the bent arrows at the bus, the joints and the wheels; each kind has a scale of its own."""
+    parts: list[Part] = []
+    if model.free and motion.torque is not None and np.any(motion.torque):
+        driver = VectorDriver(_torque, np.zeros(3), _per(BUS_RING * radius, motion.torque))
+        parts += _ring(f"{bus}/torque", driver)
+    kinds = (
+        (model.arm_joints, motion.joint_torque, _joint_torque, JOINT_RING * radius),
+        (model.wheels, motion.wheel_torque, _wheel_torque, WHEEL_RING * radius),
+    )
+    for group, values, pick, size in kinds:
+        if values is None or not np.any(values):
+            continue
+        per = size / float(np.abs(values).max())
+        for k, joint in enumerate(group.joints):
+            axis = joint_axis(model, int(joint))
+            if axis is not None and np.any(values[:, k]):
+                driver = VectorDriver(pick(k, axis), np.zeros(3), per)
+                parts += _ring(f"{paths[int(joint)]}/torque", driver)
+    return parts
+
+
+def _torque(frames: Frames) -> np.ndarray:
+    torque = frames.motion.torque
+    return np.zeros((len(frames.q), 3)) if torque is None else torque
+
+
+def _joint_torque(k: int, axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
+    return lambda frames: _about(axis, frames.motion.joint_torque, k, len(frames.q))
+
+
+def _wheel_torque(k: int, axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
+    return lambda frames: _about(axis, frames.motion.wheel_torque, k, len(frames.q))
+
+
+def _about(axis: np.ndarray, values: np.ndarray | None, k: int, count: int) -> np.ndarray:
+    return np.zeros((count, 3)) if values is None else values[:, [k]] * axis
+
+
+def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -> list[Part]:
+    """Return the arrows of momentum; full length is what there would be if nothing cancelled."""
+    parts: list[Part] = []
+    if not model.free:
+        return parts
+    if found.linear_scale > 0.0:
+        driver = VectorDriver(lambda f: f.momenta.linear, None, length / found.linear_scale)
+        parts += _arrow(f"{root}/linear_momentum", driver, LINEAR, "momentum")
+    if found.angular_scale > 0.0:
+        driver = VectorDriver(lambda f: f.momenta.angular, None, length / found.angular_scale)
+        parts += _arrow(f"{root}/angular_momentum", driver, ANGULAR, "angular momentum")
+    return parts
+
+
+def joint_axis(model: SpacecraftModel, joint: int) -> np.ndarray | None:
+    """Return the unit axis (3,) a joint turns about, in its own axes; None for one that does not turn."""
+    kind = model.pin.joints[joint]
+    if kind.nv != 1:
+        return None
+    data, rates = kind.createData(), np.zeros(model.nv)
+    rates[kind.idx_v] = 1.0
+    kind.calc(data, pin.neutral(model.pin), rates)
+    angular = np.asarray(data.v.angular, dtype=float).ravel()
+    return angular if np.linalg.norm(angular) > 0.5 else None
+
+
+def _per(length: float, vectors: np.ndarray) -> float:
+    return length / float(np.linalg.norm(vectors, axis=1).max())
+
+
+def _arrow(path: str, driver: Driver, color: Color, layer: str) -> list[Part]:
+    turn, paint = z_to(np.array([1.0, 0.0, 0.0])), Material(color, unlit=True)
+    shaft, head = Cylinder(0.009, 0.84), Cylinder(0.03, 0.18, top=0.0)
+    return [
+        Part(path, HIDDEN, driver=driver, layer=layer),
+        Part(f"{path}/shaft", moved((0.42, 0.0, 0.0), turn), shaft, paint, shadow=False),
+        Part(f"{path}/head", moved((0.91, 0.0, 0.0), turn), head, paint, shadow=False),
+    ]
+
+
+def _ring(path: str, driver: Driver) -> list[Part]:
+    paint = Material(TORQUE, unlit=True)
+    return [
+        Part(path, HIDDEN, driver=driver, layer="torques"),
+        Part(f"{path}/ring", np.eye(4), _bent_arrow(), paint, shadow=False),
+    ]
+
+
+def _bent_arrow() -> Mesh:
+    """Return three quarters of a turn about x, of radius one half, with a head: right-handed about +x."""
+    radius, thick, sides, steps = 0.5, 0.035, 10, 40
+    angle = np.linspace(0.0, 1.5 * np.pi, steps + 1)
+    width = np.full(steps + 1, thick)
+    # the head: a cone over the last stretch, its base wider than the shaft
+    head = np.linspace(1.5 * np.pi, 1.5 * np.pi + 0.42, 5)
+    angle = np.concatenate([angle, head])
+    width = np.concatenate([width, np.linspace(3.0 * thick, 0.0, 5)])
+    around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    out = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+    ring = (
+        out[:, None] * np.cos(around)[None, :, None]
+        + np.array([1.0, 0.0, 0.0]) * np.sin(around)[None, :, None]
+    )
+    vertices = radius * out[:, None] + width[:, None, None] * ring
+    return Mesh(vertices.reshape(-1, 3), tube_faces(len(angle), sides))
+
+
+def tube_faces(rings: int, sides: int) -> np.ndarray:
+    """Return the triangles (2 sides (rings - 1), 3) of a tube of rings of vertices, ring after ring."""
+    k, i = np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij")
+    a, b = k * sides + i, k * sides + (i + 1) % sides
+    quads = np.stack([a, a + sides, b, b, a + sides, b + sides], axis=-1)
+    return quads.reshape(-1, 3)
+
+
+def _quartered(radius: float) -> Mesh:
+    """Return a ball whose octants are dark and light by turns: the usual mark of a centre of mass."""
+    n, vertices, faces, colors = 8, [], [], []
+    for octant in range(8):
+        sign = np.array([1 if octant >> k & 1 else -1 for k in range(3)])
+        first = len(vertices)
+        index = {}
+        for i in range(n + 1):
+            for j in range(n + 1 - i):
+                index[i, j] = first + len(index)
+                point = np.array([i, j, n - i - j], dtype=float)
+                vertices.append(radius * sign * point / np.linalg.norm(point))
+                colors.append((0.08, 0.08, 0.09) if sign.prod() > 0 else (1.0, 0.86, 0.20))
+        for i in range(n):
+            for j in range(n - i):
+                corners = [index[i, j], index[i + 1, j], index[i, j + 1]]
+                faces.append(corners if sign.prod() > 0 else corners[::-1])
+                if i + j < n - 1:
+                    corners = [index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]]
+                    faces.append(corners if sign.prod() > 0 else corners[::-1])
+    return Mesh(np.array(vertices), np.array(faces), np.array(colors))

@@ -1,0 +1,73 @@
+"""What a description says should have happened: a recording's commands, simulated from its first sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from smsid.errors import RecordingError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.simulate import Inputs, Trajectory, simulate
+from smsid.simulate.inputs import JointMotion
+from smsid.simulate.signals import Sampled
+from smsid.view.channels import Samples, channel, sensed
+from smsid.view.motion import motion_of
+
+WELL = 5  # degree of the spline through measured joint angles: their acceleration is continuous
+
+
+def simulated_twin(
+    model: SpacecraftModel, recording: Recording, *, progress: Callable[[float], None] | None = None
+) -> Trajectory:
+    """Return the motion that the model makes of a recording's commands, from its first state on.
+
+    Commands are held between samples. Joints without commanded torque follow their measured angles, wheels
+    without are locked. The first state is the measured one; slosh and deflection, if not recorded, at rest.
+    ``progress`` is called with the time after every step.
+
+    Raises:
+        RecordingError: nothing was commanded, or the recording tells nothing of the motion.
+        SimulationError: the motion cannot be simulated.
+    """
+    first = motion_of(model, recording, 0.05, 2)
+    start, stop = float(first.time[0]), float(first.time[-1])
+    inputs = _inputs(model, recording)
+    assert first.v is not None
+    return simulate(model, inputs, stop - start, q0=first.q[0], v0=first.v[0], start=start, progress=progress)
+
+
+def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
+    def held(quantity: str, size: int) -> Sampled | None:
+        name = f"command.{quantity}"
+        if not size or name not in recording:
+            return None
+        return _signal(channel(recording, name), 0)
+
+    bus = 3 if model.free else 0
+    force, torque = held("force", bus), held("torque", bus)
+    joints, wheels = held("joint_torque", len(model.arm_joints)), held("wheel_torque", len(model.wheels))
+    angles = sensed(model, recording, "encoder", "encoder", "joint_position")
+    follow = JointMotion.of(_signal(angles[0], WELL)) if joints is None and angles is not None else None
+    if all(x is None for x in (force, torque, joints, wheels, follow)):
+        raise RecordingError(
+            f"The recording '{recording.name}' says nothing of what drove the motion.",
+            advice="Record command.force, command.torque, command.joint_torque or command.wheel_torque.",
+            channels=recording.channels,
+        )
+    return Inputs(
+        force=force,
+        torque=torque,
+        wheel_torque=wheels,
+        joint_torque=joints,
+        joint_motion=follow,
+        lock_joints=joints is None and follow is None and len(model.arm_joints) > 0,
+        lock_wheels=wheels is None and len(model.wheels) > 0,
+    )
+
+
+def _signal(samples: Samples, degree: int) -> Sampled:
+    times, values = samples
+    keep = np.concatenate([[True], np.diff(times) > 0.0])
+    return Sampled.from_samples(times[keep], values[keep], degree)
