@@ -16,6 +16,7 @@ SLOSH = (0.03, 1.0)  # [Hz] between which a tank's frequency is looked for
 MODE = (0.08, 3.0)  # [Hz] the same of a bending mode
 RATIO = 1.13  # of neighbours in the grid
 CYCLES = 1.5  # least number of them in a recording
+CENTRE = 0.7265  # of a uniform cantilever's first mode: where its moving mass sits, in lengths
 PER_CYCLE = 5.0  # least number of samples
 
 
@@ -45,14 +46,16 @@ def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
             continue
         along = np.asarray(bending[0].translation)
         size = float(np.linalg.norm(along))
-        rest = np.cross(along, np.asarray(bending[0].rotation)) / size**2
+        # anywhere along it: half its length, give or take a uniform distribution's standard deviation
+        whole = np.cross(along, np.asarray(bending[0].rotation)) / size**2 / CENTRE
+        rest = 0.5 * whole
         turn, root = joints.placement.rotation, joints.placement.translation
         across = [k for k in range(3) if k != int(np.argmax(np.abs(along)))]
         springs = Springs(
             root + turn @ rest,
             (turn @ along / size)[None],
             np.array([turn[:, k] for k in across]),
-            spread=0.5 * max(float(np.linalg.norm(rest)), 0.1),
+            spread=max(float(np.linalg.norm(whole)), 0.1) / np.sqrt(12.0),
         )
         yield Oscillating(
             "extra_mode", part.name, "appendage", "another mode", None, (), (),
