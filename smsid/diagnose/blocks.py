@@ -15,6 +15,7 @@ from smsid.simulate.trajectory import States
 TIME_TERMS = 6
 RIPPLE = range(3, 13)
 LAGS = 8
+PAST = "its own past"
 SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 
@@ -80,7 +81,7 @@ def whiteness(found: Fit) -> list[Block]:
             continue
         r = np.array([float(x[k:] @ x[:-k]) / c0 for k in range(1, LAGS + 1)])
         ratio = n * (n + 2.0) * float((r**2 / (n - np.arange(1, LAGS + 1))).sum())
-        out.append(Block(name, "its own past", ratio, LAGS))
+        out.append(Block(name, PAST, ratio, LAGS))
     return out
 
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.blocks import Block, adequacy
+from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit, fit
-from smsid.diagnose.noise import fit_with_noise, refitted
+from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
@@ -59,7 +59,7 @@ class Search:
 
     ``scores`` are those of the last round, the best first; ``blocks`` the generic tests after it. ``noise``
     are noise levels over the stated ones by channel, as fitted; with ``misfit`` they count what the model
-    cannot follow.
+    cannot follow. ``strayed`` are rms of the prediction errors over the stated noise, before and after.
     """
 
     nominal: Fit
@@ -71,14 +71,22 @@ class Search:
     samples: int
     noise: dict[str, float]
     misfit: bool = False
+    strayed: tuple[float, float] = (1.0, 1.0)
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = Levels()
 
     @property
     def left(self) -> tuple[Block, ...]:
-        """The generic tests that are still significant."""
+        """The generic tests that are still significant; misfit is not white, that needs no test."""
         n = len(self.blocks)
-        return tuple(b for b in self.blocks if b.p_value * n < self.levels.block)
+        counted = [b for b in self.blocks if not (self.misfit and b.dependence == PAST)]
+        return tuple(b for b in counted if b.p_value * n < self.levels.block)
+
+    @property
+    def followed(self) -> float:
+        """Share of the squared prediction errors, in stated noise, that the causes take away."""
+        before, after = self.strayed
+        return 1.0 - (after / before) ** 2
 
 
 def search(
@@ -96,6 +104,7 @@ def search(
     clock = {"nominal": time.process_time()}
     fitted = fit_with_noise(point, problem, tuple(unknowns))
     nominal, current, causes = fitted.fit, fitted.fit, []
+    before = strayed(fitted.fit.run, fitted.factors)
     clock["search"] = time.process_time()
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}
@@ -128,7 +137,8 @@ def search(
     }
     return Search(
         nominal, current, tuple(causes), tuple(scores), tuple(blocks), len(candidates),
-        current.run.samples, fitted.by_channel, fitted.misfit, seconds, levels,
+        current.run.samples, fitted.by_channel, fitted.misfit,
+        (before, strayed(current.run, fitted.factors)), seconds, levels,
     )  # fmt: skip
 
 

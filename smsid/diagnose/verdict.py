@@ -11,7 +11,7 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Cause, Search
 
 POWER = 0.95
-WRONG = 0.5  # share of the motion a model must explain open loop to be this spacecraft's
+MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
@@ -127,6 +127,8 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them."""
     left = found.left
     words = "; ".join(describe(c) for c in named)
+    if found.misfit:
+        return _with_misfit(found, words)
     if left:
         worst = left[0]
         what = f"{worst.where} still depends on {worst.dependence}"
@@ -135,6 +137,16 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."
+
+
+def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:
+    """The model still strays: causes are named where they take away most of it, the rest is stated."""
+    worst = max(found.noise, key=lambda channel: found.noise[channel])
+    rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
+    if words and found.followed >= MOSTLY:
+        return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
+    sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
+    return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")
 
 
 def describe(cause: FoundCause) -> str:
