@@ -121,8 +121,10 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
     """
     joints = equations.torque.shape[1]
     few = [c for c in candidates if len(c.joints) == 1 and len(c.names) == 1]
+    # columns that depend on the torque take the predicted one: the measured one would explain its own noise
+    load = _roughly(equations)
     for chosen in (candidates, few, ()):
-        columns = [c.columns(equations, equations.motion.torque) for c in chosen]
+        columns = [c.columns(equations, load) for c in chosen]
         design = np.concatenate([equations.rows, *(equations.filtered(c) for c in columns)], axis=2)
         residual, ranks = np.empty_like(equations.torque), []
         for j in range(joints):
@@ -135,6 +137,15 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
             break
     scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
     return Whitening.of(residual, ranks, scale)
+
+
+def _roughly(equations: TorqueEquations) -> np.ndarray:
+    """Return the torque (N, joints) that the combinations alone predict, all joints alike [N m]."""
+    size = np.sqrt(np.mean(equations.torque**2, axis=0)) + FLOOR
+    plain = Whitening(np.zeros((len(size), 0)), size)
+    free = Prior(np.zeros(equations.rows.shape[2]), np.full(equations.rows.shape[2], np.inf))
+    none = np.zeros((*equations.motion.torque.shape, 0))
+    return _solve(equations, free, (), none, plain).load
 
 
 def fit_torques(

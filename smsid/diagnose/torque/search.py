@@ -81,8 +81,8 @@ def search_torques(
 ) -> TorqueSearch:
     """Return the effects that a recording's torques ask for, found one after the other.
 
-    What a joint's own viscous and Coulomb friction, rotor and constant torque explain is theirs; all other
-    candidates come after them and must explain more. A cause must be significant, gain in Bayes's
+    What a joint's own viscous and Coulomb friction, rotor and constant torque explain is theirs; others at
+    that joint must explain more, and couplings come last. A cause must be significant, gain in Bayes's
     criterion, and predict parts of the recording it was not fitted to.
 
     Raises:
@@ -94,16 +94,16 @@ def search_torques(
     nominal = current = fit_torques(equations, prior, (), whitening)
     causes: list[TorqueCause] = []
     rest, tried = list(candidates), len(candidates)
-    only_simple = True
+    coupled = False
     refused: set[int] = set()
     while len(causes) < PER_JOINT * equations.torque.shape[1]:
-        scores = scored(current, [c for c in rest if c in simple] if only_simple else rest)
+        scores = scored(current, rest if coupled else [c for c in rest if len(c.joints) == 1])
         hopeful = (s for s in scores if id(s.candidate) not in refused)
         best = next((s for s in hopeful if _significant(s, current, tried, levels)), None)
         if best is None:
-            if not only_simple:
+            if coupled:
                 break
-            only_simple = False
+            coupled = True
             continue
         if not (predicts(current, best) and acts_on_all(current, best, simple, levels.candidate / tried)):
             LOGGER.info("%s does not hold everywhere", best.candidate.key)
