@@ -17,8 +17,8 @@ def rate_of(recording: Recording, sensor: Sensor, quantity: str) -> float:
 
 
 def event_times(recording: Recording, sensor: Sensor, quantity: str) -> np.ndarray:
-    """Return when what a channel reports happened, (N,) [s]: its clock less the sensor's described delay."""
-    return recording.time(f"{sensor.name}.{quantity}") - sensor.error(quantity).delay
+    """Return when what a channel reports happened, (N,) [s]: its clock less described delay and offset."""
+    return recording.time(f"{sensor.name}.{quantity}") - sensor.error(quantity).lag
 
 
 def sampled(

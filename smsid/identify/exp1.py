@@ -9,6 +9,7 @@ import numpy as np
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
+from smsid.identify.commanded import acting
 from smsid.identify.exp1_result import (
     SeenModes,
     TranslationResult,
@@ -161,7 +162,8 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     time = common_times(recording, (imu, "acceleration"), [(s, "acceleration") for s in panels])
     kept = np.searchsorted(own, time)
     raw = recording[f"{imu.name}.acceleration"][kept, k]
-    force = _held(recording.time("command.force"), recording["command.force"][:, k], time)
+    thrust = acting(model, recording)
+    force = _held(thrust.times, thrust.values[:, k], time)
     fs = rate_of(recording, imu, "acceleration")
 
     def smooth(x: np.ndarray) -> np.ndarray:

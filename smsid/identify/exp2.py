@@ -113,7 +113,7 @@ def identify_momentum(
     place = {"pose_point": motion.pose_point, "imu_point": motion.imu_point}
 
     def noisier(rng: np.random.Generator) -> Motion:
-        recorded = shaken(recording, model.description.sensor, rng)
+        recorded = shaken(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
     if prior is None:  # a prior's weight is set against the errors already
@@ -150,7 +150,7 @@ def identify_momentum(
 def _prepare_twice(
     model: SpacecraftModel, recording: Recording, cutoff: float | None, rate: float | None
 ) -> Motion:
-    noisier = shaken(recording, model.description.sensor, np.random.default_rng(0))
+    noisier = shaken(recording, model.description.effective_sensors(), np.random.default_rng(0))
     again = prepare(model, noisier, cutoff=cutoff, rate=rate)
     return replace(prepare(model, recording, cutoff=cutoff, rate=rate), again=again)
 

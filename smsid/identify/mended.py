@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from smsid.errors import RecordingError
+from smsid.identify.commanded import FEW
 from smsid.identify.robust import white_sigma
 from smsid.identify.usable import spikes, usable
 from smsid.recording import Recording
@@ -27,7 +28,6 @@ NEIGHBOURS = 6  # samples on each side of a short bridge that its cubic goes thr
 MEDIAN = 5  # samples: where several look like spikes, those far from their median are
 EDGE = 2  # rows at an end, or beside a jump, that a parabola is followed to
 CHAIN = 3  # rows from one hole to the next for them to be two bridges
-STEPS = 0.02  # share of samples at which a force may change and still count as made of steps
 TINY = 1e-6  # [s] by which rounding may move a clock
 NO_CUTS = np.zeros(0, dtype=int)
 REGULAR = 0.25  # steps that a sample may be off an even clock for the clock to count as even
@@ -137,7 +137,7 @@ def thrust_jumps(recording: Recording) -> np.ndarray:
     if "command.force" not in recording:
         return np.zeros(0)
     changes = np.any(np.diff(recording["command.force"], axis=0) != 0.0, axis=1)
-    if np.count_nonzero(changes) > STEPS * len(changes):
+    if np.count_nonzero(changes) > FEW * len(changes):
         return np.zeros(0)
     return recording.time("command.force")[1:][changes]
 

@@ -39,9 +39,13 @@ class Roles:
         Raises `RecordingError` naming what is missing.
         """
 
+        known = model.description.effective_sensors()
+
         def find(kind: str, quantities: tuple[str, ...], needed: bool) -> Sensor | None:
             sensors = [
-                s for s in model.description.sensor if s.kind == kind and set(quantities) <= set(s.quantities)
+                s
+                for s in model.description.effective_sensors()
+                if s.kind == kind and set(quantities) <= set(s.quantities)
             ]
             found = [s for s in sensors if all(f"{s.name}.{q}" in recording for q in quantities)]
             if found:
@@ -62,7 +66,7 @@ class Roles:
         assert imu is not None
         panels = {
             str(s.appendage): s
-            for s in model.description.sensor
+            for s in known
             if s.kind == "accelerometers" and f"{s.name}.acceleration" in recording
         }
         return cls(

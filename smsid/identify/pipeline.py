@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage
 from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.identify.corrected import corrected
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
 from smsid.identify.exp2 import MomentumResult, identify_momentum
@@ -134,7 +135,8 @@ def _mended(description: Description, recordings: Sequence[Recording]) -> list[M
                 f"'{recording.name}' is for validation.",
                 advice="Identify from recordings in the role estimation.",
             )
-    return [mended(r, description.sensor) for r in recordings]
+    sensors = description.effective_sensors()
+    return [mended(corrected(r, sensors), sensors) for r in recordings]
 
 
 def _doubted(

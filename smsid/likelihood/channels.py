@@ -112,7 +112,7 @@ def present(model: SpacecraftModel, recording: Recording) -> list[tuple[Sensor, 
     """Return sensors and quantities the recording has and a prediction explains."""
     return [
         (s, q)
-        for s in model.description.sensor
+        for s in model.description.effective_sensors()
         for q in QUANTITIES
         if q in s.quantities and f"{s.name}.{q}" in recording
     ]

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.clocks import event_times
+from smsid.identify.commanded import acting
 from smsid.identify.exp1 import excited_axes
 from smsid.identify.motion import Roles
 from smsid.identify.robust import white_sigma
@@ -17,7 +18,7 @@ from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
-FEW = 0.02  # share of samples at which a force may change and still count as made of steps
+PROBES = 21
 SHORTEST = 0.1  # [s] between knots of a measured motion
 
 
@@ -91,12 +92,12 @@ def measured_drive(
     roles = Roles.of(model, recording, joints=False)
     locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | ({3, 4, 5} if held else set())
     free = np.array([i for i in range(model.nv) if i not in locked])
-    _check_free(model, free)
+    _check_free(model, free, start, stop)
     home = model.home.copy()
     if held and roles.encoder is not None:
         angles = np.nanmedian(recording[f"{roles.encoder.name}.joint_position"], axis=0)
         home = set_group_angles(model.pin, model.arm_joints, home, angles)
-    thrust = _thrust(recording, held)
+    thrust = _thrust(model, recording, held)
     if held:
         return Drive(free, home, True, thrust, None, None)
     joints, wheels = None, None
@@ -147,30 +148,15 @@ def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, de
     return Samples(order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor))
 
 
-def _thrust(recording: Recording, held: bool) -> Thrust | None:
-    """Force as commanded; torque too, unless it is that which holds the attitude."""
+def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> Thrust | None:
+    """Force as it acts; torque too, unless it is that which holds the attitude."""
     if "command.force" not in recording:
         return None
-    times = recording.time("command.force")
-    values = np.zeros((len(times), 6))
-    values[:, :3] = recording["command.force"]
-    if not np.isfinite(values).all():
-        raise RecordingError("'command.force' is not finite everywhere.", advice="Log what was commanded.")
-    if not held and "command.torque" in recording:
-        torque = recording["command.torque"]
-        if len(torque) != len(times):
-            raise RecordingError(
-                "'command.force' and 'command.torque' are on different clocks.",
-                advice="Resample one of them.",
-            )
-        values[:, 3:] = torque
-    if not values.any():
-        return None
-    changes = np.count_nonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1))
-    return Thrust(times, values, bool(changes <= FEW * len(times)))
+    found = acting(model, recording, torque=not held)
+    return Thrust(found.times, found.values, found.steps) if found.values.any() else None
 
 
-def _check_free(model: SpacecraftModel, free: np.ndarray) -> None:
+def _check_free(model: SpacecraftModel, free: np.ndarray, start: float, stop: float) -> None:
     for j in range(2, model.pin.njoints):
         joint = model.pin.joints[j]
         if joint.idx_v in free and joint.nq != joint.nv:
@@ -178,13 +164,30 @@ def _check_free(model: SpacecraftModel, free: np.ndarray) -> None:
                 f"Joint '{model.pin.names[j]}' turns freely without limits; that cannot be predicted here.",
                 advice="Put it into an arm, so that its measured motion is used.",
             )
-    if model.forces:
-        q, v = model.home.copy(), np.full(model.nv, 0.1)
-        tau = np.zeros(model.nv)
-        for term in model.forces:
-            term(0.0, q, v, tau)
-        if tau[free].any():
-            raise DescriptionError(
-                "A nonlinear force acts on slosh, panels or the bus; its derivative is not known.",
-                advice="Leave the effect out of the description for the refinement.",
-            )
+    for t in _probes(model, start, stop):
+        for q, v in _states(model):
+            tau = np.zeros(model.nv)
+            for term in (*model.loads, *model.forces):
+                term(t, q, v, tau)
+            if tau[free].any():
+                raise DescriptionError(
+                    "A nonlinear force acts on slosh, panels or the bus; its derivative is not known.",
+                    advice="Leave the effect out of the description for the refinement.",
+                    time=t,
+                )
+
+
+def _probes(model: SpacecraftModel, start: float, stop: float) -> np.ndarray:
+    """Times [s] at which forces are looked at: between any two of their jumps, and `PROBES` in the record."""
+    if not (model.forces or model.loads):
+        return np.zeros(0)
+    edges = np.array([start, *sorted(b for b in model.breakpoints if start < b < stop), stop])
+    return np.unique(np.concatenate([0.5 * (edges[1:] + edges[:-1]), np.linspace(start, stop, PROBES)]))
+
+
+def _states(model: SpacecraftModel) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Moving, at rest but deflected, and both: a force may need the one or the other to be there."""
+    away = model.home.copy()
+    away[model.spring_q] += 0.1
+    still, moving = np.zeros(model.nv), np.full(model.nv, 0.1)
+    return [(model.home.copy(), moving), (away, still), (away, moving)]

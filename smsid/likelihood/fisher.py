@@ -85,7 +85,7 @@ def _fisher(
 ) -> FisherInformation:
     if sensors is not None:
         description = description.with_sensors(*sensors)
-    for sensor in description.sensor:
+    for sensor in description.effective_sensors():
         for quantity in sensor.quantities:
             if not np.all(np.asarray(sensor.error(quantity).white_sigma(sensor.rate)) > 0.0):
                 raise ExperimentError(

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.sparse import csr_array
 
+from smsid.identify.corrected import corrected
 from smsid.identify.usable import outliers
 from smsid.likelihood.channels import Channel, described_sigma, measured_channels, present, spanned
 from smsid.likelihood.drive import Drive, measured_drive
@@ -203,6 +204,7 @@ def piece_of(
     Noise comes from the samples, or with ``described_noise`` from the description's error models. Raises what
     `measured_drive`, `spanned` and `measured_channels` raise.
     """
+    recording = corrected(recording, model.description.effective_sensors())
     start, stop = spanned(model, recording)
     drive = measured_drive(model, recording, start, stop, described_noise=described_noise)
     jumps = drive.thrust.jumps if drive.thrust is not None else np.zeros(0)

@@ -109,9 +109,11 @@ def test_single_samples_cost_exp2_nothing(exp2: Recording, change):
 def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change, request):
     found = identify(twin.description(), [changed(request.getfixturevalue(which), change)])
     assert not [p.name for p in found.estimate.parameters if p.status == "identifiable"]
+    assert any("bridged" in note for note in found.estimate.notes)
     spoilt = [p for p in found.estimate.parameters if p.note.startswith(BRIDGED)]
-    assert len(spoilt) >= 5
-    assert "maximum likelihood" in spoilt[0].note
+    if change is not saturated:  # too little is left of Exp. 1 for anything to look identifiable
+        assert len(spoilt) >= 5
+        assert "maximum likelihood" in spoilt[0].note
 
 
 def test_too_short_for_exp1(exp1: Recording):
