@@ -13,7 +13,7 @@ from .limits import strength_one
 
 CATEGORIES = ("nothing", "wrong_noise", "single", "onset", "outside", "pair")
 SHARES = (0.3, 0.1, 0.4, 0.05, 0.08, 0.07)
-WORLD_SHARES = {"sms": 0.4, "panel": 0.25, "rigid": 0.15, "arm": 0.2}
+WORLD_SHARES = {"sms": 0.4, "panel": 0.15, "rigid": 0.2, "arm": 0.25}
 WRONG_NOISE = (0.7, 1.3)
 OUTSIDE_STRENGTH = 10.0
 ONSET_STRENGTHS = (10.0, 30.0)
