@@ -83,19 +83,20 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
     )
     rows, table, values = [], [], []
     for c in g.channels:
+        shown = "rad" if c.channel.endswith(".attitude") else unit(c.unit)  # compared as rotation vectors
         marks = (
-            Mark(c.noise, series=2, shape="tick", tip=f"noise {number(c.noise, 3)} {unit(c.unit)}"),
-            Mark(c.given, series=1, shape="ring", tip=f"as given {number(c.given, 3)} {unit(c.unit)}"),
-            Mark(c.extended, series=0, shape="dot", tip=f"extended {number(c.extended, 3)} {unit(c.unit)}"),
+            Mark(c.noise, series=2, shape="tick", tip=f"noise {number(c.noise, 3)} {shown}"),
+            Mark(c.given, series=1, shape="ring", tip=f"as given {number(c.given, 3)} {shown}"),
+            Mark(c.extended, series=0, shape="dot", tip=f"extended {number(c.extended, 3)} {shown}"),
         )
         marks = tuple(m for m in marks if m.value > 0.0)
         factor = c.given / c.extended if c.extended > 0.0 else math.nan
-        rows.append(Row(f"{c.channel} [{unit(c.unit) or '1'}]", marks, f"÷ {number(factor, 3)}"))
+        rows.append(Row(f"{c.channel} [{shown}]", marks, f"÷ {number(factor, 3)}"))
         values += [m.value for m in marks]
         table.append(
             (
                 Cell(c.channel),
-                Cell(unit(c.unit)),
+                Cell(shown),
                 Cell(number(c.given, 4), c.given),
                 Cell(number(c.extended, 4), c.extended),
                 Cell(number(c.noise, 4), c.noise),

@@ -27,7 +27,7 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
     with canvas(height=0.8 + 0.155 * len(shown)) as (figure, ax):
         for good, colour, name in (
             (True, 0, "half of the 95 % interval"),
-            (False, 2, "the same, not identifiable"),
+            (False, 2, "not identifiable"),
         ):
             rows = [k for k, p in enumerate(shown) if (p.status == "identifiable") is good]
             widths = [QUANTILE * shown[k].relative_sigma for k in rows]

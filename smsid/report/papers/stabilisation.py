@@ -32,9 +32,12 @@ def stabilisation_figure(model: SpacecraftModel, recording: Recording, title: st
                 ax.axvline(m.frequency, color=COLOURS[1], ls="--", lw=0.8)
                 where = ax.get_xaxis_transform()
                 text = f" {m.frequency:.4g} Hz"
-                ax.text(m.frequency, 1.0, text, transform=where, size=6.5, rotation=90, va="top", ha="left")
+                ax.text(
+                    m.frequency, 0.01, text, transform=where, size=6.5, rotation=90, va="bottom", ha="left"
+                )
             ax.plot(*d.points(False), ".", color=COLOURS[2], ms=3, label="not stable")
             ax.plot(*d.points(True), "o", mfc="none", color=COLOURS[0], ms=4, label="stable pole")
+            ax.yaxis.get_major_locator().set_params(integer=True)
             ax.set_xlim(0.0, 0.32 * d.rate)
             ax.set_xlabel(f"frequency [Hz], {d.appendage} sampled at {d.rate:.3g} Hz")
         axes[0, 0].set_ylabel("model order")
