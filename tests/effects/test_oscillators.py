@@ -229,3 +229,43 @@ def test_an_elastic_gear_on_a_free_spacecraft_keeps_momentum(urdf: Path) -> None
     audit = simulate(model, Inputs(joint_torque=Constant(np.array([0.5, 2.0, -1.0]))), 3.0).audit()
     assert audit.momentum_drift < 1e-9 * audit.momentum_scale
     assert audit.energy_drift < 1e-9 * audit.energy_scale
+
+
+def test_a_quasistatic_gear_is_what_a_stiff_one_settles_to(folder: Path) -> None:
+    """The encoder's reading beside that of the gear with a joint of its own, its ringing damped away."""
+    torque, rotor, compliance, times = 3.0, 0.5, 1e-4, np.linspace(1.0, 2.0, 21)
+    readings = []
+    for more in ({"damping": 0.5 * np.sqrt(0.4 / compliance)}, {"quasistatic": True}, None):
+        if more is None:
+            effect: Effect = MotorInertia(name="g", joint="hinge", inertia=rotor)
+        else:
+            effect = GearCompliance(
+                name="g", joint="hinge", compliance=compliance, motor_inertia=rotor, **more
+            )
+        trajectory = simulate(
+            one_joint(folder, effect), Inputs(joint_torque=Constant(np.array([torque]))), 2.0
+        )
+        encoder = Sensor(name="encoder", kind="encoder", rate=100.0)
+        readings.append(truth_of(trajectory, (encoder,))(times)["encoder.joint_position"][:, 0])
+    stiff, at_once, rigid = readings
+    twist = compliance * (torque - rotor * torque / (INERTIA + rotor))
+    np.testing.assert_allclose(at_once - rigid, twist, rtol=1e-6)
+    # the rotor leads while the link trails behind: by its share of the inertia about their common motion
+    share = INERTIA / (INERTIA + rotor)
+    np.testing.assert_allclose(stiff - rigid, share * twist, rtol=1e-3)
+
+
+def test_quasistatic_backlash_follows_the_torque(folder: Path) -> None:
+    gear = Backlash(name="g", joint="hinge", gap=0.02, quasistatic=True, motor_inertia=0.0)
+    model = one_joint(folder, gear)
+    assert model.nv == 1
+    tau, a = np.array([[-5.0], [0.0], [5.0]]), np.zeros((3, 1))
+    np.testing.assert_allclose(model.encoder_twist(tau, a)[:, 0], [-0.01, 0.0, 0.01], atol=1e-12)
+
+
+def test_a_rotor_counted_in_the_link_adds_no_inertia(folder: Path) -> None:
+    q, v, tau = np.zeros(1), np.zeros(1), np.array([2.0])
+    gear = GearCompliance(
+        name="g", joint="hinge", compliance=1e-4, motor_inertia=0.5, inertia_in_link=True, quasistatic=True
+    )
+    assert one_joint(folder, gear).acceleration(0, q, v, tau) == pytest.approx(tau / INERTIA)
