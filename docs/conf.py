@@ -16,9 +16,9 @@ version = release = smsid.__version__
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
     "myst_parser",
     "api_pages",
+    "measured_pages",
     "mathml",
 ]
 

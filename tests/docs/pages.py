@@ -24,6 +24,7 @@ FENCE = re.compile(
     r"^(?P<indent> *)(?P<fence>```+)(?P<language>[^\n`]*)\n(?P<text>.*?)^ *(?P=fence) *$", re.M | re.S
 )
 COMMENT = re.compile(r"<!-- *(?P<key>not run|slow|file|exit): *(?P<value>.*?) *-->\s*\Z", re.S)
+GENERATED = {"api", "measured"}  # written by the build, from docstrings and from results
 GIVEN = re.compile(r"<!-- *given: *(.*?) *-->", re.S)
 
 
@@ -74,6 +75,6 @@ def read_page(path: Path) -> Page:
 
 
 def pages() -> list[Page]:
-    """Return README and all pages of the documentation but the API's, which are made from docstrings."""
-    docs = sorted(p for p in (ROOT / "docs").rglob("*.md") if "api" not in p.relative_to(ROOT).parts)
+    """Return README and all pages of the documentation but those that the build writes."""
+    docs = sorted(p for p in (ROOT / "docs").rglob("*.md") if not GENERATED & set(p.relative_to(ROOT).parts))
     return [read_page(path) for path in (README, *docs)]
