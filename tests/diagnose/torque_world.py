@@ -146,6 +146,10 @@ def dahl(joint: int, size: float, stiffness: float) -> Hidden:
     return hidden
 
 
+def _stribeck(v: np.ndarray) -> np.ndarray:
+    return (5.0 + 10.0 / (1.0 + (v / 0.08) ** 2)) * np.sign(v)
+
+
 @dataclass(frozen=True)
 class Case:
     """One hidden effect and what names are right: ``(effect, location)``; none outside the catalogue.
@@ -192,7 +196,7 @@ CASES: dict[str, Case] = {
         "joint_friction", "joint2", parameter=("position_sin", 5.0),
     ),
     "stribeck": Case(
-        _hides(lambda s: on(1, lambda q, v, a, load: s * (5.0 + 10.0 / (1.0 + (v / 0.08) ** 2)) * np.sign(v))),
+        _hides(lambda s: on(1, lambda q, v, a, load: s * _stribeck(v))),
         "joint_friction", "joint2",
     ),
     "coupling": Case(

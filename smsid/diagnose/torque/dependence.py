@@ -17,6 +17,9 @@ RIPPLE = range(3, 9)
 SIGN = 5e-3
 """Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
 
+CURVES = (5e-4, 2e-2)
+"""Other such rates, sharper and blunter; how friction turns over there is nobody's finding."""
+
 DEPENDENT = 1e-6
 
 
@@ -26,14 +29,16 @@ def dependences(found: TorqueFit) -> list[Block]:
     The torque of every joint against its own rate, load, acceleration, angle, ripple over the angle of joint
     and motor, time and its own slope (a delay), and against rate and acceleration of every other joint. The
     p-values allow for noise that is coloured or uneven: ``ratio`` is the chi-squared of the same p-value.
+    How sharply fitted Coulomb friction turns over at a reversal is free to differ from the catalogue's curve.
     """
     out = []
+    curves = _curves(found)
     for j, joint in enumerate(found.equations.names):
         rows = found.rows_of((joint,))
         for name, parts in _terms(found, j):
             values = np.zeros((*found.load.shape, len(parts)))
             values[:, j] = np.stack(parts, axis=1)
-            basis = _beyond(found, found.whitened(found.equations.filtered(values)))
+            basis = _beyond(found, found.whitened(found.equations.filtered(values)), curves)
             freedom = basis.shape[1]
             if freedom == 0:
                 continue
@@ -46,10 +51,32 @@ def dependences(found: TorqueFit) -> list[Block]:
     return sorted(out, key=lambda b: b.p_value)
 
 
-def _beyond(found: TorqueFit, white: np.ndarray) -> np.ndarray:
-    """Orthonormal directions of whitened columns beside what is fitted."""
+def _curves(found: TorqueFit) -> np.ndarray:
+    """Orthonormal directions in which the turning over of fitted Coulomb friction may differ (rows, k)."""
+    names = {n for term in found.terms for n in term.names}
+    parts = []
+    for j, joint in enumerate(found.equations.names):
+        own = [n for n in names if n.endswith(("coulomb", "stribeck", "load", "position_cos"))]
+        shared = {t.candidate.joints for t in found.terms if set(t.names) & set(own)}
+        rates = [
+            sum(found.equations.motion.v[:, found.equations.names.index(k)] for k in joints)
+            for joints in shared
+            if joint in joints
+        ]
+        for rate in rates:
+            for width in CURVES:
+                values = np.zeros((*found.load.shape, 1))
+                values[:, j, 0] = np.tanh(rate / width) - np.tanh(rate / SIGN)
+                parts.append(found.whitened(found.equations.filtered(values)))
+    none = np.zeros((len(found.left), 0))
+    return _beyond(found, np.hstack([none, *parts]), none)
+
+
+def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarray:
+    """Orthonormal directions of whitened columns beside what is fitted and the freedom of friction curves."""
     size = np.linalg.norm(white, axis=0)
     left = white - found.basis @ (found.basis.T @ white)
+    left = left - curves @ (curves.T @ left)
     left = left[:, size > 0.0] / size[size > 0.0]
     if left.shape[1] == 0:
         return left

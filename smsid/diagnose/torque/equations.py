@@ -46,7 +46,8 @@ class TorqueEquations:
     Coulomb friction's at a reversal, alike on both sides (Gautier's parallel decimation).
     ``fine`` (N, joints, b) are the rows before that, ``rows`` (n, joints, b) after, ``torque`` (n, joints)
     [N m], ``base`` the identifiable combinations, ``band`` [Hz], ``noise`` (joints,) the level [N m] of the
-    torque's white noise within the band, ``late`` by how much the angles were taken to be late [s].
+    torque's white noise within the band, ``interval`` between samples of the recording, ``late`` by how
+    much the angles were taken to be late [s].
     """
 
     description: Description
@@ -59,6 +60,7 @@ class TorqueEquations:
     time: np.ndarray
     band: float
     noise: np.ndarray
+    interval: float
     late: float = 0.0
     turns: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
 
@@ -127,7 +129,7 @@ def torque_equations(
         _banded(fine, motion.rate, within),
         _banded(motion.torque, motion.rate, within),
         _banded_times(motion.time, motion.rate, within),
-        within, noise, late,
+        within, noise, 1.0 / angles.rate, late,
     )  # fmt: skip
 
 

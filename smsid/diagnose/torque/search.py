@@ -36,6 +36,9 @@ LOGGER = logging.getLogger(__name__)
 PER_JOINT = 6
 """Causes a joint may have before the search ends."""
 
+STAMPS = 0.05
+"""Share of a sampling interval below which no delay is claimed: stamps and samplers are not that exact."""
+
 SETTLED = {"zero": 1e-3, "clock": 1e-4}
 """A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
 
@@ -119,7 +122,7 @@ def search_torques(
         if best.candidate.shape == "stribeck":  # one curve a joint
             rest = [c for c in rest if c.key != best.candidate.key]
         causes, current = _refitted(current, causes, recording)
-        causes, current = _pruned(causes, current, tried, levels)
+        causes, current = _pruned(causes, current, recording, tried, levels)
     scores = scored(current, rest)
     causes = [
         c if c.term.candidate.moves else _beside_all(current, causes, c, candidates, levels) for c in causes
@@ -128,7 +131,14 @@ def search_torques(
 
 
 def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: TorqueLevels) -> bool:
+    if _unresolved(s.candidate, s.estimate, current.equations):
+        return False
     return s.p_value * tried < levels.candidate and s.gain(current.samples) > 0.0
+
+
+def _unresolved(candidate: TorqueCandidate, x: np.ndarray, equations: TorqueEquations) -> bool:
+    """Whether a delay is shorter than time stamps are to be believed."""
+    return candidate.units == ("s",) and abs(float(x[0])) < STAMPS * equations.interval
 
 
 def _beside_all(
@@ -203,6 +213,7 @@ def _refitted(
 def _pruned(
     causes: list[TorqueCause],
     current: TorqueFit,
+    recording: Recording,
     tried: int,
     levels: TorqueLevels,
 ) -> tuple[list[TorqueCause], TorqueFit]:
@@ -213,22 +224,38 @@ def _pruned(
         if chances[worst] <= levels.candidate:
             break
         LOGGER.info("%s is not needed any more", causes[worst].term.candidate.key)
+        equations, load = current.equations, current.load
+        if causes[worst].term.candidate.moves:
+            equations = _moved_back(equations, causes[worst], recording)
+            load = equations.motion.torque
         causes = [c for c in causes if c is not causes[worst]]
-        current = fit_torques(
-            current.equations, current.prior, [c.term for c in causes], current.whitening, load=current.load
-        )
+        terms = [c.term for c in causes]
+        current = fit_torques(equations, current.prior, terms, current.whitening, load=load)
     return causes, current
+
+
+def _moved_back(equations: TorqueEquations, cause: TorqueCause, recording: Recording) -> TorqueEquations:
+    """Return the equations without what a joint's zero or the clock moved them by."""
+    own = cause.score.candidate
+    assert own.effect is not None
+    clock = own.moves == "clock"
+    description = equations.description if clock else equations.description.with_effects(own.effect)
+    late = 0.0 if clock else equations.late
+    cutoff, band = equations.motion.cutoff, equations.band
+    return torque_equations(description, recording, cutoff=cutoff, band=band, late=late)
 
 
 def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
     """Corrected p-value of a cause beside all others, after Wald; 1 where Bayes's criterion loses.
 
-    What moves the equations is in them already, and what is fitted of it nil: it was judged when it came in.
+    What moves the equations counts by how far they were moved.
     """
-    if cause.term.candidate.moves:
-        return 0.0
     index = [current.names.index(n) for n in cause.term.names]
     x, covariance = current.x[index], current.covariance[np.ix_(index, index)]
+    if cause.term.candidate.moves:
+        x = x + moved_value(cause.term) - moved_value(Term(cause.score.candidate, cause.term.kept))
+    if _unresolved(cause.term.candidate, x, current.equations):
+        return 1.0
     wald = float(x @ np.linalg.pinv(covariance) @ x)
     if wald < len(index) * np.log(current.samples):
         return 1.0
