@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.diagnose.channels import Outputs, measured
+from smsid.effects import GearCompliance, SensorBias
 from smsid.errors import RecordingError
 from smsid.recording import Recording
 from smsid.simulate.trajectory import States
@@ -59,3 +60,37 @@ def test_a_recording_of_other_sensors_is_refused(known, recording):
     )
     with pytest.raises(RecordingError, match="nothing the sensors"):
         measured(known.point.base, other, known.point.description.sensor)
+
+
+def test_a_bias_that_begins_midway_is_there_from_then_on(known, problem):
+    """In the reading of one sample and of all, as the sensors' own error model has it."""
+    start, bias = 2.0, (1e-3, -2e-3, 3e-3)
+    effect = SensorBias(name="b", sensor="imu", quantity="angular_rate", bias=bias, start=start)
+    point = known.point.with_effect(effect)
+    data, later = problem.data, problem.data.with_blocks(point.sensors())
+    rows = next(b.rows for b in data.blocks if b.channel == "imu.angular_rate")
+    predicted = np.zeros(data.rows)
+    for k in (0, int(np.searchsorted(data.times, start)) - 1, int(np.searchsorted(data.times, start)), -1):
+        change = data.residual(k, predicted, np.eye(3)) - later.residual(k, predicted, np.eye(3))
+        expected = np.zeros(data.rows)
+        expected[rows] = bias if data.times[k] >= start else 0.0
+        np.testing.assert_allclose(change, expected, atol=1e-15)
+    model, n = point.base, 3
+    still = np.zeros((n, model.nv))
+    states = States(np.array([1.9, 2.0, 2.1]), np.tile(model.home, (n, 1)), still, still, still, still)
+    change = Outputs(model, later).all(states) - Outputs(model, data).all(states)
+    np.testing.assert_allclose(change[:, rows], np.outer([0.0, 1.0, 1.0], bias), atol=1e-15)
+
+
+def test_encoder_sees_a_gear_that_gives_at_once(known, problem):
+    gear = GearCompliance(name="g", joint="joint2", compliance=1e-3, motor_inertia=0.5, quasistatic=True)
+    model = known.point.with_effect(gear).model()
+    rng = np.random.default_rng(3)
+    tau, a = rng.standard_normal((2, model.nv))
+    h = np.zeros(problem.data.rows)
+    Outputs(model, problem.data).twisted(h, tau, a)
+    rows = next(b.rows for b in problem.data.blocks if b.channel == "encoder.joint_position")
+    v = int(model.arm_joints.v[1])
+    expected = np.zeros(problem.data.rows)
+    expected[rows.start + 1] = 1e-3 * (tau[v] - 0.5 * a[v])
+    np.testing.assert_allclose(h, expected, atol=1e-18)
