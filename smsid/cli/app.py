@@ -23,6 +23,7 @@ COMMANDS = {
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
+    "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),
     "control": Entry("smsid.control.command:control_command", "Design a controller from what is identified."),
     "campaign": Entry("smsid.campaign.command:campaign_command", "Run a Monte Carlo campaign."),
     "export": Entry("smsid.export.command:export_command", "Export URDF, TOML, CSV and MuJoCo XML."),

@@ -10,16 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output
+from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from smsid.design import Design
     from smsid.design.separate import Separation
     from smsid.design.watch import Progress
 
-console, errors = Console(), Console(stderr=True)
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
 INTERRUPTED = 130
 
@@ -38,9 +40,7 @@ def design_command(
         str | None,
         typer.Option(help="two causes as diagnose prints them, e.g. 'viscous at joint2,coulomb at joint2'"),
     ] = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="experiment (TOML) to write, whole or not at all")
-    ] = Path("experiment.toml"),
+    output: Output = Path("experiment.toml"),
     mode: Annotated[
         str, typer.Option(help="thrust (attitude held), motion (arm and wheels, free floating), or auto")
     ] = "auto",
@@ -69,7 +69,7 @@ def design_command(
     margin: Annotated[float, typer.Option(help="share of every limit to leave unused")] = 0.02,
     seed: Annotated[int, typer.Option(help="of the search")] = 0,
     effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
-) -> None:
+) -> Outcome:
     """Design an experiment: `smsid simulate DESC EXPERIMENT.toml` flies it.
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
@@ -127,13 +127,13 @@ def design_command(
                 progress=tell,
             )
     save_experiment(found.experiment, output)
+    out = console()
     for part in _tables(found):
-        console.print(part)
+        out.print(part)
     for note in found.notes:
-        console.print(f"note: {note}", markup=False, highlight=False)
-    console.print(f"{found.evaluations} experiments tried; wrote {output}")
-    if found.interrupted:
-        raise typer.Exit(INTERRUPTED)
+        out.print(f"note: {note}", markup=False, highlight=False)
+    out.print(f"{found.evaluations} experiments tried; wrote {output}")
+    return Outcome({"design": found.document()}, [output], INTERRUPTED if found.interrupted else 0)
 
 
 def share(text: str) -> float:
@@ -151,6 +151,9 @@ def share(text: str) -> float:
 
 
 def _tables(found: Design | Separation) -> Iterator[Table | str]:
+    from rich.table import Table
+    from rich.text import Text
+
     from smsid.cli.tables import limits_table
     from smsid.design import Design
 
@@ -190,5 +193,5 @@ def _tables(found: Design | Separation) -> Iterator[Table | str]:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    with errors.status("designing") as status:
-        yield lambda stage, tried, best: status.update(f"{stage}: {tried} tried, best {best:.3g}")
+    with working("designing") as tell:
+        yield lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")

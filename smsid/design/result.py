@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,25 @@ class Design:
     def relative_before(self) -> np.ndarray:
         """Those of the reference (k,)."""
         return self.before / self.goal.scales
+
+    def document(self) -> dict[str, Any]:
+        """Return the design as plain data."""
+        rows = zip(self.goal.names, self.goal.units, self.goal.values, self.sigma, self.before, strict=True)
+        return {
+            "experiment": self.experiment.model_dump(mode="json", by_alias=True, exclude_none=True),
+            "criterion": self.goal.criterion,
+            "parameters": [
+                {"name": n, "unit": u, "value": float(v), "sigma": float(s), "sigma_before": float(b)}
+                for n, u, v, s, b in rows
+            ],
+            "relative": self.relative.tolist(),
+            "relative_before": self.relative_before.tolist(),
+            "before": self.reference.note,
+            "limits": [asdict(u) for u in self.limits],
+            "evaluations": self.evaluations,
+            "interrupted": self.interrupted,
+            "notes": list(self.notes),
+        }
 
     @property
     def gain(self) -> float:

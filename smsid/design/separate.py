@@ -9,7 +9,8 @@ root. The experiment sought has the least geometric mean of both limits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -65,6 +66,19 @@ class Separation:
     evaluations: int
     interrupted: bool = False
     notes: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return the separation as plain data."""
+        return {
+            "experiment": self.experiment.model_dump(mode="json", by_alias=True, exclude_none=True),
+            "detection_limits": [asdict(r) for r in self.rows],
+            "correlation": self.correlation,
+            "correlation_before": self.correlation_before,
+            "limits": [asdict(u) for u in self.limits],
+            "evaluations": self.evaluations,
+            "interrupted": self.interrupted,
+            "notes": list(self.notes),
+        }
 
 
 @dataclass(frozen=True)
