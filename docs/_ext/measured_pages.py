@@ -32,24 +32,46 @@ def asked(script: Path) -> str:
     return " ".join(doc.split("\n\n")[0].split()).rstrip(".").replace("|", r"\|")
 
 
+def shown(value: Any) -> str | None:
+    """Return a number, a word or a short list of them as text; None for anything else."""
+    if isinstance(value, list) and value and len(value) <= 12:
+        parts = [shown(x) for x in value]
+        return ", ".join(x for x in parts if x) if all(parts) else None
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, bool | int | str) and len(str(value)) < 120:
+        return str(value).replace("|", " ")
+    return None
+
+
 def numbers(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, str]]:
-    """Give names and values of what is a number or a word, three levels deep."""
-    if isinstance(value, dict) and depth < 4:
+    """Give names and values of what can be shown, four levels deep."""
+    text = shown(value)
+    if text is not None:
+        yield name.replace("|", " "), text
+    elif isinstance(value, dict) and depth < 4:
         for key, inner in value.items():
             yield from numbers(inner, f"{name}, {key}" if name else str(key), depth + 1)
-    elif isinstance(value, bool | int | str) and len(str(value)) < 120:
-        yield name, str(value)
-    elif isinstance(value, float):
-        yield name, f"{value:.4g}"
 
 
 def figures(result: dict[str, Any]) -> str:
-    """Return the table of a result that has no tables of its own."""
+    """Return the tables of a result that has none of its own: one of every list, one of the rest."""
     plain = {k: v for k, v in result.items() if k not in ("environment", "claim", "command", "what")}
-    rows = list(numbers(plain))
-    lines = [f"| {name.replace('|', ' ')} | {value.replace('|', ' ')} |" for name, value in rows[:ROWS]]
-    more = f"\n{len(rows) - ROWS} more are in the file.\n" if len(rows) > ROWS else ""
-    return "| | |\n|---|---|\n" + "\n".join(lines) + "\n" + more
+    lists = {k: v for k, v in plain.items() if isinstance(v, list) and v and isinstance(v[0], dict)}
+    rows = list(numbers({k: v for k, v in plain.items() if k not in lists}))
+    text = "| | |\n|---|---|\n" + "".join(f"| {name} | {value} |\n" for name, value in rows[:ROWS])
+    if len(rows) > ROWS:
+        text += f"\n{len(rows) - ROWS} more are in the file.\n"
+    return text + "".join(records(name, every) for name, every in lists.items())
+
+
+def records(name: str, every: list[dict[str, Any]]) -> str:
+    """Return the table of a list of records, of what can be shown of them."""
+    keys = [k for k in every[0] if all(shown(x.get(k, "")) is not None for x in every)][:9]
+    if not keys:
+        return ""
+    lines = [keys, ["---"] * len(keys), *([shown(x.get(k, "")) or "" for k in keys] for x in every[:ROWS])]
+    return f"\n## {name}\n\n" + "".join("| " + " | ".join(cells) + " |\n" for cells in lines)
 
 
 def page(name: str, title: str, result: dict[str, Any], tables: Path) -> str:
@@ -82,7 +104,11 @@ def generate(app: Sphinx) -> None:
         names.append(name)
         cells = (f"[{title}]({name}.md)", f"`python benchmarks/{name}.py`", where.get("cpu", ""))
         rows.append("| " + " | ".join((*cells, where.get("date", ""))) + " |")
-    toc = "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n"
+    toc = (
+        "\n\n```{toctree}\n:hidden:\n\n"
+        + "\n".join(f"{n.replace('_', ' ')} <{n}>" for n in names)
+        + "\n```\n"
+    )
     write(folder / "index.md", HEAD + "\n".join(rows) + toc)
     for old in folder.glob("*.md"):
         if old.stem not in (*names, "index"):
