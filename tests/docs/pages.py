@@ -5,6 +5,7 @@ A comment on the lines before a block says how it is tested; a reader of the pag
     <!-- not run: REASON -->    the block is only looked at
     <!-- slow: REASON -->       the block runs with the slow tests
     <!-- file: NAME -->         the block is the content of this file, for the blocks after it
+    <!-- needs: VARIABLE -->    the block runs where this variable of the environment is set
     <!-- exit: CODE -->         the last command of the block ends with this exit code
 
 and one for the whole page, files that the README's commands have left:
@@ -23,7 +24,7 @@ README = ROOT / "README.md"
 FENCE = re.compile(
     r"^(?P<indent> *)(?P<fence>```+)(?P<language>[^\n`]*)\n(?P<text>.*?)^ *(?P=fence) *$", re.M | re.S
 )
-COMMENT = re.compile(r"<!-- *(?P<key>not run|slow|file|exit): *(?P<value>.*?) *-->\s*\Z", re.S)
+COMMENT = re.compile(r"<!-- *(?P<key>not run|slow|file|needs|exit): *(?P<value>.*?) *-->\s*\Z", re.S)
 GENERATED = {"api", "measured"}  # written by the build, from docstrings and from results
 GIVEN = re.compile(r"<!-- *given: *(.*?) *-->", re.S)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import tomllib
@@ -34,6 +35,8 @@ def run_page(page: Page, folder: Path, monkeypatch: pytest.MonkeyPatch, *, slow:
     with session() as names:
         for block in page.blocks:
             if "not run" in block.asked or ("slow" in block.asked and not slow):
+                continue
+            if "needs" in block.asked and not os.environ.get(block.asked["needs"]):
                 continue
             try:
                 run_block(block, folder, names, monkeypatch, page)
