@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.diagnose.channels import Outputs
 from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.filter import run_filter
+from smsid.diagnose.filter import _delayed, run_filter
 from smsid.diagnose.fit import columns_of
 from smsid.diagnose.plant import Plant
 
@@ -82,3 +83,22 @@ def test_a_reading_that_is_off_goes_through_the_filter_as_predicted(known, noise
     reading[1:, row] = 1.0
     found = propagate(run, [Change(reading=reading)])[:, :, 0] * 1e-6
     np.testing.assert_allclose(moved - run.innovations, found, atol=1e-3 * np.abs(found).max())
+
+
+def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem):
+    """Accelerations included, against the plant integrated backwards under the same forces."""
+    model = known.point.base
+    plant, outputs = Plant(model, problem.locked), Outputs(model, problem.data)
+    rng, delay = np.random.default_rng(5), 0.02
+    q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(model.nv))
+    v, tau = 0.1 * rng.standard_normal((2, model.nv))
+    late = np.full(len(problem.data.blocks), delay)
+    found = _delayed(outputs, late, 1.0, (q, v, tau), plant.acceleration(1.0, q, v, tau), plant)[0]
+    before, slower = plant.step(1.0, -delay, q, v, tau)
+    then = plant.acceleration(1.0 - delay, before, slower, tau)
+    expected, now = (
+        outputs.predict(*x)[0] for x in ((before, slower, then), (q, v, plant.acceleration(1.0, q, v, tau)))
+    )
+    for block in problem.data.blocks:
+        off = np.abs(found[block.rows] - expected[block.rows]).max()
+        assert off < 0.05 * np.abs(now[block.rows] - expected[block.rows]).max() + 1e-12, block.channel
