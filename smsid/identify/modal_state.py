@@ -19,10 +19,14 @@ from smsid.model.assembly import AppendageJoints
 
 @dataclass(frozen=True)
 class ModalState:
-    """Estimated modal coordinates delta and delta' of one appendage, (N, modes) [kg^.5 m, kg^.5 m/s]."""
+    """Estimated modal coordinates delta and delta' of one appendage, (N, modes) [kg^.5 m, kg^.5 m/s].
+
+    ``forward``: the filter's state (N, 2 modes) and its covariance, where a motion goes on after this one.
+    """
 
     position: np.ndarray
     velocity: np.ndarray
+    forward: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -105,12 +109,21 @@ def integrate_accelerometers(motion: Motion, joints: AppendageJoints) -> ModalSt
     return ModalState(z1, z2)
 
 
-def smooth_modes(motion: Motion, joints: AppendageJoints, *, accelerometer: float, imu: float) -> ModalState:
+def smooth_modes(
+    motion: Motion,
+    joints: AppendageJoints,
+    *,
+    accelerometer: float,
+    imu: float,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    going_on: bool = False,
+) -> ModalState:
     """Return the modal state by a Kalman filter and Rauch-Tung-Striebel smoother with the identified modes.
 
     The modes obey ``dd + 2 zeta w d' + w^2 d = -drive(rigid motion)``; the accelerometers see ``S dd`` and
     more. ``accelerometer``, ``imu``: noise of the prepared samples, one sigma [m/s^2]; only their ratio to
-    the signal decides how far each is trusted. The panel starts at rest.
+    the signal decides how far each is trusted. The panel starts at rest, or with ``start``: the filter's
+    state (2 modes,) and covariance at the first sample. ``going_on`` keeps what that takes (`forward`).
     """
     name = joints.appendage.name
     chosen = motion.stations.get(name, np.zeros(0, dtype=int))
@@ -137,7 +150,7 @@ def smooth_modes(motion: Motion, joints: AppendageJoints, *, accelerometer: floa
     q[m:, m:] = noise_in * h * h
     q += 1e-16 * np.trace(q) * np.eye(2 * m)
     n = len(motion)
-    x, p = np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+    x, p = (np.zeros(2 * m), np.zeros((2 * m, 2 * m))) if start is None else start
     seen = bool(len(chosen))
     if seen:
         s = panel.shapes.reshape(-1, m)
@@ -159,13 +172,14 @@ def smooth_modes(motion: Motion, joints: AppendageJoints, *, accelerometer: floa
             x = f @ x + gamma0 @ force[0] + gamma1 @ force[1]
             p = f @ p @ f.T + q
         xs[i], ps[i] = x, p
-        if seen:
+        if seen and i:  # the start is known, or has had its measurement
             innovation = y[i] - c @ x  # the softening cancels against the points' own centripetal part
             information = c.T @ r_inv
-            p = np.linalg.inv(np.linalg.inv(p + 1e-18 * np.eye(2 * m)) + information @ c) if i else p
+            p = np.linalg.inv(np.linalg.inv(p + 1e-18 * np.eye(2 * m)) + information @ c)
             x = x + p @ information @ innovation
         xf[i], pf[i] = x, p
+    forward = (xf.copy(), pf) if going_on else None
     for i in range(n - 2, -1, -1):
         gain = np.linalg.solve(ps[i + 1] + 1e-18 * np.eye(2 * m), f @ pf[i]).T
         xf[i] = xf[i] + gain @ (xf[i + 1] - xs[i + 1])
-    return ModalState(xf[:, :m], xf[:, m:])
+    return ModalState(xf[:, :m], xf[:, m:], forward)

@@ -108,19 +108,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     regressor = Regressor(model)
     parts = Split.of(model, regressor, bus_first=False)
 
-    def rows(motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of CM velocity, CM position, and all sought parameters (N, 3, 6 + n); right-hand side."""
-        q, v = full_states(model, motion, hidden)
-        v[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
-        y = regressor.momentum(q, v)[:, :3]
-        to_body = motion.rotation.transpose(0, 2, 1)
-        position = np.einsum("nij,nj->ni", to_body, motion.position)
-        known = y[:, :, parts.known] @ regressor.parameters[parts.known]
-        columns = [to_body, -skew(motion.rate) @ to_body, -y[:, :, parts.unknown] / mass]
-        seen = motion.velocity - np.cross(motion.rate, position)
-        return np.concatenate(columns, axis=2), seen + known / mass
-
-    full, rhs = rows(motion, hidden)
+    full, rhs = rows_a(model, regressor, parts, motion, hidden, mass)
     base = NOTHING
     if parts.unknown:
         base = base_parameters(full[:, :, 6:].reshape(-1, len(parts.unknown)), parts.names, parts.units)
@@ -130,7 +118,10 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     def stacked(full: np.ndarray, rhs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return full[:, :, kept].reshape(-1, len(kept)), rhs.reshape(-1)
 
-    again = stacked(*rows(motion.again, hidden.again or hidden)) if motion.again else None
+    again = None
+    if motion.again:
+        other = hidden.again or hidden
+        again = stacked(*rows_a(model, regressor, parts, motion.again, other, mass))
     found = scaled_tls(*stacked(full, rhs), labels, motion, again=again)
     return StepA(
         velocity=found.x[:3],
@@ -138,6 +129,26 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
         position_sigma=found.standard_deviation[3:6],
         moments=Regression(base, part(found, slice(6, None)), parts.names),
     )
+
+
+def rows_a(
+    model: SpacecraftModel,
+    regressor: Regressor,
+    parts: Split,
+    motion: Motion,
+    hidden: HiddenStates,
+    mass: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step A's equations: CM velocity, CM position and sought parameters (N, 3, 6 + n), right-hand side."""
+    q, v = full_states(model, motion, hidden)
+    v[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
+    y = regressor.momentum(q, v)[:, :3]
+    to_body = motion.rotation.transpose(0, 2, 1)
+    position = np.einsum("nij,nj->ni", to_body, motion.position)
+    known = y[:, :, parts.known] @ regressor.parameters[parts.known]
+    columns = [to_body, -skew(motion.rate) @ to_body, -y[:, :, parts.unknown] / mass]
+    seen = motion.velocity - np.cross(motion.rate, position)
+    return np.concatenate(columns, axis=2), seen + known / mass
 
 
 def step_b(
@@ -165,7 +176,7 @@ def step_b(
     regressor = Regressor(model)
     n = len(motion)
     parts = Split.of(model, regressor, bus_first=True)
-    full, rhs = _rows_b(model, regressor, parts, motion, hidden, mass, centre)
+    full, rhs = rows_b(model, regressor, parts, motion, hidden, mass, centre)
     count = len(parts.names)
     both = np.concatenate([full[:, :3, :count].reshape(3 * n, -1), full[:, 3:, :count].reshape(3 * n, -1)])
     base = base_parameters(both, parts.names, parts.units)
@@ -178,7 +189,7 @@ def step_b(
     again = None
     if motion.again is not None:
         other = hidden.again or hidden
-        again = stacked(*_rows_b(model, regressor, parts, motion.again, other, mass, centre))
+        again = stacked(*rows_b(model, regressor, parts, motion.again, other, mass, centre))
     labels = [*base.names, "r_cm.x", "r_cm.y", "r_cm.z"]
     carried = base.matrix @ carried_by_bus(model, regressor)[parts.unknown]
     if prior is not None:
@@ -200,7 +211,7 @@ def step_b(
     return Regression(base, solution, parts.names, shares)
 
 
-def _rows_b(
+def rows_b(
     model: SpacecraftModel,
     regressor: Regressor,
     parts: Split,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from smsid.recording import Recording
 from smsid.sensing import Sensor, differentiate
 from smsid.simulate.truth import station_indices
 
+NOT_SAMPLED = ("panels", "stations", "pose_point", "imu_point", "again")
 Rates = dict[str, tuple[np.ndarray, np.ndarray, str]]
 
 
@@ -42,11 +44,7 @@ class Roles:
         known = model.description.effective_sensors()
 
         def find(kind: str, quantities: tuple[str, ...], needed: bool) -> Sensor | None:
-            sensors = [
-                s
-                for s in model.description.effective_sensors()
-                if s.kind == kind and set(quantities) <= set(s.quantities)
-            ]
+            sensors = [s for s in known if s.kind == kind and set(quantities) <= set(s.quantities)]
             found = [s for s in sensors if all(f"{s.name}.{q}" in recording for q in quantities)]
             if found:
                 return min(found, key=lambda s: _noise(s, quantities[0]))
@@ -123,13 +121,27 @@ class Motion:
 
     def thinned(self, factor: int) -> Motion:
         """Return every ``factor``-th sample; what was low-passed for it loses nothing."""
-        changed = {
-            f.name: getattr(self, f.name)[::factor]
-            for f in fields(self)
-            if f.name not in ("panels", "stations", "pose_point", "imu_point", "again")
-        }
-        again = self.again.thinned(factor) if self.again else None
-        return replace(self, **changed, panels={k: x[::factor] for k, x in self.panels.items()}, again=again)
+        return self.only(slice(None, None, factor))
+
+    def only(self, kept: slice | np.ndarray) -> Motion:
+        """Return some of the samples."""
+        return self._made(lambda motion, name: _samples(motion, name)[kept])
+
+    def followed_by(self, other: Motion) -> Motion:
+        """Return this motion and then another of the same spacecraft."""
+        pairs = {id(self): other} | ({id(self.again): other.again} if self.again else {})
+
+        def joined(motion: Motion, name: str) -> np.ndarray:
+            after = pairs[id(motion)]
+            assert after is not None
+            return np.concatenate([_samples(motion, name), _samples(after, name)])
+
+        return self._made(joined)
+
+    def _made(self, make: Callable[[Motion, str], np.ndarray]) -> Motion:
+        changed = {f.name: make(self, f.name) for f in fields(self) if f.name not in NOT_SAMPLED}
+        panels = {k: make(self, k) for k in self.panels}
+        return replace(self, **changed, panels=panels, again=self.again._made(make) if self.again else None)
 
     def rigid_acceleration(self, point: np.ndarray) -> np.ndarray:
         """Return the acceleration of a bus-fixed point (3,), or points (N, 3), in bus axes (N, 3)."""
@@ -159,6 +171,10 @@ class Motion:
         if len(model.wheels):
             v[:, model.wheels.v] = self.wheel_rates
         return q, v
+
+
+def _samples(motion: Motion, name: str) -> np.ndarray:
+    return motion.panels[name] if name in motion.panels else getattr(motion, name)
 
 
 def prepare(

@@ -16,7 +16,13 @@ FASTEST = 0.5  # step times natural frequency, step times damping rate: twice th
 
 
 def estimate_slosh(
-    motion: Motion, position: np.ndarray, mass: float, stiffness: np.ndarray, damping: np.ndarray
+    motion: Motion,
+    position: np.ndarray,
+    mass: float,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+    *,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rho (N, 3) [m] and rho' (N, 3) [m/s] in bus axes.
 
@@ -24,6 +30,8 @@ def estimate_slosh(
     from the first measured sample instead would let 0.2 mm/s of noise grow to 16 mm in 80 s.)
 
     ``position`` (3,) in the bus frame [m]; ``stiffness`` (3,) [N/m]; ``damping`` (3,) [N s/m]; ``mass`` [kg].
+    ``start``: rho and rho' (3,) at the first sample, for a motion that goes on from another one.
+
     A second-order step per sample, in inertial axes: the slosh period is hundreds of samples.
 
     Raises `NotIdentifiableError` for a mass that is not positive, or slosh too fast or too heavily damped for
@@ -61,6 +69,9 @@ def estimate_slosh(
     )
     state = np.empty((n, 6))
     state[0] = *pose[0], 0.0, 0.0, 0.0
+    if start is not None:
+        moving = start[1] + np.cross(rate[0], start[0])
+        state[0] = np.concatenate([pose[0] + rotation[0] @ start[0], velocity[0] + rotation[0] @ moving])
     for i in range(n - 1):
         state[i + 1] = step[i] @ state[i] + push[i]
     r, v = state[:, :3], state[:, 3:]
