@@ -14,9 +14,8 @@ import sys
 from pathlib import Path
 
 import matplotlib
-import numpy as np
 
-from smsid.arm import identify_arm, with_joint_effects
+from smsid.arm import identify_arm, joint_motion, with_joint_effects
 from smsid.datasets import tx40
 from smsid.effects import MotorCoupling
 
@@ -36,8 +35,9 @@ def main(folder: Path) -> None:
     for label, description in (("rigid links", bare), ("friction and rotors", friction), ("wrist", wrist)):
         found = identify_arm(description, train)
         print(f"{label:20s} held-out relative torque RMSE {found.judge(held).relative:.3f}")
-        left = found.residual(held)[:, 1]
-        axes.plot(np.linspace(6.0, 9.0, len(left)), left, linewidth=0.7, label=label)
+        motion = joint_motion(found.model, held, found.motion.cutoff)
+        left = motion.torque - found.predict(motion)
+        axes.plot(motion.time, left[:, 1], linewidth=0.7, label=label)
     axes.set_xlabel("time [s], not used in the fit")
     axes.set_ylabel("joint 2, measured minus predicted [N m]")
     axes.legend()
