@@ -12,9 +12,10 @@ from smsid.errors import ExperimentError
 
 T = TypeVar("T")
 POWER = 1.5  # of the duration with which a standard deviation falls, to begin with
-FACTOR = 4.0  # by which a duration changes at most in a step
+POWERS = (0.3, 4.0)  # between which it is believed to be
+FACTOR = 8.0  # by which a duration changes at most in a step
 CLOSE = 0.01  # relative, to the shortest
-ROUNDS = 9
+ROUNDS = 10
 
 
 def shortest(
@@ -65,10 +66,16 @@ def shortest(
 def _next(tried: dict, target: float, good: list[float], bad: list[float]) -> float:
     """Return the next duration: between a good and a bad one where the logarithms meet, else beyond."""
     if good and bad:
-        low, high = max(t for t in bad if t < min(good)) if min(bad) < min(good) else min(bad), min(good)
+        high = min(good)
+        low = max((t for t in bad if t < high), default=min(bad))
         a, b = np.log(tried[low][0] / target), np.log(target / tried[high][0])
-        share = np.clip(a / (a + b), 0.1, 0.95)
-        return float(low * (high / low) ** share * (1.0 + 0.3 * CLOSE))
+        share = np.clip(a / max(a + b, 1e-12), 0.05, 1.0)
+        met = float(low * (high / low) ** share * (1.0 + 0.2 * CLOSE))
+        return min(met, high * (1.0 - 0.9 * CLOSE))  # a bad one so near ends the search
     at = min(good) if good else max(bad)
-    factor = float(np.clip((tried[at][0] / target) ** (1.0 / POWER), 1.0 / FACTOR, FACTOR))
-    return at * factor * (0.995 if good else 1.005)
+    power = POWER
+    if len(tried) > 1:
+        (t, s), (u, r) = [(t, s) for t, (s, _) in list(tried.items())[-2:]]
+        power = float(np.clip(np.log(s / r) / np.log(u / t), *POWERS))
+    factor = float(np.clip((tried[at][0] / target) ** (1.0 / power), 1.0 / FACTOR, FACTOR))
+    return at * factor * (0.98 if good else 1.003)
