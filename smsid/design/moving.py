@@ -57,7 +57,9 @@ def design_motion(
 
     Random Fourier series first, then steps of random directions from the best, longer after a success and
     shorter after failures (Rechenberg 1973). An interrupt leaves the best in the watch. ``start``: a point to
-    begin from instead of random ones.
+    begin from instead of random ones, (size,).
+
+    Raises `ExperimentError` when no motion keeps the limits.
     """
     space = SeriesSpace(model, limits, duration, HARMONICS, PERIODS)
     if not space.size:

@@ -56,7 +56,7 @@ class Feasible:
         self.right = np.concatenate([self.right, right[used]])
 
     def scale(self, thrust: np.ndarray) -> float:
-        """Return the largest factor by which a thrust may be multiplied."""
+        """Return the largest factor by which a thrust (intervals, axes) may be multiplied."""
         worst = float(np.abs(thrust).max()) / self.space.force
         for a, limit in zip(self.maps, self.limits, strict=True):
             worst = max(
@@ -65,7 +65,10 @@ class Feasible:
         return 1.0 / worst if worst > 0.0 else np.inf
 
     def least(self, slope: np.ndarray) -> np.ndarray:
-        """Return the thrust (intervals, axes) within the limits at which a linear function is least."""
+        """Return the thrust (intervals, axes) within the limits at which a linear function is least.
+
+        Raises `ExperimentError` when there is none.
+        """
         size = slope.size
         idle = np.abs(slope).ravel() < IDLE * np.abs(slope).max()
         reach = np.where(idle, 0.0, self.space.force)

@@ -42,7 +42,7 @@ class SeriesSpace:
         return (rng.normal(size=self.size) / order).ravel()
 
     def experiment(self, point: np.ndarray, shrink: float = 1.0, name: str = "design") -> Experiment:
-        """Return the experiment of a point, joints' motion and wheels' torque times ``shrink``.
+        """Return the experiment of a point (size,), joints' motion and wheels' torque times ``shrink``.
 
         It starts at home and at rest.
         """

@@ -33,20 +33,22 @@ class Trials(ABC):
 
     @abstractmethod
     def random(self, rng: np.random.Generator) -> np.ndarray:
-        """Return a random point."""
+        """Return a random point (size,)."""
 
     @abstractmethod
     def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
-        """Return the experiment of a point, all of it times ``shrink``."""
+        """Return the experiment of a point (size,), all of it times ``shrink``."""
 
     def stepped(self, point: np.ndarray, width: float, rng: np.random.Generator) -> np.ndarray:
-        """Return a point a random step away: ``width`` in the root mean square of the point's numbers."""
+        """Return a point (size,) a random step away: ``width`` in the root mean square of its numbers."""
         return point + width * float(np.sqrt(np.mean(point**2))) * rng.normal(size=point.shape)
 
     def flown(
         self, point: np.ndarray, rate: float = RATE
     ) -> tuple[Experiment, Recording, tuple[LimitUse, ...]]:
         """Return a point's experiment, as strong as limits allow, its noise-free recording, and their use.
+
+        ``point`` (size,).
 
         Raises `ExperimentError` naming the limits that cannot be kept.
         """
@@ -80,11 +82,11 @@ class Motions(Trials):
         return SeriesSpace(self.model, self.limits, self.duration, HARMONICS, PERIODS)
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
-        """Return a random point."""
+        """Return a random point (size,)."""
         return self.space.random(rng)
 
     def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
-        """Return the experiment of a point."""
+        """Return the experiment of a point (size,)."""
         return self.space.experiment(point, shrink)
 
 
@@ -92,11 +94,11 @@ class Thrusts(Trials):
     """Pieces of constant thrust, attitude held."""
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
-        """Return a random point."""
+        """Return a random point (size,)."""
         return np.repeat(rng.normal(size=(PIECES // 2, 3)), 2, axis=0).ravel()
 
     def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
-        """Return the experiment of a point: its largest thrust is what limits allow."""
+        """Return the experiment of a point (size,): its largest thrust is what limits allow."""
         thrust = point.reshape(PIECES, 3)
         size = shrink * strongest(self.model, self.limits) / np.abs(thrust).max()
         return thrust_steps(np.round(size * thrust, 3), self.duration)

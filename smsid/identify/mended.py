@@ -133,7 +133,7 @@ def even_clock(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def thrust_jumps(recording: Recording) -> np.ndarray:
-    """Return when the commanded force jumps [s]; nothing if it changes too often to be made of steps."""
+    """Return when the commanded force jumps (k,) [s]; nothing if it changes too often to be made of steps."""
     if "command.force" not in recording:
         return np.zeros(0)
     changes = np.any(np.diff(recording["command.force"], axis=0) != 0.0, axis=1)

@@ -124,7 +124,7 @@ class Motion:
         return self.only(slice(None, None, factor))
 
     def only(self, kept: slice | np.ndarray) -> Motion:
-        """Return some of the samples."""
+        """Return some of the samples: a slice, or indices (k,)."""
         return self._made(lambda motion, name: _samples(motion, name)[kept])
 
     def followed_by(self, other: Motion) -> Motion:

@@ -28,7 +28,7 @@ class RowSums:
     def add(
         self, rows: np.ndarray, rhs: np.ndarray, again: tuple[np.ndarray, np.ndarray] | None = None
     ) -> None:
-        """Add samples: rows (N, kinds, n) and right-hand sides (N, kinds), and the same with more noise."""
+        """Add samples: rows (N, kinds, n) and right-hand sides rhs (N, kinds); ``again`` with more noise."""
         block = np.concatenate([rows, rhs[:, :, None]], axis=2)
         width = block.shape[2]
         if not self.factors:
@@ -43,7 +43,7 @@ class RowSums:
         self.samples += len(rows)
 
     def columns(self, kinds: Sequence[int], chosen: Sequence[int]) -> np.ndarray:
-        """Return rows with the Gram matrix of the ``chosen`` columns in these kinds of equation."""
+        """Return rows (k, chosen) with the Gram matrix of the ``chosen`` columns in these kinds of equation."""
         return np.vstack([self.factors[k][:, list(chosen)] for k in kinds])
 
     def residual(self, chosen: Sequence[int], x: np.ndarray) -> np.ndarray:

@@ -56,7 +56,7 @@ class Axis:
         return cls(label, low, high, log, ticks_of(low, high, log, count))
 
     def at(self, values: object) -> np.ndarray:
-        """Return where values stand: 0 at the low end, 1 at the high one."""
+        """Return where values stand, of the same shape: 0 at the low end, 1 at the high one."""
         x = np.asarray(values, dtype=float)
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -122,7 +122,7 @@ class Plot:
 
 
 def path(x: np.ndarray, y: np.ndarray, digits: int = 1) -> str:
-    """Return the path of a line through points (N,), (N,), broken where one is not finite."""
+    """Return the path of a line through points x (N,), y (N,), broken where one is not finite."""
     out, pen = [], False
     for a, b in zip(x.tolist(), y.tolist(), strict=True):
         if not (np.isfinite(a) and np.isfinite(b)):

@@ -34,7 +34,7 @@ class Diagram:
     modes: tuple[Mode, ...]
 
     def points(self, stable: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return frequencies [Hz] and orders of the poles that are stable, or that are not."""
+        """Return frequencies (k,) [Hz] and orders (k,) of the poles that are stable, or that are not."""
         pairs = list(zip(self.poles, self.stable, strict=True))
         f = [p.frequency[m if stable else ~m] for p, m in pairs]
         order = [np.full(len(x), p.order) for x, (p, _) in zip(f, pairs, strict=True)]

@@ -123,7 +123,7 @@ class Traces:
 
 
 def spark(values: np.ndarray, points: int = 60) -> str:
-    """Return the path of a small curve in a box of 100 by 24: least and largest of each stretch."""
+    """Return the path of a small curve (N,) in a box of 100 by 24: least and largest of each stretch."""
     x = np.asarray(values, dtype=float)
     x = x[np.isfinite(x)]
     if len(x) < 2:

@@ -43,7 +43,7 @@ def sources(model: SpacecraftModel, kind: str, default: str) -> Iterator[tuple[s
 def sensed(
     model: SpacecraftModel, recording: Recording, kind: str, default: str, quantity: str
 ) -> tuple[Samples, np.ndarray] | None:
-    """Return the samples of a quantity, from the first source that has it, and where that source sits."""
+    """Return the samples of a quantity, from the first source that has it, and where (3,) [m] that sits."""
     for name, position in sources(model, kind, default):
         if f"{name}.{quantity}" in recording:
             return channel(recording, f"{name}.{quantity}"), position

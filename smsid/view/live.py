@@ -53,7 +53,7 @@ class LiveView:
         return self._visualizer.url()
 
     def display(self, q: np.ndarray, force: np.ndarray | None = None) -> None:
-        """Show one configuration q (nq,), with a thrust (3,) in body axes [N]."""
+        """Show one configuration q (nq,), with a thrust ``force`` (3,) in body axes [N]."""
         acting = np.zeros((1, 3)) if force is None else np.asarray(force, dtype=float)[None]
         motion = Motion(np.zeros(1), np.asarray(q, dtype=float)[None], acting)
         frames = Frames.of(self.scene.model, motion, self.scene.scale)

@@ -83,7 +83,7 @@ def hidden_points(model: SpacecraftModel) -> list[np.ndarray]:
 
 
 def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: float) -> list[Part]:
-    """Return a URDF visual; one that has any of the points inside becomes see-through, its edges drawn."""
+    """Return a URDF visual; with any of the points (3,) [m] inside it is see-through, its edges drawn."""
     found = shape_of(geometry)
     if found is None:
         return []

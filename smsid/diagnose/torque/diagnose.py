@@ -62,7 +62,7 @@ def diagnose_torques(
         cutoff: low-pass of the motion [Hz]; default as `motion_cutoff`.
 
     Raises:
-        SmsidError: the recording cannot be used, or is of another arm.
+        RecordingError: the recording cannot be used, or is of another arm.
     """
     begin = time.process_time()
     recording = recordings[0]

@@ -88,7 +88,7 @@ class TorqueFit:
         return float(self.left @ self.left)
 
     def term_values(self, term: Term) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values and standard deviations of a term's parameters."""
+        """Return the values (d,) and standard deviations (d,) of a term's parameters."""
         index = [self.names.index(n) for n in term.names]
         return self.x[index], np.sqrt(np.diag(self.covariance)[index])
 
@@ -163,7 +163,7 @@ def fit_torques(
         prior: of the combinations.
         terms: effects in the model.
         whitening: of the noise.
-        load: predicted torques to start from, for columns that depend on them.
+        load: (N, joints) predicted torques [N m] to start from, for columns that depend on them.
     """
     load = equations.motion.torque if load is None else load
     for _ in range(ROUNDS - 1):

@@ -100,7 +100,7 @@ def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, sample
 
 
 def clustered(basis: np.ndarray, residual: np.ndarray, samples: int) -> np.ndarray:
-    """Return the projections of a residual (samples * joints,) on directions (samples * joints, d) by stretch
+    """Return the projections of a residual (samples * joints,) on a basis (samples * joints, d) by stretch
     of time, (clusters, d), scaled so that their products sum to the projection's covariance.
     """
     products = (basis * residual[:, None]).reshape(samples, -1, basis.shape[1]).sum(axis=1)
