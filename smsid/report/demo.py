@@ -12,11 +12,11 @@ from smsid.description.schema import Description
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import Identification
 from smsid.recording import Recording
-from smsid.report.identify import identify_sections, worst_ratio
+from smsid.report.identify import explained, identify_sections, worst_ratio
 from smsid.report.model import Cell, Provenance, Report, Section, Table, Tone
 from smsid.report.numbers import number, share
 from smsid.report.parameters import Known, reported
-from smsid.report.residuals import Residuals, residuals_of
+from smsid.report.residuals import Residuals
 
 BUDGET = 180_000
 QUANTILE = 1.959964
@@ -82,7 +82,7 @@ def demo_report(
     for k, s in enumerate(order):
         estimate = s.identification.estimate
         truth = {p.name: p.nominal for p in estimate.parameters if p.nominal is not None}
-        left = residuals_of(description, s.recordings, s.identification, None)
+        left, problem = explained(description, s.recordings, s.identification, None)
         own = identify_sections(
             description,
             s.recordings,
@@ -90,6 +90,7 @@ def demo_report(
             None,
             Known(truth, printed),
             left,
+            problem,
             prefix=f"{s.key}-",
             budget=BUDGET,
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import numpy as np
+
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
@@ -21,6 +23,7 @@ from smsid.report.stabilisation import diagrams, stabilisation_figures
 
 LOGGER = logging.getLogger(__name__)
 BUDGET = 400_000
+MOST = 6  # diagrams
 
 
 def identify_report(
@@ -45,7 +48,7 @@ def identify_report(
     known = known or Known()
     if refined is not None and known.other is None:
         known = Known(known.truth, known.paper, linear.estimate, "linear method")
-    left, problem = _residuals(description, recordings, linear, refined)
+    left, problem = explained(description, recordings, linear, refined)
     sections = identify_sections(description, recordings, linear, refined, known, left, problem)
     sentence, tone = verdict(estimate, left)
     good = [p for p in reported(estimate) if p.status == "identifiable"]
@@ -144,15 +147,16 @@ def worst_ratio(left: Sequence[Residuals]) -> tuple[str, float] | None:
     return max(pairs, key=lambda x: x[1]) if pairs else None
 
 
-def _residuals(
+def explained(
     description: Description,
     recordings: Sequence[Recording],
     linear: Identification,
     refined: Refinement | None,
 ) -> tuple[tuple[Residuals, ...], str]:
+    """Return what is left of the recordings, or why that cannot be told."""
     try:
         return residuals_of(description, recordings, linear, refined), ""
-    except SmsidError as error:
+    except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("residuals: %s", error)
         return (), str(error)
 
@@ -164,7 +168,11 @@ def _modes(
         return []
     known = {name: seen.modes.clamped for name, seen in linear.translation.modes.items()}
     model = build_model(description)
-    found = [d for r in recordings for d in diagrams(model, r, known)][:6]
+    try:
+        found = [d for r in recordings for d in diagrams(model, r, known)][:MOST]
+    except SmsidError as error:
+        LOGGER.info("stabilisation diagram: %s", error)
+        return []
     figures = stabilisation_figures(f"{prefix}stabilisation", found)
     if not figures:
         return []
