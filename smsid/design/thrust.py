@@ -106,7 +106,10 @@ class ThrustSpace:
         return inverse(information), jacobian
 
     def pulled(self, jacobian: np.ndarray, weight: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """Return the gradient (intervals, axes) of a cost with derivative ``weight`` by the covariance."""
+        """Return the gradient (intervals, axes) of a cost with derivative ``weight`` by the covariance.
+
+        ``jacobian`` (samples, n) of the readings.
+        """
         inner = self.spread @ covariance @ weight @ covariance @ self.spread.T
         back = (jacobian @ inner).reshape(self.samples, -1)
         out = np.empty((self.intervals, len(self.axes)))

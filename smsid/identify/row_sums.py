@@ -43,7 +43,7 @@ class RowSums:
         self.samples += len(rows)
 
     def columns(self, kinds: Sequence[int], chosen: Sequence[int]) -> np.ndarray:
-        """Return rows (k, chosen) with the Gram matrix of the ``chosen`` columns in these kinds of equation."""
+        """Return rows (k, n) with the Gram matrix of the n ``chosen`` columns in these kinds of equation."""
         return np.vstack([self.factors[k][:, list(chosen)] for k in kinds])
 
     def residual(self, chosen: Sequence[int], x: np.ndarray) -> np.ndarray:

@@ -80,7 +80,10 @@ def identify_streamed(
 
 
 def momentum_of_chunks(model: SpacecraftModel, chunks: Chunks, mass: float) -> StreamedMomentum:
-    """Return Steps A and B of motions that follow each other; ``chunks()`` gives them anew every time."""
+    """Return Steps A and B of motions that follow each other; ``chunks()`` gives them anew every time.
+
+    Raises `NotIdentifiableError` as `step_a` and `step_b` do, and without samples.
+    """
     regressor = Regressor(model)
     parts_a = Split.of(model, regressor, bus_first=False)
     parts_b = Split.of(model, regressor, bus_first=True)

@@ -38,7 +38,7 @@ def scene_commands(scene: Scene, first: dict[str, np.ndarray] | None = None) -> 
 
 
 def part_commands(scene: Scene, first: dict[str, np.ndarray] | None = None) -> Iterator[Command]:
-    """Yield the commands that draw a scene's parts alone."""
+    """Yield the commands that draw a scene's parts alone; ``first``: poses (4, 4) they start at."""
     poses = {path: pose[0] for path, pose in scene.poses(scene.rest).items()}
     poses.update(first or {})
     for part in scene.parts:
