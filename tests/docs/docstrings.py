@@ -13,7 +13,7 @@ from tests.docs.pages import ROOT
 PACKAGE = ROOT / "smsid"
 ARRAY = re.compile(r"ndarray|NDArray|ArrayLike|FloatArray")
 SHAPE = re.compile(
-    r"\([^()\s][^()]*,[^()]*(?:\([^()]*\)[^()]*)*\)"  # (n, 3), (n,), (sum(k), 2)
+    r"\((?:[^()]|\([^()]*\))+,(?:[^()]|\([^()]*\))*\)"  # (n, 3), (n,), (2 (n - 1), 3)
     r"|\b(?:any|same|its|their|this) shapes?\b|\bas (?:in|of|for|there|taken by|given to)\b"
 )
 UNIT = re.compile(r"\[[^\]\n]+\]|\bdimensionless\b|\bunit\b")

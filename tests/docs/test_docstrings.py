@@ -45,7 +45,7 @@ def test_every_array_argument_is_named() -> None:
     missing = []
     for f in FUNCTIONS:
         others = [x for x in f.arrays if x not in CONVENTIONAL]
-        unnamed = [x for x in others if not re.search(rf"\b{re.escape(x)}\b", f.doc)]
+        unnamed = [x for x in others if not re.search(rf"\b{re.escape(x)}s?\b", f.doc)]
         if (
             len(f.arrays) > 1
             and unnamed
