@@ -108,7 +108,7 @@ class ThrustSpace:
     def pulled(self, jacobian: np.ndarray, weight: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """Return the gradient (intervals, axes) of a cost with derivative ``weight`` by the covariance.
 
-        ``jacobian`` (samples, n) of the readings.
+        ``jacobian`` (samples, readings, n) as `jacobian` returns it.
         """
         inner = self.spread @ covariance @ weight @ covariance @ self.spread.T
         back = (jacobian @ inner).reshape(self.samples, -1)
