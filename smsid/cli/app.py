@@ -47,6 +47,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 register(app, COMMANDS)
+INTERRUPTED = 130  # exit code
 
 
 @app.callback()
@@ -76,8 +77,7 @@ def main() -> None:
         _tell_json(error, 1)
         code = 1
     except (typer.Abort, KeyboardInterrupt):
-        _tell("interrupted; files appear whole or not at all")
-        code = 130
+        code = INTERRUPTED
     except Exception as error:
         if not hasattr(error, "format_message"):
             _tell("error: this is a fault of smsid, not of your input. Please report what follows.")
@@ -95,6 +95,8 @@ def main() -> None:
             _tell(f"error: {text} See `{path} --help`.")
         _tell_json(error, 2)
         code = 2
+    if code == INTERRUPTED:
+        _tell("interrupted; files appear whole or not at all")
     if isinstance(code, int) and code:
         sys.exit(code)
 

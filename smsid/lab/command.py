@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output
+from smsid.cli.options import Output, writable
 from smsid.cli.output import console, working
 from smsid.errors import RecordingError
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from smsid.description import Description
+    from smsid.diagnose import Diagnosis
     from smsid.identify.estimate import Estimate
     from smsid.recording import Recording
 
@@ -31,6 +32,14 @@ lab_app = typer.Typer(
 RecordingPath = Annotated[Path, typer.Argument(help="recording (.nc of `smsid import` or `smsid lab fetch`)")]
 
 
+Diagnose = Annotated[
+    Path | None,
+    typer.Option(
+        callback=writable, help="name what the simplest model lacks, and write that as `smsid diagnose` does"
+    ),
+]
+
+
 @lab_app.command()
 def fetch(
     name: Annotated[str, typer.Argument(help="staubli_tx40, silverbox, antisloshing or cessipy_slab")],
@@ -40,10 +49,10 @@ def fetch(
     from smsid.description import Description, save_description
     from smsid.recording import save_recording
 
-    output.mkdir(parents=True, exist_ok=True)
     out, written = console(), []
     with working(f"fetching {name}"):
         parts = _parts(name)
+    output.mkdir(parents=True, exist_ok=True)
     for file, part in parts.items():
         if isinstance(part, Description):
             save_description(part, output / file)
@@ -102,6 +111,7 @@ def tank(
     models: Annotated[
         str, typer.Option(help="models to compare, simplest first")
     ] = "rigid,slosh,softening spring,softening inertia",
+    diagnose: Diagnose = None,
     output: Output = Path("tank.json"),
 ) -> Outcome:
     """Slosh from force and motion of a container: frequency, damping, mass, lag, and what is left."""
@@ -140,14 +150,19 @@ def tank(
         mark = "named" if model == found.named else ""
         out.print(f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}")
     out.print(f"before the motion {quiet:.4g} N are left")
-    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    written = [output]
+    if diagnose is not None:
+        from smsid.lab.tank_diagnosis import tank_diagnosis
+
+        written.append(_diagnosed(tank_diagnosis(test, found, log.name), diagnose))
+    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
     left = {
         model: {"ring_down": fit.ring_down, "moving": fit.moving, "unit": "N"}
         for model, fit in found.fits.items()
     }
     lag = {"value": test.lag.value, "interval": [low, high], "unit": "s"}
     document = {"named": found.named, "lag": lag, "left": left, "left_at_rest": {"value": quiet, "unit": "N"}}
-    return Outcome({"estimate": json.loads(best.estimate.to_json()), **document}, [output])
+    return Outcome({"estimate": json.loads(best.estimate.to_json()), **document}, written)
 
 
 @lab_app.command()
@@ -201,6 +216,7 @@ def oscillator(
     terms: Annotated[str, typer.Option(help="beyond linear: quadratic,cubic,quintic,damping_growth")] = "",
     damping: Annotated[float, typer.Option(help="first guess")] = 0.05,
     validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
+    diagnose: Diagnose = None,
     output: Output = Path("oscillator.json"),
 ) -> Outcome:
     """Driven oscillator with a spring that need not be linear, by the error of its simulation."""
@@ -217,9 +233,21 @@ def oscillator(
     run_in = 8.0 / (2 * np.pi * frequency * damping) * rate
     pieces = int(np.clip(times.size / (5.0 * run_in), 1, 10))
     u, y, start = log[drive], log[answer], Oscillator(frequency, damping, 1.0)
+    written = [output]
     with working("fitting the oscillator"):
-        found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
-        if chosen:
+        if diagnose is not None:
+            from smsid.lab.oscillator_diagnosis import diagnose_oscillator
+
+            held = None
+            if validate is not None:
+                judge = load_recording(validate)
+                held = judge.name, judge[drive], judge[answer]
+            told = diagnose_oscillator(u, y, rate, start, unit=unit, pieces=pieces, validation=held)
+            found = told.best
+            written.append(_diagnosed(told.diagnosis, diagnose))
+        else:
+            found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
+        if chosen and diagnose is None:
             found = fit_oscillator(u, y, rate, found.oscillator, terms=chosen, unit=unit, pieces=pieces)
     save_estimate(found.estimate, output)
     out = console()
@@ -232,8 +260,19 @@ def oscillator(
         free = float(np.sqrt(np.mean(error**2)))
         out.print(f"free-running error {free:.5g} {unit} on '{other.name}'")
         errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
-    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
-    return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, [output])
+    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)
+
+
+def _diagnosed(diagnosis: Diagnosis, path: Path) -> Path:
+    """Write and print a diagnosis; return where it is."""
+    from smsid.cli.diagnose import diagnosis_tables
+    from smsid.diagnose.result import save_diagnosis
+
+    save_diagnosis(diagnosis, path)
+    for part in diagnosis_tables(diagnosis):
+        console().print(part)
+    return path
 
 
 def _print(out: Console, estimate: Estimate) -> None:

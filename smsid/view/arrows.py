@@ -44,7 +44,7 @@ def sign_parts(
             f"{root}/com",
             moved(found.com[0]),
             mark,
-            Material(shine=0.2, overlay=True),
+            Material(shine=0.2, overlay=True, inside=False),
             CentreDriver(),
             False,
             "centre of mass",

@@ -170,7 +170,7 @@ def _material(shape: Shape, material: Material) -> dict[str, Any]:
     if isinstance(shape, Lines):
         return {"type": "LineBasicMaterial", **common}
     coloured = isinstance(shape, Mesh) and shape.colors is not None
-    sides = _FRONT if material.overlay else _BOTH_SIDES
+    sides = _BOTH_SIDES if material.inside else _FRONT
     common |= {"side": sides, "vertexColors": coloured, "flatShading": isinstance(shape, Mesh)}
     if coloured:
         common["color"] = 0xFFFFFF

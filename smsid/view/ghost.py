@@ -9,7 +9,7 @@ from smsid.view.parts import Part
 from smsid.view.shapes import Color, Lines, Material, Mesh
 
 GHOST: Color = (0.10, 0.55, 0.85)
-VEIL = Material(GHOST, opacity=0.30, shine=0.2)
+VEIL = Material(GHOST, opacity=0.30, shine=0.2, inside=False)
 LEFT_OUT = ("centre of mass", "sensors")
 
 

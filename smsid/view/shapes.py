@@ -13,7 +13,8 @@ Color = tuple[float, float, float]
 class Material:
     """Colour (red, green, blue in 0 to 1), opacity, gloss, and whether light does not matter to it.
 
-    ``overlay``: seen through whatever is in front.
+    ``overlay``: seen through whatever is in front. ``inside``: faces are drawn from behind as well; for
+    see-through materials a browser then draws twice.
     """
 
     color: Color = (0.9, 0.9, 0.9)
@@ -21,6 +22,7 @@ class Material:
     shine: float = 0.3
     unlit: bool = False
     overlay: bool = False
+    inside: bool = True
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,73 @@
+"""What is imported, and when; completion of the shell."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = ("pinocchio", "numpy", "scipy", "xarray", "h5py", "joblib", "matplotlib", "meshcat", "jinja2")
+
+
+def imported(code: str) -> set[str]:
+    """Which heavy packages a fresh interpreter has imported at the end of some code."""
+    code += f"\nprint('imported', *[m for m in {HEAVY} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{code}"], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split("imported", 1)[1].split())
+
+
+def after(*words: str) -> set[str]:
+    return imported(
+        f"from smsid.cli import main\nsys.argv = {['smsid', *words]!r}\n"
+        "sys.stdout, out = open('/dev/null', 'w'), sys.stdout\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\nsys.stdout = out"
+    )
+
+
+def test_the_package_alone_imports_nothing() -> None:
+    assert imported("import smsid") == set()
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("version",), ("frobnicate",)])
+def test_help_waits_for_nothing(words: tuple[str, ...]) -> None:
+    assert after(*words) == set()
+
+
+@pytest.mark.parametrize("command", ["identify", "simulate", "import", "show", "view", "diagnose", "demo"])
+def test_help_of_the_main_commands_waits_for_nothing(command: str) -> None:
+    assert after(command, "--help") == set()
+
+
+def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from smsid.cli import main; main()", *words],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("smsid ident", "identify"), ("smsid identify --met", "--method"), ("smsid lab os", "oscillator")],
+)
+def test_the_shell_completes_commands_and_options(typed: str, offered: str) -> None:
+    words = str(len(typed.split()) - 1)
+    done = run(_SMSID_COMPLETE="complete_bash", COMP_WORDS=typed, COMP_CWORD=words)
+    assert done.stdout.split() == [offered], done.stderr
+
+
+def test_completion_is_shown_and_installed_where_the_shell_looks(tmp_path: Path) -> None:
+    known = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1", "HOME": str(tmp_path)}
+    shown = run("--show-completion", "bash", **known)
+    assert shown.returncode == 0 and "complete -o default -F _smsid_completion smsid" in shown.stdout
+    assert run("--install-completion", "bash", **known).returncode == 0
+    script = tmp_path / ".bash_completions" / "smsid.sh"
+    assert "_smsid_completion" in script.read_text()
+    assert str(script) in (tmp_path / ".bashrc").read_text()
