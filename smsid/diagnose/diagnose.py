@@ -14,6 +14,7 @@ from smsid.diagnose.blocks import adequacy
 from smsid.diagnose.channels import Measured, measured
 from smsid.diagnose.faults import Fault, outliers, quantised_channels, stuck_channels
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
+from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
 from smsid.diagnose.inputs import locked
 from smsid.diagnose.noise import FOLLOWED, strayed
@@ -234,30 +235,12 @@ def _gain(
 
 
 def _foreign(found: Search) -> str:
-    """Return why the recording cannot be of this spacecraft, if so; open loop, where it is not followed."""
+    """Return why the recording cannot be of this spacecraft, if so; asked where it is not followed."""
     if strayed(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
         return ""
-    problem = found.last.problem
-    data = problem.data
-    until = float(data.times[0]) + 5.0
-    run = run_filter(
-        found.last.point.model(),
-        replace(problem, data=data.with_blocks(found.last.point.sensors())),
-        until=until,
-    )
-    later = data.times > until
-    left = []
-    for block in data.blocks:
-        if block.quantity not in ("joint_velocity", "angular_rate", "velocity"):
-            continue
-        moved = np.nanstd(data.values[later, block.rows], axis=0)
-        off = np.sqrt(np.nanmean(run.errors[later, block.rows] ** 2, axis=0))
-        left += [o / m for o, m, s in zip(off, moved, data.sigma[block.rows], strict=True) if m > 20.0 * s]
-    if left and float(np.median(left)) > FOREIGN:
-        return (
-            f"Even with everything refitted, {100 * float(np.median(left)):.0f} % of the motion is left "
-            "unexplained."
-        )
+    left = motion_left(found.last, found.noise)
+    if left > FOREIGN:
+        return f"Even with everything refitted, {100 * left:.0f} % of the motion is left unexplained."
     return ""
 
 

@@ -14,12 +14,14 @@ from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Starting
-from smsid.errors import SmsidError
+from smsid.errors import RecordingError, SmsidError
 
 LOGGER = logging.getLogger(__name__)
+LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 ONSETS = 9  # times an effect may begin at, a round; three rounds, each finer
 
@@ -98,13 +100,20 @@ def search(
 ) -> Search:
     """Return the causes that explain a recording, found one after the other.
 
-    Raises `SimulationError` when the nominal model cannot be filtered at all.
+    Raises `SimulationError` when the nominal model cannot be filtered at all, `RecordingError` when it
+    predicts nothing of the motion.
     """
     levels = levels or Levels()
     clock = {"nominal": time.process_time()}
     fitted = fit_with_noise(point, problem, tuple(unknowns))
     nominal, current, causes = fitted.fit, fitted.fit, []
     before = strayed(fitted.fit.run, fitted.factors)
+    if fitted.misfit and motion_left(nominal, fitted.by_channel) > LOST:
+        raise RecordingError(
+            "The model predicts the motion worse than no motion would, with its parameters fitted.",
+            advice="Is the recording of another spacecraft? Check the signs and the order of the commands.",
+            recording=problem.recording.name,
+        )
     clock["search"] = time.process_time()
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}

@@ -1,0 +1,56 @@
+"""Recordings and descriptions that cannot be judged: the verdict says why, and names nothing."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from smsid.diagnose import diagnose
+from smsid.effects import GeometricStiffness
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+from smsid.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def longer(description):
+    """Twelve seconds of the second experiment, noisy."""
+    model = build_model(description)
+    plan = named_experiment("exp2", model).model_copy(update={"duration": 12.0})
+    return fly(model, plan, np.random.default_rng(5)).recording
+
+
+def test_a_recording_of_another_spacecraft(description, longer):
+    """Its joints are driven by what this one's would do to the opposite."""
+    channels = {c: np.asarray(longer[c]) for c in longer.channels if not c.startswith("truth")}
+    channels["command.joint_torque"] = -channels["command.joint_torque"]
+    channels["command.wheel_torque"] = channels["command.wheel_torque"][:, ::-1]
+    other = Recording.from_arrays(
+        longer.time(), channels, labels=longer.labels, role="estimation", name="other"
+    )
+    found = diagnose(description, [other], rate=10.0).diagnosis
+    assert found.verdict == "not_evaluated"
+    assert "another spacecraft" in found.sentence
+    assert not found.causes
+
+
+def test_a_description_that_does_not_simulate(description, longer):
+    broken = description.with_effects(GeometricStiffness(name="gs", appendage="panel", factor=1e7))
+    found = diagnose(broken, [longer], rate=10.0).diagnosis
+    assert found.verdict == "not_evaluated"
+    assert found.sentence
+    assert not found.causes
+
+
+def test_no_candidate_is_excited(description, recording, monkeypatch):
+    monkeypatch.setattr(sys.modules["smsid.diagnose.diagnose"], "propose", lambda *_: [])
+    found = diagnose(description, [recording], rate=10.0).diagnosis
+    assert found.verdict == "not_evaluated"
+    assert "excites no candidate" in found.sentence
+
+
+def test_without_validation_the_gain_is_not_known_and_says_so(description, recording):
+    found = diagnose(description, [recording], rate=10.0).diagnosis
+    assert found.verdict in ("adequate", "explained", "unexplained")
+    assert found.gain is None
+    assert "no validation recording" in found.gain_reason

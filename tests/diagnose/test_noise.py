@@ -1,0 +1,56 @@
+"""Noise levels from prediction errors: white ones, slow ones, and outliers."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from smsid.diagnose.noise import misfit_factors, noise_factors, strayed
+
+N = 20000
+
+
+def channels(*columns):
+    """Prediction errors in stated noise, one channel of one row a column, all used."""
+    x = np.column_stack(columns)
+    blocks = tuple(SimpleNamespace(rows=slice(i, i + 1), channel=f"c{i}") for i in range(x.shape[1]))
+    data = SimpleNamespace(rows=x.shape[1], blocks=blocks)
+    return data, SimpleNamespace(normalised=x, used=np.ones(x.shape, dtype=bool))
+
+
+def slow(rng, memory, n=N):
+    """An error that remembers: autoregressive of order one, variance one."""
+    return lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(n))
+
+
+def test_white_noise_is_measured_as_it_is():
+    rng = np.random.default_rng(1)
+    data, run = channels(0.7 * rng.standard_normal(N), 1.3 * rng.standard_normal(N))
+    assert noise_factors(data, run) == pytest.approx([0.7, 1.3], rel=0.03)
+
+
+def test_what_varies_slowly_and_what_is_far_off_is_no_noise():
+    rng = np.random.default_rng(2)
+    drifting = rng.standard_normal(N) + 20.0 * np.sin(np.linspace(0.0, 9.0, N))
+    spoilt = rng.standard_normal(N)
+    spoilt[::100] += 50.0
+    assert noise_factors(*channels(drifting, spoilt)) == pytest.approx([1.0, 1.0], rel=0.1)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
+def test_counted_misfit_covers_the_spread_of_a_mean_under_such_errors(memory):
+    """White noise of the level found gives a mean at least the spread it has, by drawing it many times."""
+    rng = np.random.default_rng(3)
+    means = [slow(rng, memory, 2000).mean() for _ in range(400)]
+    level = misfit_factors(*channels(slow(rng, memory)))[0]
+    said = level / np.sqrt(2000)
+    assert np.std(means) < 1.1 * said
+    assert said < 2.5 * np.std(means)
+
+
+def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
+    rng = np.random.default_rng(4)
+    factors = np.array([3.0, 3.0])
+    _, run = channels(rng.standard_normal(N), rng.standard_normal(N))
+    assert strayed(run, factors) == pytest.approx(3.0, rel=0.05)
