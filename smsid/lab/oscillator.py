@@ -99,26 +99,8 @@ def fit_oscillator(
         raise NotIdentifiableError(
             f"The spring has no term {sorted(unknown)}.", advice=f"Use {', '.join(TERMS)}."
         )
-    u, y = np.asarray(drive, dtype=float), np.asarray(output, dtype=float)
-    if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
-        raise NotIdentifiableError(
-            f"Drive {u.shape} and output {y.shape} must be (N,) and finite.", advice="Cut the record at gaps."
-        )
-    run_in = int(np.ceil(8.0 / (2 * np.pi * start.frequency * start.damping) * rate))
-    length = (u.size - run_in) // pieces
-    if length < 4 * run_in:
-        raise NotIdentifiableError(
-            f"{u.size} samples in {pieces} pieces are too short: each needs a run-in of {run_in}.",
-            advice="Use fewer pieces or a longer record.",
-            run_in=run_in,
-        )
-    fine = _refined(u)
-    per = 2 * SUBSTEPS
-    begins = [k * length for k in range(pieces)]
-    drives = np.array([fine[per * b : per * (b + run_in + length)] for b in begins])
-    target = np.array([y[b + run_in : b + run_in + length] for b in begins]).T
     fields = (*FIELDS[:3], *(t for t in FIELDS[3:] if t in terms))
-    size = float(np.ptp(y)) / 2.0  # a term counts by what it does at the peaks
+    drives, target, run_in, size = _pieces(drive, output, rate, start, pieces)
     found = start
     first = _linearised(found, fields, drives, rate, run_in, target, size)
     if first is None:
@@ -164,6 +146,49 @@ def fit_oscillator(
         name, "simulation error", tuple(parameters), notes=(f"residuals correlated over {lags} samples",)
     )
     return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))))
+
+
+def sensitivities(
+    drive: np.ndarray, output: np.ndarray, rate: float, oscillator: Oscillator, *, pieces: int = 10
+) -> tuple[np.ndarray, dict[str, np.ndarray], int]:
+    """Return what a simulation leaves (M,), and its derivatives by every parameter (M,) by name.
+
+    Pieces as in `fit_oscillator`, one after the other; the last number is how many samples each has.
+
+    Raises:
+        NotIdentifiableError: as `fit_oscillator`.
+    """
+    drives, target, run_in, size = _pieces(drive, output, rate, oscillator, pieces)
+    found = _linearised(oscillator, FIELDS, drives, rate, run_in, target, size)
+    if found is None:
+        raise NotIdentifiableError("The oscillator runs away.", advice="Fit it first.", oscillator=oscillator)
+    residual, columns = found
+    return residual, dict(zip((*FIELDS, "offset"), columns.T, strict=True)), len(target)
+
+
+def _pieces(
+    drive: np.ndarray, output: np.ndarray, rate: float, start: Oscillator, pieces: int
+) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Drives (pieces, n), targets (m, pieces), samples of run-in, and half the output's range."""
+    u, y = np.asarray(drive, dtype=float), np.asarray(output, dtype=float)
+    if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
+        raise NotIdentifiableError(
+            f"Drive {u.shape} and output {y.shape} must be (N,) and finite.", advice="Cut the record at gaps."
+        )
+    run_in = int(np.ceil(8.0 / (2 * np.pi * start.frequency * start.damping) * rate))
+    length = (u.size - run_in) // pieces
+    if length < 4 * run_in:
+        raise NotIdentifiableError(
+            f"{u.size} samples in {pieces} pieces are too short: each needs a run-in of {run_in}.",
+            advice="Use fewer pieces or a longer record.",
+            run_in=run_in,
+        )
+    fine = _refined(u)
+    per = 2 * SUBSTEPS
+    begins = [k * length for k in range(pieces)]
+    drives = np.array([fine[per * b : per * (b + run_in + length)] for b in begins])
+    target = np.array([y[b + run_in : b + run_in + length] for b in begins]).T
+    return drives, target, run_in, float(np.ptp(y)) / 2.0  # a term counts by what it does at the peaks
 
 
 def _moved(oscillator: Oscillator, fields: tuple[str, ...], step: np.ndarray) -> Oscillator | None:
