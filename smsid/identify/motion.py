@@ -157,13 +157,13 @@ class Motion:
         """Return q (N, nq) and v (N, nv) of the model, slosh and modes at rest: fill those in yourself."""
         n = len(self)
         q, v = np.tile(model.home, (n, 1)), np.zeros((n, model.nv))
-        if len(model.arm_joints):
-            q = np.array(
-                [
-                    set_group_angles(model.pin, model.arm_joints, a, b)
-                    for a, b in zip(q, self.angles, strict=True)
-                ]
-            )
+        arm = model.arm_joints
+        if len(arm) and all(model.pin.joints[int(j)].nq == 1 for j in arm.joints):
+            q[:, arm.q] = self.angles
+        elif len(arm):
+            pairs = zip(q, self.angles, strict=True)
+            q = np.array([set_group_angles(model.pin, arm, a, b) for a, b in pairs])
+        if len(arm):
             v[:, model.arm_joints.v] = self.angle_rates
         q[:, 0:3] = self.position - np.einsum("nij,j->ni", self.rotation, self.pose_point)
         q[:, 3:7] = Rotation.from_matrix(self.rotation).as_quat()
