@@ -272,7 +272,6 @@ def write() -> None:
         thrusts[name] = {
             "seconds needed": document["experiment"]["duration"],
             "predicted relative sigma": document["relative"],
-            "relative sigma of (48), as long, within the same limits": document["relative_before"],
             "limits": document["limits"],
             "notes": document["notes"],
             "experiments tried": document["evaluations"],

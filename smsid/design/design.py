@@ -17,7 +17,15 @@ from smsid.design.limits import Limits
 from smsid.design.moving import Moving, design_motion, within_limits
 from smsid.design.result import Design
 from smsid.design.shortest import shortest
-from smsid.design.thrusting import Thrusting, design_thrust, intervals_of, paper_thrust, thrust_use, weaker
+from smsid.design.thrusting import (
+    Thrusting,
+    design_thrust,
+    intervals_of,
+    paper_thrust,
+    strain,
+    thrust_use,
+    weaker,
+)
 from smsid.design.watch import Progress, Watch
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse
@@ -126,10 +134,18 @@ def _thrust(
     if to is None:
         _, made = search(duration or DURATION["thrust"])
     else:
-        made = shortest(search, to, DURATION["thrust"], duration or LONGEST, whole, watch)
+        made = shortest(
+            search,
+            to,
+            DURATION["thrust"],
+            duration or LONGEST,
+            whole,
+            watch,
+            lambda m: _held_back(thrust_use(model, m.experiment, limits), limits),
+        )
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
     uses = thrust_use(model, made.experiment, limits)
-    over = max(limits.share(u) for u in uses)
+    over = strain(uses, limits)
     if over > 1.0 + 1e-6:
         made = weaker(made, 0.9999 / over)
         uses = thrust_use(model, made.experiment, limits)
@@ -173,7 +189,15 @@ def _motion(
     if to is None:
         _, made = search(duration or DURATION["motion"])
     else:
-        made = shortest(search, to, DURATION["motion"], duration or LONGEST, lambda t: round(t, 1), watch)
+        made = shortest(
+            search,
+            to,
+            DURATION["motion"],
+            duration or LONGEST,
+            lambda t: round(t, 1),
+            watch,
+            lambda m: _held_back(within_limits(model, m, limits)[1], limits),
+        )
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
     made, uses = within_limits(model, made, limits)
     reference, _ = within_limits(model, first[0], limits)
@@ -199,9 +223,9 @@ def _finished(
     notes = []
     if watch.interrupted:
         notes.append("interrupted: this is the best found so far")
-    used_up = [u for u in uses if limits.share(u) > FULL]
+    used_up = _held_back(uses, limits)
     if used_up:
-        notes.append("held back by " + "; ".join(map(str, used_up)))
+        notes.append(used_up.removeprefix(", "))
     if to is not None and (sigma / goal.scales).max() > to:
         reached = float((sigma / goal.scales).max())
         notes.append(f"asked for {100 * to:.4g} %, predicted {100 * reached:.4g} %")
@@ -216,3 +240,9 @@ def _finished(
         watch.interrupted,
         tuple(notes),
     )
+
+
+def _held_back(uses: tuple[LimitUse, ...], limits: Limits) -> str:
+    """Return the limits that are used up, in words."""
+    full = [str(u) for u in uses if limits.share(u) > FULL]
+    return f", held back by {'; '.join(full)}" if full else ""

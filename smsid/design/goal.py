@@ -65,7 +65,7 @@ class Goal:
         return scaled @ covariance[:size, :size] @ scaled.T
 
     def cost(self, covariance: np.ndarray) -> float:
-        """Return the logarithm of the worst, mean or volume of relative deviations, of a covariance (n, n)."""
+        """Return the logarithm of relative deviations (worst, mean, volume) of a covariance (n, n)."""
         return self.cost_and_weight(covariance)[0]
 
     def cost_and_weight(self, covariance: np.ndarray) -> tuple[float, np.ndarray]:

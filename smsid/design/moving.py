@@ -120,9 +120,9 @@ def within_limits(
         broken = limits.broken(uses)
         if not broken:
             return Moving(experiment, made.goal, made.covariance, made.point, shrink), uses
-        shrink *= 0.995 / max(limits.share(u) for u in broken)
-        if shrink < LEAST:
+        if shrink <= LEAST:
             break
+        shrink = max(LEAST, shrink * 0.995 / max(limits.share(u) for u in broken))
     raise ExperimentError(
         "No motion keeps these limits: " + "; ".join(map(str, broken)) + ".",
         advice="Loosen them, or design for a longer duration.",

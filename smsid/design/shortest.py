@@ -25,12 +25,14 @@ def shortest(
     longest: float,
     whole: Callable[[float], float],
     watch: Watch[T],
+    held_back: Callable[[T], str] = lambda _: "",
 ) -> T:
     """Return the design of the shortest duration at which a relative standard deviation is at most a target.
 
     ``search`` gives for a duration [s] the standard deviation and the design, ``whole`` rounds durations. By
     regula falsi on logarithms, to 1 %. An interrupt ends it with the shortest that reaches the target, else
-    with the most precise. Raises `ExperimentError` when even the longest does not reach it.
+    with the most precise. ``held_back`` says of a design what kept it from being better. Raises
+    `ExperimentError` when even the longest does not reach the target.
     """
     tried: dict[float, tuple[float, T]] = {}
 
@@ -49,7 +51,7 @@ def shortest(
             reached = min(s for s, _ in tried.values())
             raise ExperimentError(
                 f"{100 * target:.4g} % is out of reach within {longest:.4g} s: the best found gives "
-                f"{100 * reached:.4g} %.",
+                f"{100 * reached:.4g} %{held_back(min(tried.values(), key=lambda x: x[0])[1])}.",
                 advice="Allow a longer duration or looser limits.",
                 reached=reached,
                 duration=longest,

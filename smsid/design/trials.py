@@ -53,12 +53,14 @@ class Trials(ABC):
         Raises `ExperimentError` naming the limits that cannot be kept.
         """
         description = self.model.description
-        perfect = [s.model_copy(update={"errors": {}, "preset": None}) for s in description.sensor]
+        perfect = [
+            s.model_copy(update={"errors": {}, "preset": None, "rate": rate}) for s in description.sensor
+        ]
         blank = build_model(description.with_sensors(*perfect))
         shrink, broken = 1.0, ()
         for _ in range(PASSES):
             experiment = self.experiment(point, shrink)
-            flight = fly(blank, experiment, np.random.default_rng(0), rate=rate, tolerance=DRAFT)
+            flight = fly(blank, experiment, np.random.default_rng(0), tolerance=DRAFT)
             times = np.linspace(0.0, self.duration, int(8 * self.duration) + 1)
             states = flight.trajectory.states(times)
             uses = self.limits.use(self.model, states, experiment.hold_attitude)
