@@ -99,11 +99,11 @@ def fit(point: Point, unknowns: Sequence[Unknown], problem: Problem, *, iteratio
     """
     found = evaluate(point, unknowns, problem)
     for _ in range(iterations):
-        step = np.linalg.solve(found.gram + 1e-12 * np.diag(np.diag(found.gram)), found.slope)
-        gain = 0.5 * float(found.slope @ step)
+        step = bounded_step(found)
+        gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
         if gain < ENOUGH:
             last = found.point.moved(unknowns, step * found.scales)
-            return _last_step(found, last, step) if last.physical() else found
+            return _last_step(found, last, step, gain) if last.physical() else found
         better = _descend(found, step, unknowns, problem)
         if better is None:
             break
@@ -112,12 +112,35 @@ def fit(point: Point, unknowns: Sequence[Unknown], problem: Problem, *, iteratio
     return found
 
 
-def _last_step(found: Fit, point: Point, step: np.ndarray) -> Fit:
+def bounded_step(found: Fit) -> np.ndarray:
+    """Return the step (m,) of Gauss and Newton, in scales, that keeps within the parameters' bounds.
+
+    A parameter that would leave them goes as far as it may, and the others' step is found again beside that:
+    cut off afterwards, the rest would make up for a change that did not happen.
+    """
+    gram = found.gram + 1e-12 * np.diag(np.diag(found.gram))
+    step = np.linalg.solve(gram, found.slope)
+    held = np.zeros(len(step), dtype=bool)
+    now = np.array([found.point.value(u) for u in found.unknowns])
+    for _ in range(len(step)):
+        to = found.point.moved(found.unknowns, step * found.scales)
+        may = (np.array([to.value(u) for u in found.unknowns]) - now) / found.scales
+        beyond = (np.abs(may - step) > 1e-6 * (1.0 + np.abs(step))) & ~held
+        if not beyond.any():
+            break
+        held |= beyond
+        step[held] = may[held]
+        rest = ~held
+        slope = found.slope[rest] - gram[np.ix_(rest, held)] @ step[held]
+        step[rest] = np.linalg.solve(gram[np.ix_(rest, rest)], slope)
+    return step
+
+
+def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
     """Return the fit a small step on, its innovations moved along their derivatives."""
     run = replace(found.run, innovations=found.run.innovations - found.whitened @ step)
-    gain = 0.5 * float(found.slope @ step)
     prior = prior_of(point, found.unknowns, found.problem)
-    rest = np.zeros_like(found.slope)
+    rest = found.slope - found.gram @ step
     return replace(found, point=point, run=run, slope=rest, objective=found.objective - gain, prior=prior)
 
 

@@ -38,6 +38,12 @@ class Unknown:
     lower: float = -np.inf
     upper: float = np.inf
 
+    @property
+    def positive(self) -> bool:
+        """Whether it is a mass or a spring, without which the effect is none; a damping may vanish."""
+        bound = self.kind == "effect" and self.nominal > 0.0 and self.lower == 0.0
+        return bound and "damping" not in self.name
+
     def unbound(self) -> Unknown:
         """Return the parameter without its prior."""
         return replace(self, sigma=np.inf)
@@ -84,8 +90,9 @@ class Point:
         for unknown, d in zip(unknowns, step, strict=True):
             old = self.value(unknown)
             new = float(np.clip(old + d, unknown.lower, unknown.upper))
-            if unknown.kind == "effect" and unknown.nominal > 0.0 and unknown.lower == 0.0 and old > 0.0:
-                new = float(np.clip(new, 0.5 * old, 2.0 * old))  # masses and springs stay what they are
+            if unknown.positive and old > 0.0:  # it stays what it is, and may go back to what it was
+                low, high = min(0.5 * old, unknown.nominal), max(2.0 * old, unknown.nominal)
+                new = float(np.clip(new, low, high))
             if unknown.kind == "inertial":
                 inertial[unknown.column] = new - self._urdf(unknown.column)
             elif unknown.kind == "bias":
