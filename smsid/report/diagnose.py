@@ -23,7 +23,7 @@ from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table,
 from smsid.report.numbers import number, share
 from smsid.report.residuals import residual_table
 from smsid.report.spectra import spectrum_grid
-from smsid.report.torques import torque_sections, torque_tests
+from smsid.report.torques import torque_sections
 from smsid.report.traces import Trace, Traces
 
 LOGGER = logging.getLogger(__name__)
@@ -58,8 +58,7 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     """Return the report of a diagnosis; what was not evaluated is said to be so."""
     d = found.diagnosis
     sections = [causes_section(d)]
-    tests = dict(d.tests) or (torque_tests(found.torques) if found.torques is not None else {})
-    sections += map_section(tests, found.search.levels.block if found.search is not None else LEVEL)
+    sections += map_section(d.tests, found.search.levels.block if found.search is not None else LEVEL)
     if found.search is not None:
         sections += search_sections(found.search, asked)
     if found.torques is not None:

@@ -1,11 +1,9 @@
-"""Torques of an arm in the report of a diagnosis: measured and predicted, what is left, and its tests."""
+"""Torques of an arm in the report of a diagnosis: measured and predicted, and what is left."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from smsid.diagnose.blocks import Block
-from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.report.model import Figure, Section
 from smsid.report.residuals import residual_table
@@ -14,12 +12,6 @@ from smsid.report.traces import Trace, Traces
 
 BUDGET = 200_000
 NOTE = "Noise: the torque's white noise within the band that is compared."
-
-
-def torque_tests(found: TorqueSearch) -> dict[str, list[Block]]:
-    """Return all generic tests on the torques, before any cause and with the causes."""
-    after = dependences(found.last)
-    return {"nominal": dependences(found.nominal) if found.causes else after, "extended": after}
 
 
 def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:

@@ -88,6 +88,7 @@ def diagnose_torques(
         )
     searched = time.process_time()
     blocks = dependences(last)
+    before = dependences(found.nominal) if found.causes else blocks
     left = [b for b in blocks if b.p_value * len(blocks) < found.levels.block]
     open_ = {b.where.removeprefix("torque of ") for b in left}
     named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
@@ -110,10 +111,11 @@ def diagnose_torques(
         causes=named,
         gain=gained,
         gain_reason=reason,
-        remaining=tuple(
-            Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * len(blocks))))
-            for b in left
-        ),
+        remaining=_told(left, len(blocks)),
+        tests={
+            "nominal": _told(before, len(before)),
+            "extended": _told(blocks, len(blocks)),
+        },
         limits=torque_limits(found),
         whitened_rms=whitened,
         timing={"search": searched - begin, "tests": time.process_time() - searched},
@@ -126,6 +128,14 @@ def diagnose_torques(
         ),
     )
     return result, extended, found
+
+
+def _told(blocks: Sequence[Block], tests: int) -> tuple[Remaining, ...]:
+    """Generic tests in the form of the result, their p-values corrected for ``tests`` of them."""
+    return tuple(
+        Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * tests)))
+        for b in blocks
+    )
 
 
 def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) -> FoundCause:
