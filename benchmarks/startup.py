@@ -1,8 +1,8 @@
 """How long one waits before anything happens: `import smsid` and `smsid --help`, beside what they rest on.
 
-Claims: `import smsid` adds at most half of what `import pinocchio` takes by itself, and `smsid --help` takes at
-most twice as long as importing typer and rich. Each is a fresh interpreter, the bare one's time taken off the
-imports; processor time, in turn, so that a loaded machine slows all alike.
+Claims: `import smsid` adds at most half of what `import pinocchio` takes by itself, and `smsid --help` takes
+at most twice as long as importing typer and rich. Each is a fresh interpreter (a bare one's time is taken off
+the first two); processor time, in turn, so that a loaded machine slows all alike.
 
     python benchmarks/startup.py --rounds 15
 """
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     rounds = parser.parse_args().rounds
     times = {name: np.empty(rounds) for name in RUNS}
-    for name, code in RUNS.items():
+    for code in RUNS.values():
         seconds(code)  # compiled files and disk caches
     for k in range(rounds):
         for name, code in RUNS.items():

@@ -23,8 +23,9 @@ def simulated_twin(
 ) -> Trajectory:
     """Return the motion that the model makes of a recording's commands, from its first state on.
 
-    Commands are held between samples. Joints without commanded torque follow their measured angles, wheels
-    without are locked. The first state is the measured one; slosh and deflection, if not recorded, at rest.
+    Between samples commands are as the recording's provenance says ("inputs": held or linear), else held.
+    Joints without commanded torque follow their measured angles, wheels without are locked. The first state
+    is the measured one; slosh and deflection, if not recorded, at rest.
     ``progress`` is called with the time after every step.
 
     Raises:
@@ -39,15 +40,20 @@ def simulated_twin(
 
 
 def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
-    def held(quantity: str, size: int) -> Sampled | None:
+    degree = 1 if recording.provenance.get("inputs") == "linear" else 0
+
+    def command(quantity: str, size: int) -> Sampled | None:
         name = f"command.{quantity}"
         if not size or name not in recording:
             return None
-        return _signal(channel(recording, name), 0)
+        return _signal(channel(recording, name), degree)
 
     bus = 3 if model.free else 0
-    force, torque = held("force", bus), held("torque", bus)
-    joints, wheels = held("joint_torque", len(model.arm_joints)), held("wheel_torque", len(model.wheels))
+    force, torque = command("force", bus), command("torque", bus)
+    joints, wheels = (
+        command("joint_torque", len(model.arm_joints)),
+        command("wheel_torque", len(model.wheels)),
+    )
     angles = sensed(model, recording, "encoder", "encoder", "joint_position")
     follow = JointMotion.of(_signal(angles[0], WELL)) if joints is None and angles is not None else None
     if all(x is None for x in (force, torque, joints, wheels, follow)):
