@@ -14,7 +14,7 @@ from smsid.identify.pipeline import Identification
 from smsid.recording import Recording
 from smsid.report.identify import explained, identify_sections, worst_ratio
 from smsid.report.model import Cell, Provenance, Report, Section, Table, Tone
-from smsid.report.numbers import number, share
+from smsid.report.numbers import number, share, unit
 from smsid.report.parameters import Known, reported
 from smsid.report.residuals import Residuals
 
@@ -105,7 +105,7 @@ def table_2(s: Shown, paper: Sequence[PaperRow]) -> Table:
     rows = []
     for row in paper:
         found = [s.identification.estimate[n] for n in row.names if n in s.identification.estimate]
-        cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(row.paper)]
+        cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(unit(row.paper))]
         cells.append(Cell(f"{row.paper_error} %" if row.paper_error[0].isdigit() else row.paper_error))
         if not found:
             rows.append((*cells, Cell("not found"), Cell(""), Cell(""), Cell("")))
