@@ -35,8 +35,8 @@ SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie f
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 FALLEN = (
-    "taken from the regression as printed: beside accelerometer biases no slosh settles, and without them "
-    "its interval does not hold"
+    "from the regression as printed, over less than a period of the described slosh: what the tank's mass is "
+    "cannot be told from the rest, and the interval does not hold"
 )
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
 
@@ -89,8 +89,9 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                     notes.append(f"axis {axis} of '{recording.name}'{way}: {error}")
             if axis not in axes and axis in printed:
                 axes[axis] = printed[axis]
-                fallen.add(axis)
-                notes.append(f"axis {axis}: {FALLEN}")
+                notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
+                if data.time[-1] - data.time[0] < _period(model, "xyz".index(axis)):
+                    fallen.add(axis)
         for name, found in _modes(model, recording, notes).items():
             modes.setdefault(name, found)
     missing = sorted(set("xyz") - wanted)
@@ -114,6 +115,14 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
         for p in found.parameters
     ]
     return replace(found, parameters=tuple(parameters))
+
+
+def _period(model: SpacecraftModel, axis: int) -> float:
+    """Period [s] of the slowest slosh along an axis, as described; zero without tanks."""
+    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    softest = 1e-12  # [N/m], of a tank without springs
+    periods = [2 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[axis], softest))) for e in tanks]
+    return max(periods, default=0.0)
 
 
 def _alone(axis: AxisEstimate) -> AxisEstimate:
