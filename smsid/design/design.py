@@ -19,6 +19,7 @@ from smsid.design.result import Design
 from smsid.design.shortest import shortest
 from smsid.design.thrusting import (
     Thrusting,
+    axes_of,
     design_thrust,
     intervals_of,
     paper_thrust,
@@ -117,9 +118,10 @@ def _thrust(
 
     def search(length: float) -> tuple[float, Thrusting]:
         watch.restarted(f"thrust of {length:.4g} s")
+        used = axes if axes is not None or not last else axes_of(last[0])  # the same for all durations
         try:
             made = design_thrust(
-                model, wanted, criterion, limits, length, np.random.default_rng(seed), watch, last, axes
+                model, wanted, criterion, limits, length, np.random.default_rng(seed), watch, last, used
             )
         except KeyboardInterrupt:
             if watch.best is None:

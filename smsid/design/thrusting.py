@@ -121,12 +121,15 @@ def thrust_steps(thrust: np.ndarray, duration: float, name: str = "design") -> E
     )
 
 
+def axes_of(thrust: np.ndarray) -> str:
+    """Return the axes along which a thrust (intervals, 3) acts, letters of ``xyz``."""
+    used = np.abs(thrust).sum(axis=0).tolist()
+    return "".join(a for a, size in zip("xyz", used, strict=True) if size) or "x"
+
+
 def paper_thrust(model: SpacecraftModel, made: Thrusting, limits: Limits) -> Experiment:
     """Return the paper's thrust (48) on the same axes, of the same duration, as strong as limits allow."""
-    axes = (
-        "".join(a for a, used in zip("xyz", np.abs(made.thrust).sum(axis=0).tolist(), strict=True) if used)
-        or "x"
-    )
+    axes = axes_of(made.thrust)
     duration = made.experiment.duration
     unit = thrust_experiment(axes, force=1.0, duration=duration)
     share = strain(thrust_use(model, unit, limits), limits)

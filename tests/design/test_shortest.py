@@ -26,7 +26,8 @@ def test_it_is_found_to_one_per_cent(power: float, at_100: float):
     found = shortest(search, 0.1, 120.0, 1e5, lambda t: round(t, 2), Watch())
     exact = 100.0 * (at_100 / 0.1) ** (1.0 / power)
     assert exact <= found * (1 + 1e-6)
-    assert found <= 1.012 * exact
+    # half a per cent of the precision is kept in hand
+    assert found <= 1.012 * exact * (1 / 0.995) ** (1.0 / power)
     assert len(calls) <= 10
 
 
