@@ -12,7 +12,6 @@ from smsid.likelihood.channels import Channel
 from smsid.likelihood.combinations import effects_and_mass
 from smsid.likelihood.fit import fit
 from smsid.likelihood.piece import Piece
-from smsid.likelihood.prior import Prior
 from smsid.likelihood.refine import Refinement
 
 
@@ -39,7 +38,7 @@ def bootstrap(refinement: Refinement, draws: int, rng: np.random.Generator) -> B
     Raises what the fit raises.
     """
     found = refinement.fit
-    prior, described = Prior(refinement.described), refinement.described
+    prior, described = refinement.prior, refinement.described
     rows, names = [], ()
     with threadpool_limits(limits=1, user_api="blas"):
         for _ in range(draws):

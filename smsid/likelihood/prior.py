@@ -7,20 +7,45 @@ moment and inertia (`CAD`), and ten times the value for parameters of effects (`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from smsid.errors import DescriptionError
 from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.pseudo_inertia import SIZE
+from smsid.model.regressor import INERTIAL_NAMES
 
 CAD = 0.5  # standard deviation of inertial parameters, relative to the body's own size
 EFFECT = 10.0  # standard deviation of effect parameters without a prior, relative to the described value
 
 
 class Prior:
-    """Gaussian prior around a described point, in ordinary inertial parameters and scalar values."""
+    """Gaussian prior around a described point, in ordinary inertial parameters and scalar values.
 
-    def __init__(self, described: Parameters) -> None:
-        self.mean = described.inertias
+    ``cad``: what is known better of the rigid bodies, (value, sigma) by name (``link2.m``, ``bus.Ixx``;
+    moments about the origin of the body's frame, wheels with the bus, appendages not) [kg, kg m, kg m^2].
+    What is known of effects stands in the description (`Effect.prior`).
+
+    Raises `DescriptionError` for a name that is no parameter, or a sigma that is not positive.
+    """
+
+    def __init__(self, described: Parameters, cad: Mapping[str, tuple[float, float]] | None = None) -> None:
+        self.mean = described.inertias.copy()
         self.sigma = CAD * described.sizes
+        known = {
+            f"{body}.{symbol}": (i, k)
+            for i, body in enumerate(described.layout.names)
+            for k, symbol in enumerate(INERTIAL_NAMES[:SIZE])
+        }
+        for name, (value, sigma) in (cad or {}).items():
+            if name not in known or not (sigma > 0.0 and np.isfinite([value, sigma]).all()):
+                raise DescriptionError(
+                    f"'{name}' with {value} +- {sigma} is no prior of a body.",
+                    advice=f"Give (value, sigma) of one of {', '.join(known)}.",
+                    name=name,
+                )
+            self.mean[known[name]], self.sigma[known[name]] = value, sigma
 
     def residual(self, at: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Return whitened residuals (rows,) and their derivative by the step (rows, size)."""

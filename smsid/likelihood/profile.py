@@ -48,7 +48,7 @@ def profile_interval(
 
     Raises `NotIdentifiableError` for a parameter it cannot hold, or when the likelihood does not fall.
     """
-    return profile_of(refinement.fit, Prior(refinement.described), name, level=level, bound=bound)
+    return profile_of(refinement.fit, refinement.prior, name, level=level, bound=bound)
 
 
 def profile_of(

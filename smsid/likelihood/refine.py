@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +42,7 @@ class Refinement:
     parameters, in order. ``description`` carries slosh and appendages as found; ``inertias`` are the rigid
     bodies' parameters (10,) by name, physically consistent (wheels included, appendages not; see
     `consistent`), of which only the combinations in the estimate are determined by the data; ``unseen`` names
-    the directions that are not. ``described`` and ``fit`` are what profiles need.
+    the directions that are not. ``described``, ``fit`` and ``prior`` are what profiles need.
     """
 
     estimate: Estimate
@@ -52,6 +52,7 @@ class Refinement:
     unseen: tuple[UnseenDirection, ...]
     described: Parameters
     fit: Fit
+    prior: Prior
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of two parameters of the estimate."""
@@ -66,6 +67,7 @@ def refine(
     start: Identification | Refinement | None = None,
     *,
     nuisance: Nuisance | None = None,
+    cad: Mapping[str, tuple[float, float]] | None = None,
 ) -> Refinement:
     """Refine an identification to the maximum of the likelihood of all channels of all recordings.
 
@@ -76,13 +78,14 @@ def refine(
 
     ``start``: the linear method's result, or an earlier refinement of the same spacecraft. Without it the
     search begins at the description's values: good for modes within about 5 %.
-    ``nuisance``: what is estimated beside biases and initial pose.
+    ``nuisance``: what is estimated beside biases and initial pose. ``cad``: what is known of the rigid
+    bodies, (value, sigma) by name, as in `Prior`; what is known of effects stands in the description.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _refine(description, recordings, start, nuisance or Nuisance())
+        return _refine(description, recordings, start, nuisance or Nuisance(), cad)
 
 
 def _refine(
@@ -90,6 +93,7 @@ def _refine(
     recordings: Sequence[Recording],
     start: Identification | Refinement | None,
     nuisance: Nuisance,
+    cad: Mapping[str, tuple[float, float]] | None,
 ) -> Refinement:
     began = time.perf_counter()
     if not recordings:
@@ -105,7 +109,7 @@ def _refine(
     described = Parameters.of(model)
     pairs = [piece_of(model, r, nuisance) for r in recordings]
     pieces, locals_ = [p for p, _ in pairs], tuple(local for _, local in pairs)
-    prior = Prior(described)
+    prior = Prior(described, cad)
     if isinstance(start, Refinement):
         points = [Point(_restarted(described, start), locals_)]
     else:
@@ -163,7 +167,9 @@ def _refine(
         },
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
-    return Refinement(estimate, reported_covariance, at.description(), inertias, unseen, described, found)
+    return Refinement(
+        estimate, reported_covariance, at.description(), inertias, unseen, described, found, prior
+    )
 
 
 def _check(recording: Recording) -> None:
