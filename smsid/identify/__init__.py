@@ -22,6 +22,7 @@ from smsid.identify.slosh_state import estimate_slosh
 from smsid.identify.ssi import ssi_cov
 from smsid.identify.ssi_input import ssi_cov_input
 from smsid.identify.ssi_uncertainty import UncertainPoles, ssi_cov_uncertain
+from smsid.identify.streamed import StreamedMomentum, identify_streamed
 from smsid.identify.tls import TlsSolution, total_least_squares
 from smsid.identify.translation import AxisData, AxisEstimate, Combined, combine, identify_axis
 
@@ -43,6 +44,7 @@ __all__ = [
     "RecursiveTls",
     "Regression",
     "StepA",
+    "StreamedMomentum",
     "TlsSolution",
     "TranslationResult",
     "UncertainPoles",
@@ -51,6 +53,7 @@ __all__ = [
     "identify",
     "identify_axis",
     "identify_momentum",
+    "identify_streamed",
     "identify_translation",
     "integrate_accelerometers",
     "load_estimate",
