@@ -150,10 +150,10 @@ def fit_oscillator(
 
 def sensitivities(
     drive: np.ndarray, output: np.ndarray, rate: float, oscillator: Oscillator, *, pieces: int = 10
-) -> tuple[np.ndarray, dict[str, np.ndarray], int]:
+) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[slice, ...]]:
     """Return what a simulation leaves (M,), and its derivatives by every parameter (M,) by name.
 
-    Pieces as in `fit_oscillator`, one after the other; the last number is how many samples each has.
+    Pieces as in `fit_oscillator`, one after the other; last, which samples of the record they are.
 
     Raises:
         NotIdentifiableError: as `fit_oscillator`.
@@ -163,7 +163,9 @@ def sensitivities(
     if found is None:
         raise NotIdentifiableError("The oscillator runs away.", advice="Fit it first.", oscillator=oscillator)
     residual, columns = found
-    return residual, dict(zip((*FIELDS, "offset"), columns.T, strict=True)), len(target)
+    length = len(target)
+    cut = tuple(slice(run_in + k * length, run_in + (k + 1) * length) for k in range(pieces))
+    return residual, dict(zip((*FIELDS, "offset"), columns.T, strict=True)), cut
 
 
 def _pieces(

@@ -12,7 +12,7 @@ from scipy.stats import chi2, norm
 
 from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
-from smsid.diagnose.torque.whitening import Whitening, robust_p_value
+from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.diagnose.verdict import POWER, describe
 from smsid.lab.oscillator import FIELDS, TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
 
@@ -65,9 +65,9 @@ def diagnose_oscillator(
     """Say whether a linear oscillator explains a record, and if not, which terms it lacks.
 
     From the linear fit on, the term whose sensitivity explains most of what is left is added and all are
-    fitted again, while it is significant and gains in Bayes's criterion. What is left is whitened by its own
-    autoregression; chances allow for uneven errors. Then what is left is tested against output, rate, drive
-    and time.
+    fitted again, while it is significant. Errors are weighted as the fit weights them: what a lightly damped
+    oscillator's model lacks shows at its resonance, where whitening would hide it. Chances allow for
+    correlated and uneven errors. Then what is left is tested against output, rate, drive and time.
 
     Args:
         drive: (N,).
@@ -89,10 +89,11 @@ def diagnose_oscillator(
     evidence: dict[str, _Test] = {}
     tried = len(TERMS)
     while True:
-        residual, columns, length = sensitivities(drive, output, rate, fit.oscillator, pieces=pieces)
-        white, rows = _whitened(residual, columns, length)
-        tests = {t: _tested(white, rows, t, terms) for t in TERMS if t not in terms}
-        good = {t: x for t, x in tests.items() if x.p_value * tried < LEVEL and x.ratio > np.log(len(white))}
+        residual, rows, cut = sensitivities(drive, output, rate, fit.oscillator, pieces=pieces)
+        tests = {t: _tested(residual, rows, t, terms) for t in TERMS if t not in terms}
+        good = {
+            t: x for t, x in tests.items() if x.p_value * tried < LEVEL and x.ratio > np.log(len(residual))
+        }
         if not good:
             break
         best = max(good, key=lambda t: good[t].ratio)
@@ -104,7 +105,7 @@ def diagnose_oscillator(
         )
         fits[terms] = fit
     searched = time.process_time()
-    left, count = _left(white, rows, terms, drive, output, length, pieces)
+    left, count = _left(residual, rows, terms, drive, output, cut)
     named = tuple(_cause(fit, t, evidence[t], name, unit, tried) for t in terms)
     words = "; ".join(describe(c) for c in named)
     if left:
@@ -129,21 +130,9 @@ def diagnose_oscillator(
             for t, x in tests.items()
         ),
         timing={"search": searched - begin, "tests": time.process_time() - searched},
-        notes=("residual: measured minus free-running simulation, whitened by its own autoregression",),
+        notes=("residual: measured minus free-running simulation, errors correlated in time allowed for",),
     )
     return OscillatorDiagnosis(result, fits)
-
-
-def _whitened(
-    residual: np.ndarray, columns: dict[str, np.ndarray], length: int
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """What is left and the sensitivities, whitened piece by piece: (M,) each."""
-    whitening = Whitening.of(residual[:, None], (0,), np.zeros(1))
-
-    def apply(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([whitening.apply(p[:, None])[:, 0] for p in x.reshape(-1, length)])
-
-    return apply(residual), {n: apply(c) for n, c in columns.items()}
 
 
 def _basis(rows: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
@@ -155,10 +144,10 @@ def _fitted(terms: Sequence[str]) -> list[str]:
     return [*FIELDS[:3], *terms, "offset"]
 
 
-def _tested(white: np.ndarray, rows: dict[str, np.ndarray], term: str, terms: Sequence[str]) -> _Test:
+def _tested(residual: np.ndarray, rows: dict[str, np.ndarray], term: str, terms: Sequence[str]) -> _Test:
     """Likelihood ratio of one more term, everything fitted free to move."""
     known = _basis(rows, _fitted(terms))
-    left = white - known @ (known.T @ white)
+    left = residual - known @ (known.T @ residual)
     own = rows[term] - known @ (known.T @ rows[term])
     size = float(np.linalg.norm(own))
     direction = (own / size)[:, None]
@@ -166,18 +155,17 @@ def _tested(white: np.ndarray, rows: dict[str, np.ndarray], term: str, terms: Se
     after = left - direction[:, 0] * along
     level = float(np.mean(after**2))
     ratio = along**2 / level
-    p = robust_p_value(direction, after / np.sqrt(level), ratio, len(white))
+    p = robust_p_value(direction, after / np.sqrt(level), ratio, len(residual))
     return _Test(ratio, p, float(np.sqrt(level)) / size, along / size)
 
 
 def _left(
-    white: np.ndarray,
+    residual: np.ndarray,
     rows: dict[str, np.ndarray],
     terms: Sequence[str],
     drive: np.ndarray,
     output: np.ndarray,
-    length: int,
-    pieces: int,
+    cut: Sequence[slice],
 ) -> tuple[list[Remaining], int]:
     """Generic tests that are significant, and how many there were: what acts like a force of that kind.
 
@@ -185,10 +173,7 @@ def _left(
     been, what is tested here acts on the output itself.
     """
     known = _basis(rows, _fitted(terms))
-    left = white - known @ (known.T @ white)
-    kept = len(white) // pieces
-    tail = len(output) - pieces * length
-    cut = [slice(tail + k * length + length - kept, tail + (k + 1) * length) for k in range(pieces)]
+    left = residual - known @ (known.T @ residual)
     y, u = (np.concatenate([np.asarray(x)[c] for c in cut]) for x in (output, drive))
     y, u = y / np.abs(y).max(), u / max(np.abs(u).max(), 1e-300)
     v = np.gradient(y)
@@ -210,7 +195,7 @@ def _left(
         after = left - basis @ along
         level = float(np.mean(after**2))
         ratio = float(along @ along) / level
-        p = robust_p_value(basis, after / np.sqrt(level), ratio, len(white))
+        p = robust_p_value(basis, after / np.sqrt(level), ratio, len(residual))
         if p * len(blocks) < BLOCK:
             freedom = basis.shape[1]
             found.append(Remaining("simulation error", what, float(chi2.isf(p, freedom)), freedom, p))
