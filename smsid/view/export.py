@@ -104,6 +104,7 @@ def _played(view: Replay, bent: list[Bend]) -> dict[str, Any]:
         "speed": view.speed,
         "rate": view.frame_rate,
         "motions": motions,
+        "beside": bool(view.companions) and view.layout == "beside",
         "notes": notes,
         "layers": [
             {"name": name, "color": _css(COLORS.get(name, PLAIN)), "paths": paths}

@@ -16,12 +16,13 @@ for (const note of facts.notes) {
 }
 
 // The camera was placed for a window of facts.aspect; a narrower one is looked at from farther away.
-// The picture is moved up, off the bar, and left where a legend stands at the right.
+// The picture is moved up, off the bar, and left where a legend stands at the right; side by side it is
+// wide and low, and goes below the legend.
 let away = 1;
 function fit() {
   const wanted = (facts.stop > facts.start ? 1.06 : 1) * Math.max(1, facts.aspect * innerHeight / innerWidth);
-  const right = facts.layers.length && innerWidth > 1000 ? 0.05 * innerWidth : 0;
-  const up = facts.stop > facts.start ? 28 : 0;
+  const right = facts.layers.length && !facts.beside && innerWidth > 1000 ? 0.05 * innerWidth : 0;
+  const up = facts.beside ? -0.13 * innerHeight : facts.stop > facts.start ? 28 : 0;
   viewer.camera.position.multiplyScalar(wanted / away);
   viewer.camera.setViewOffset(innerWidth, innerHeight, right, up, innerWidth, innerHeight);
   away = wanted;
