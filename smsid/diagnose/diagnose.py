@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from smsid.description.schema import Description
 from smsid.diagnose.blocks import adequacy
 from smsid.diagnose.channels import Measured, measured
-from smsid.diagnose.faults import Fault, outliers, quantised_channels, stuck_channels
+from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
@@ -137,19 +137,21 @@ def _diagnose(
             f"'{recording.name}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
             advice="Record longer.",
         )
-    faults = stuck_channels(data) + quantised_channels(data)
+    rounded = quantised_channels(data)
+    faults = stuck_channels(data) + rounded
+    coarse = frozenset(f.component for f in rounded)
     whole = data.times
-    data = _less(data, faults).thinned(rate)
+    data = rougher(_less(data, faults), rounded).thinned(rate)
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
-    found = search(point, problem, known.unknowns, candidates, levels)
+    found = search(point, problem, known.unknowns, candidates, levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         faults += more
         problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
-        found = search(found.nominal.point, problem, known.unknowns, candidates, levels)
+        found = search(found.nominal.point, problem, known.unknowns, candidates, levels, coarse)
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,15 @@ def quantised_channels(data: Measured) -> list[Fault]:
             none = np.zeros(data.values.shape, dtype=bool)
             found.append(Fault("quantisation", block.channel, name, step, 1e-3 * step, none))
     return found
+
+
+def rougher(data: Measured, rounded: Sequence[Fault]) -> Measured:
+    """Return the samples with the noise that reading in steps adds: a uniform error of each step."""
+    factor = np.ones(data.rows)
+    for fault in rounded:
+        row = data.names.index(fault.component)
+        factor[row] = np.hypot(1.0, fault.value / (np.sqrt(12.0) * data.sigma[row]))
+    return data.scaled(factor)
 
 
 def outliers(data: Measured, run: Run) -> list[Fault]:

@@ -68,17 +68,7 @@ def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
         return np.sum([means(part, edges) for part in signal.parts], axis=0)
     width = np.diff(edges)
     if isinstance(signal, Sampled):
-        knots = signal.spline.t
-        inside = np.clip(edges, knots[signal.degree], knots[-1 - signal.degree])
-        whole = np.asarray(signal.spline.antiderivative()(inside))
-        out = np.diff(whole, axis=0)
-        # before the first sample and beyond the last, the nearest one
-        for side in (edges < inside, edges > inside):
-            if side.any():
-                lost = np.abs(np.diff(np.where(side, edges - inside, 0.0)))
-                nearest = signal.spline(inside[np.argmax(side)])
-                out += lost[:, None] * np.asarray(nearest)
-        return out / width[:, None]
+        return np.diff(_integral(signal, edges, 1), axis=0) / width[:, None]
     if isinstance(signal, Delayed):
         return means(signal.signal, edges - signal.delay)
     if isinstance(signal, Switched):
@@ -87,6 +77,42 @@ def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
     points = edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)
     values = sample(signal, points.ravel()).reshape(*points.shape, -1)
     return 0.5 * np.einsum("npk,p->nk", values, _WEIGHTS)
+
+
+def unevenness(signal: Signal, edges: np.ndarray) -> np.ndarray:
+    """Return what a signal's course within each step (N,) adds to the double integral of its mean: (N, size).
+
+    ``int (h - s) (x(s) - mean) ds`` over a step h: with x a force per mass, how much further it gets.
+    """
+    if isinstance(signal, Constant):
+        return np.zeros((len(edges) - 1, signal.size))
+    if isinstance(signal, Sum):
+        return np.sum([unevenness(part, edges) for part in signal.parts], axis=0)
+    h = np.diff(edges)[:, None]
+    if isinstance(signal, Sampled):
+        once, twice = _integral(signal, edges, 1), _integral(signal, edges, 2)
+        return np.diff(twice, axis=0) - h * once[:-1] - 0.5 * h * np.diff(once, axis=0)
+    if isinstance(signal, Delayed):
+        return unevenness(signal.signal, edges - signal.delay)
+    if isinstance(signal, Switched):
+        late = (edges[:-1] >= signal.at)[:, None]
+        return np.where(late, unevenness(signal.after, edges), unevenness(signal.before, edges))
+    points = edges[:-1, None] + 0.5 * h * (1.0 + _NODES)
+    values = sample(signal, points.ravel()).reshape(*points.shape, -1)
+    return -0.25 * h**2 * np.einsum("npk,p->nk", values, _WEIGHTS * _NODES)
+
+
+def _integral(signal: Sampled, times: np.ndarray, order: int) -> np.ndarray:
+    """Return the first or second antiderivative (N, size) of samples; beyond them, the nearest goes on."""
+    knots = signal.spline.t
+    inside = np.clip(times, knots[signal.degree], knots[-1 - signal.degree])
+    beyond = (times - inside)[:, None]
+    nearest = np.asarray(signal.spline(inside))
+    once = np.asarray(signal.spline.antiderivative()(inside))
+    if order == 1:
+        return once + beyond * nearest
+    twice = np.asarray(signal.spline.antiderivative(2)(inside))
+    return twice + beyond * once + 0.5 * beyond**2 * nearest
 
 
 def limits(signal: Signal, times: np.ndarray, side: Literal["left", "right"]) -> np.ndarray:

@@ -58,10 +58,13 @@ def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) 
     return _with_noise(replace(found, fit=fit(found.fit.point, unknowns, problem, iterations=8)))
 
 
-def refitted(found: Fitted) -> Fitted:
-    """Return a fit with its noise levels found again, where misfit was counted in them."""
+def refitted(found: Fitted, *, strong: bool = False) -> Fitted:
+    """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
+
+    ``strong``: a cause was found since that the levels may have had a part of.
+    """
     if not found.misfit:
-        return found
+        return _with_noise(found) if strong else found
     again = _with_misfit(found)
     stated = again.fit.problem.data.scaled(1.0 / again.factors)
     if strayed(again.fit.run, again.factors) > FOLLOWED:

@@ -32,13 +32,15 @@ class Levels:
 
     ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (9.2: one
     is a hundred times as likely); ``linear`` the likelihood ratio up to which the linear score is believed
-    without a refit of the contenders.
+    without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
+    what is left beside it may be how finely the model follows that cause (1.7 % of its size): no cause.
     """
 
     candidate: float = 0.003
     block: float = 0.001
     alias: float = 9.2
     linear: float = 400.0
+    beside: float = 3e-4
     causes: int = 3
     contenders: int = 3
 
@@ -62,6 +64,7 @@ class Search:
     ``scores`` are those of the last round, the best first; ``blocks`` the generic tests after it. ``noise``
     are noise levels over the stated ones by channel, as fitted; with ``misfit`` they count what the model
     cannot follow. ``strayed`` are rms of the prediction errors over the stated noise, before and after.
+    ``coarse`` are components read in steps.
     """
 
     nominal: Fit
@@ -76,13 +79,17 @@ class Search:
     strayed: tuple[float, float] = (1.0, 1.0)
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = Levels()
+    coarse: frozenset[str] = frozenset()
 
     @property
     def left(self) -> tuple[Block, ...]:
-        """The generic tests that are still significant; misfit is not white, that needs no test."""
+        """The generic tests that are still significant; misfit and rounding are not white, nor need be."""
         n = len(self.blocks)
-        counted = [b for b in self.blocks if not (self.misfit and b.dependence == PAST)]
-        return tuple(b for b in counted if b.p_value * n < self.levels.block)
+        counted = [
+            b for b in self.blocks if b.dependence != PAST or not (self.misfit or b.where in self.coarse)
+        ]
+        least = self.levels.beside * max((c.ratio for c in self.causes), default=0.0)
+        return tuple(b for b in counted if b.p_value * n < self.levels.block and b.ratio > least)
 
     @property
     def followed(self) -> float:
@@ -97,8 +104,11 @@ def search(
     unknowns: Sequence[Unknown],
     candidates: Sequence[Candidate],
     levels: Levels | None = None,
+    coarse: frozenset[str] = frozenset(),
 ) -> Search:
     """Return the causes that explain a recording, found one after the other.
+
+    ``coarse`` names the components of channels that are read in steps: their errors are not white.
 
     Raises `SimulationError` when the nominal model cannot be filtered at all, `RecordingError` when it
     predicts nothing of the motion.
@@ -119,7 +129,8 @@ def search(
     columns: dict[tuple[str, str, str], np.ndarray] = {}
     while True:
         scores = _scores(current, rest, columns)
-        best = _best(scores, len(candidates), current.run.samples, levels)
+        least = levels.beside * max((c.ratio for c in causes), default=0.0)
+        best = _best([s for s in scores if s.ratio > least], len(candidates), current.run.samples, levels)
         if best is None or len(causes) == levels.causes:
             break
         leading = [with_onset(current, s, levels) for s in scores[: levels.contenders]]
@@ -130,9 +141,10 @@ def search(
             continue
         cause, found = accepted
         causes.append(cause)
-        fitted = refitted(replace(fitted, fit=found))
+        strong = cause.ratio > levels.linear
+        fitted = refitted(replace(fitted, fit=found), strong=strong)
         current = fitted.fit
-        if cause.ratio > levels.linear or fitted.misfit:
+        if strong or fitted.misfit:
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
     causes, current = _pruned(causes, current, nominal, levels, len(candidates))
@@ -148,6 +160,7 @@ def search(
         nominal, current, tuple(causes), tuple(scores), tuple(blocks), len(candidates),
         current.run.samples, fitted.by_channel, fitted.misfit,
         (before, strayed(current.run, fitted.factors)), seconds, levels,
+        coarse,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smsid.diagnose.inputs import limits, means
+from smsid.diagnose.inputs import limits, means, unevenness
 from smsid.simulate.changed import Delayed
 from smsid.simulate.signals import Fourier, Sampled
 
@@ -19,9 +19,9 @@ VALUES = np.random.default_rng(2).standard_normal((21, 2))
 def test_a_late_command_gives_the_impulse_of_quadrature(delay, degree):
     signal = Delayed.of(Sampled.from_samples(TIMES, VALUES, degree), delay)
     edges = np.array([0.1, 0.137, 0.2, 0.25, 0.33])
-    found = means(signal, edges)
+    found, further = means(signal, edges), unevenness(signal, edges)
     kinks = [t + delay for t in TIMES]
-    for (a, b), row in zip(itertools.pairwise(edges), found, strict=True):
+    for (a, b), row, more in zip(itertools.pairwise(edges), found, further, strict=True):
         inside = [t for t in kinks if a < t < b]
         for column in range(2):
             area = sum(
@@ -29,6 +29,11 @@ def test_a_late_command_gives_the_impulse_of_quadrature(delay, degree):
                 for lo, hi in zip([a, *inside], [*inside, b], strict=True)
             )
             assert abs(area / (b - a) - row[column]) < 1e-7
+            twice = sum(
+                quad(lambda t, c=column, end=b: (end - t) * signal(t)[c], lo, hi)[0]
+                for lo, hi in zip([a, *inside], [*inside, b], strict=True)
+            )
+            assert abs(twice - 0.5 * (b - a) * area - more[column]) < 1e-8
 
 
 def test_a_smooth_signal_by_its_antiderivative():
@@ -42,6 +47,13 @@ def test_a_smooth_signal_by_its_antiderivative():
 
     expected = np.diff([whole(t) for t in edges], axis=0) / np.diff(edges)[:, None]
     np.testing.assert_allclose(means(signal, edges), expected, atol=1e-9)
+    for (a, b), row in zip(itertools.pairwise(edges), unevenness(signal, edges), strict=True):
+        twice = [
+            quad(lambda t, c=c, end=b: (end - t) * signal(t)[c], a, b)[0]
+            - 0.5 * (b - a) * quad(lambda t, c=c: signal(t)[c], a, b)[0]
+            for c in range(2)
+        ]
+        np.testing.assert_allclose(row, twice, atol=1e-12)
 
 
 def test_either_side_of_a_jump():
