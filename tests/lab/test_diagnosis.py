@@ -44,11 +44,6 @@ def test_a_hardening_spring_is_named_with_its_strength():
     assert gain is not None and gain.channels[0].extended < 0.5 * gain.channels[0].given
 
 
-def test_a_softening_spring_is_not_called_hardening():
-    truth = Oscillator(frequency=8.0, damping=0.1, gain=1.2, cubic=-0.8)
-    assert [c.shape for c in told(truth, 0.004).diagnosis.causes] == ["softening spring"]
-
-
 def test_slosh_and_lag_are_named_from_the_rigid_container():
     test = tank_test(*test_tank.simulated(0.0))
     found = tank_diagnosis(test, compare_tank_models(test, ("rigid", "slosh")), "tank")
