@@ -27,7 +27,6 @@ myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = False
 exclude_patterns = ["_ext"]
-suppress_warnings = ["toc.empty_glob"]  # a page named in brackets may be missing
 
 # API: from the docstrings, which are in Google's style
 default_role = "py:obj"
