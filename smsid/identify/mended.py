@@ -237,7 +237,8 @@ def _off_median(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     half = MEDIAN // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN, axis=0)
-    return (np.abs(values - np.median(windows, axis=-1)) > 6.0 * sigma).any(axis=1)
+    far = np.abs(values - np.median(windows, axis=-1)) > 6.0 * sigma
+    return np.asarray(far.any(axis=1))
 
 
 def _at_ends(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:

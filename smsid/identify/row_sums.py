@@ -94,17 +94,16 @@ class ScoreSums:
     def add(self, rows: np.ndarray, residual: np.ndarray) -> None:
         """Add samples that follow those before: rows (N, kinds, n), residuals (N, kinds), both weighted."""
         score = np.einsum("nki,nk->ni", rows, residual)
-        if self.meat is None or self.last is None:
-            self.meat = np.zeros((score.shape[1],) * 2)
-            self.last = score[:0]
-        self.meat += score.T @ score
-        joined = np.vstack([self.last, score])
+        last = score[:0] if self.last is None else self.last
+        meat = np.zeros((score.shape[1],) * 2) if self.meat is None else self.meat
+        meat += score.T @ score
+        joined = np.vstack([last, score])
         for lag in range(1, min(self.lags, len(joined) - 1) + 1):
-            later = joined[max(len(self.last), lag) :]
-            earlier = joined[max(len(self.last), lag) - lag : len(joined) - lag]
+            later = joined[max(len(last), lag) :]
+            earlier = joined[max(len(last), lag) - lag : len(joined) - lag]
             gamma = later.T @ earlier
-            self.meat += (1.0 - lag / (self.lags + 1.0)) * (gamma + gamma.T)
-        self.last = joined[-self.lags :]
+            meat += (1.0 - lag / (self.lags + 1.0)) * (gamma + gamma.T)
+        self.meat, self.last = meat, joined[-self.lags :]
 
     def covariance(self, root: np.ndarray) -> np.ndarray:
         """Return the covariance (n, n), W as `RowSums.solved` gives it."""
