@@ -9,6 +9,7 @@ frequency and mass are judged by theory (Abramson 1966), which takes no part in 
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
 
@@ -18,6 +19,7 @@ from _common import environment, write_result
 
 from smsid.datasets import antisloshing
 from smsid.lab import compare_tank_models, cylinder_slosh, tank_test
+from smsid.lab.tank_diagnosis import tank_diagnosis
 from smsid.model import build_model
 
 RADIUS, FILL = 0.049, 0.080  # [m]
@@ -64,6 +66,7 @@ def main() -> None:
             },
         }
     values = models[compared.named]["parameters"]
+    diagnosis = json.loads(tank_diagnosis(test, compared, "antisloshing").to_json())
     result = {
         "claim": "slosh from a tank test, within theory, with intervals",
         "command": "python benchmarks/antisloshing.py",
@@ -79,6 +82,7 @@ def main() -> None:
         "frequency_over_theory": values["frequency"]["value"] / theory[0],
         "mass_over_theory": values["slosh_mass"]["value"] / theory[1],
         "amplitude_dependence_significant": compared.amplitude,
+        "diagnosis": {k: diagnosis[k] for k in ("verdict", "sentence", "causes", "remaining", "notes")},
         "left": "after the move hardly more than before it (no slosh); during it the arm's vibration",
     }
     print(write_result("antisloshing", result))

@@ -3,7 +3,8 @@
 Both train on the first two thirds of the record, low-passed at the published 100 Hz, and are judged on the
 last third: the same filtered motion, the same filtered torque. FIGAROH runs as its own example for this
 arm does (decimation by 10, weighted least squares), once without and once with the wrist's coupling
-columns that its example defines. Neither its report nor plots are timed. Needs SMSID_DATA, or the extra
+columns that its example defines. Neither its report nor plots are timed. The diagnosis starts from the
+bare URDF and has to name friction and coupling by itself. Needs SMSID_DATA, or the extra
 `data` to download.
 
     python benchmarks/tx40.py
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import tempfile
 from collections.abc import Callable
@@ -32,6 +34,7 @@ from smsid.arm import (
 )
 from smsid.datasets import tx40
 from smsid.description import Description
+from smsid.diagnose import diagnose
 from smsid.effects import MotorCoupling
 from smsid.effects.gear import gear_matrix
 from smsid.recording import Recording
@@ -202,6 +205,51 @@ def compared(found: ArmIdentification) -> dict[str, Any]:
     return rows
 
 
+def diagnosed(bare: Description, train: Recording, held: Recording) -> dict[str, Any]:
+    """What the diagnosis names from the bare URDF, beside what is published with the data."""
+    found = diagnose(bare, [train], validation=[held]).diagnosis
+    values = {p.name.partition("_")[2]: (p.value, p.sigma) for c in found.causes for p in c.parameters}
+    none = (0.0, 0.0)
+    wrist = values.get("coupling_joint_5_joint_6.viscous", none)
+    viscous = {}
+    for k, published in enumerate(DOCUMENTED["viscous"], start=1):  # type: ignore[arg-type]
+        own = values.get(f"friction_joint_{k}.viscous", none)
+        total = own[0] + (wrist[0] if k >= 5 else 0.0)
+        viscous[f"joint_{k}"] = {
+            "value": round(total, 4),
+            "sigma": round(float(np.hypot(own[1], wrist[1] if k >= 5 else 0.0)), 4),
+            "published": published,
+            "ratio": round(total / published, 3),
+        }
+    coupled = values.get("coupling_joint_5_joint_6.coulomb", none)
+    for key, (value, sigma) in {"wrist": wrist, "wrist.coulomb": coupled}.items():
+        published = DOCUMENTED[key if "." in key else f"{key}.viscous"]
+        viscous[key] = {
+            "value": round(value, 4),
+            "sigma": round(sigma, 4),
+            "published": published,
+            "ratio": round(value / published, 3),  # type: ignore[operator]
+        }
+    document = json.loads(found.to_json())
+    assert found.gain is not None
+    return {
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "causes": [
+            {k: c[k] for k in ("effect", "location", "family", "shape", "parameters", "evidence")}
+            for c in document["causes"]
+        ],
+        "viscous": viscous,
+        "remaining": document["remaining"],
+        "held_out_relative_torque_rmse": {
+            name: round(next(getattr(c, name) for c in found.gain.channels if "relative" in c.channel), 4)
+            for name in ("given", "extended")
+        },
+        "seconds_of_cpu": round(sum(found.timing.values()), 1),
+        "notes": list(found.notes),
+    }
+
+
 def main() -> None:
     bare, log = tx40()
     joints = log.labels["joint"]
@@ -244,6 +292,7 @@ def main() -> None:
         "seconds": {k: spread(s) for k, s in seconds.items()},
         "times_as_long_as_smsid": ratio,
         "friction": compared(last),
+        "diagnosis": diagnosed(bare, train, held),
         "notes": list(last.estimate.notes),
     }
     print(write_result("tx40", result))
