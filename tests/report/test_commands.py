@@ -129,3 +129,18 @@ def test_real_arms_are_shown_by_their_torques(origin):
     diagnosed = diagnose(friction, [train], validation=[held])
     page = render(diagnose_report(diagnosed, Asked(friction, [train], None, [held]), origin))
     check_page(page, {"map", "traces", "spectra", "gain"})
+
+
+def test_a_refusal_leaves_a_report_too(urdf, tmp_path, monkeypatch):
+    model = build_model(load_description(urdf / "paper_sms.toml"))
+    plan = named_experiment("exp2", model).model_copy(update={"duration": 0.5})
+    save_recording(fly(model, plan, np.random.default_rng(1)).recording, tmp_path / "short.nc")
+    command = ["diagnose", str(urdf / "paper_sms.toml"), str(tmp_path / "short.nc"), "--quiet"]
+    command += ["-o", str(tmp_path / "d.json"), "--report", str(tmp_path / "report.html")]
+    monkeypatch.setattr("sys.argv", ["smsid", *command])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 4
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = check_page(text, {"causes", "gain", "provenance"})
+    assert any(t.startswith("Not evaluated: ") and "samples" in t for t in page.texts["p"])
