@@ -53,7 +53,7 @@ def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: 
     if quantity == "attitude":
         unit = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
         added = Rotation.from_quat(moving.systematic(times, unit, True, delayed=True))
-        good = np.isfinite(values).all(axis=1)
+        good = np.flatnonzero(np.isfinite(values).all(axis=1))
         values[good] = (Rotation.from_quat(values[good]) * added[good].inv()).as_quat()
     else:
         straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
