@@ -14,9 +14,11 @@ from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SmsidError
+from smsid.model.regressor import dynamic_parameters
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
+LITTLE = 1e-4  # share of a step by which its first order is found
 HALVINGS = 6
 
 
@@ -147,7 +149,7 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
 def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
     for halving in range(HALVINGS):
         try:
-            point = found.point.moved(unknowns, 0.5**halving * step * found.scales)
+            point = _straight(found.point, unknowns, 0.5**halving * step * found.scales)
             if not point.physical():
                 continue
             model = point.model()
@@ -158,6 +160,26 @@ def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem:
         if objective(point, unknowns, problem, run) < found.objective:
             return _normal(point, unknowns, problem, run, model)
     return None
+
+
+def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
+    """Return the point a step away, the bodies' inertial parameters moved as the step means to first order.
+
+    A payload's mass times its place is no straight line, and what bodies are together is known far better
+    than what each is: the link it is on makes up for the bend.
+    """
+    end = start.moved(unknowns, step)
+    if all(u.kind == "inertial" for u in unknowns):
+        return end
+    near, a_little, far = (_inertias(p) for p in (start, start.moved(unknowns, LITTLE * step), end))
+    bend = far - near - (a_little - near) / LITTLE
+    shift = {u.column: bend[u.column] for u in unknowns if u.kind == "inertial" and bend[u.column] != 0.0}
+    inertial = {c: v - shift.get(c, 0.0) for c, v in ({**dict.fromkeys(shift, 0.0), **end.inertial}).items()}
+    return replace(end, inertial=inertial)
+
+
+def _inertias(point: Point) -> np.ndarray:
+    return np.concatenate([dynamic_parameters(i) for i in list(point.model().pin.inertias)[1:]])
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:
