@@ -52,9 +52,9 @@ def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: 
     moving = error.model_copy(update={"stuck_from": None, "components": parts})
     if quantity == "attitude":
         unit = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        added = Rotation.from_quat(moving.systematic(times, unit, True, delayed=True))
+        added = moving.systematic(times, unit, True, delayed=True)
         good = np.flatnonzero(np.isfinite(values).all(axis=1))
-        values[good] = (Rotation.from_quat(values[good]) * added[good].inv()).as_quat()
+        values[good] = (Rotation.from_quat(values[good]) * Rotation.from_quat(added[good]).inv()).as_quat()
     else:
         straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
         bias = straight.systematic(times, np.zeros(values.shape), delayed=True)
