@@ -104,7 +104,7 @@ def design(
     if request.gains is None:
         assert plant is not None
         passive = left_out(model, gains(n, *FIRST_GAINS), reference, rate=request.rate)
-        angle, speed = sensor_sigma(model.description.sensor, n - 3)
+        angle, speed = sensor_sigma(model.description.effective_sensors(), n - 3)
         demands = Demands(
             level * wanted + passive,
             angle,
@@ -117,7 +117,7 @@ def design(
         k = tuning.gains
     else:
         k = gains(n, *request.gains)
-    angle, speed = sensor_noise(model.description.sensor, n - 3, request.rate, request.crossover)
+    angle, speed = sensor_noise(model.description.effective_sensors(), n - 3, request.rate, request.crossover)
     weights = weights_from_level(
         level,
         wanted,

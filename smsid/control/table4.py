@@ -112,7 +112,7 @@ class Study:
         check_joints(motion, model)
         self.reference = Remembered(Reference(motion))
         self.dynamics = ReducedDynamics(model)
-        self.sensors = [_louder(s, variant.noise) for s in model.description.sensor]
+        self.sensors = [_louder(s, variant.noise) for s in model.description.effective_sensors()]
         self._terms: dict[tuple[float, float], RobustTerm] = {}
         self._gains: dict[tuple[float, float], Gains] = {}
 
@@ -124,7 +124,7 @@ class Study:
             wanted = np.concatenate([np.zeros(3), np.full(k.size - 3, PAPER_ACCELERATION)])
             # designed with the sensors' real noise also where the flight is quieter: it must not be zero
             angle, rate = sensor_noise(
-                self.model.description.sensor, k.size - 3, self.variant.rate, self.crossover
+                self.model.description.effective_sensors(), k.size - 3, self.variant.rate, self.crossover
             )
             self._terms[key] = design_robust_term(
                 k,

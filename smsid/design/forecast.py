@@ -68,7 +68,9 @@ class Forecast:
 
         Raises `ExperimentError` for sensors without noise.
         """
-        sensors = [s for s in self.model.description.sensor if set(s.quantities) & set(QUANTITIES)]
+        sensors = [
+            s for s in self.model.description.effective_sensors() if set(s.quantities) & set(QUANTITIES)
+        ]
         times = np.linspace(0.0, self.duration, round(self.duration * self.rate) + 1)
         values, sigma = {}, {}
         for sensor in sensors:
@@ -142,7 +144,7 @@ class Forecast:
 
     def _noise(self, kind: str, quantity: str, count: int) -> np.ndarray:
         """Noise of a rate (count,), thinned; of joints without encoder none."""
-        for sensor in self.model.description.sensor:
+        for sensor in self.model.description.effective_sensors():
             if sensor.kind == kind and quantity in sensor.quantities:
                 sigma = described_sigma(sensor, quantity, count)
                 return np.asarray(sigma) * np.sqrt(self.rate / sensor.rate)
