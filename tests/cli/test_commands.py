@@ -189,11 +189,6 @@ def spoiled(flown: Path, tmp_path: Path, channel: str, change) -> Path:  # type:
 @pytest.mark.parametrize(
     ("channel", "change", "words"),
     [
-        (
-            "imu.acceleration",
-            lambda x: np.where(np.arange(len(x))[:, None] == 100, np.nan, x),
-            ("imu.acceleration",),
-        ),
         ("encoder.joint_position", lambda x: np.rad2deg(x), ("encoder.joint_position", "deg")),
         ("imu.angular_rate", lambda x: np.rad2deg(x), ("imu.angular_rate", "deg")),
         ("encoder.joint_velocity", lambda x: 0.0 * x, ("No joint moves",)),

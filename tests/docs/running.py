@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from smsid.cli import main
+from smsid.effects import base
 from tests.docs.pages import ROOT, Block, Page
 
 
@@ -32,6 +33,7 @@ def run_page(page: Page, folder: Path, monkeypatch: pytest.MonkeyPatch, *, slow:
     if not (folder / "urdf").exists():
         (folder / "urdf").symlink_to(ROOT / "urdf", target_is_directory=True)
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(base, "_CATALOGUE", dict(base._CATALOGUE))  # effects of a page are gone after it
     with session() as names:
         for block in page.blocks:
             if "not run" in block.asked or ("slow" in block.asked and not slow):

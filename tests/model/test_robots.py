@@ -210,8 +210,8 @@ def test_without_example_robot_data_the_pip_line_is_told(monkeypatch, tmp_path):
 
 
 @needs_robots
-def test_the_example_prints_its_table(capsys):
-    example.main(("ur3", "talos_left_arm"))
+def test_the_example_prints_its_table(capsys, tmp_path):
+    example.main(tmp_path, ("ur3", "talos_left_arm"))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[0] == "robot"
     assert [line.split()[0] for line in lines[1:]] == ["ur3", "talos_left_arm"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 COLOURS = ("#0063a3", "#c44f00", "#8a919c", "#00845f", "#a8468a", "#9a7400")
 WIDE, NARROW = 7.16, 3.5  # [in] of two columns, and of one
 FORMATS = (".png", ".svg", ".pdf")
-STYLE: dict[str, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
@@ -39,11 +39,19 @@ STYLE: dict[str, Any] = {
 
 @contextmanager
 def canvas(
-    rows: int = 1, columns: int = 1, *, width: float = WIDE, height: float = 2.4, **more: Any
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = WIDE,
+    height: float = 2.4,
+    sharex: bool = False,
+    sharey: bool = False,
+    squeeze: bool = True,
 ) -> Iterator[tuple[Figure, Any]]:
-    """Give a figure and its axes (as `Figure.subplots` does) in this look; no window is opened.
+    """Give a figure and its axes in this look; no window is opened.
 
-    ``height`` [in] is that of the whole. Raises `MissingDependencyError` without matplotlib.
+    ``height`` [in] is that of the whole; ``sharex``, ``sharey``, ``squeeze`` as of `Figure.subplots`.
+    Raises `MissingDependencyError` without matplotlib.
     """
     require("matplotlib", "plot")
     from matplotlib import rc_context
@@ -51,7 +59,7 @@ def canvas(
 
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height))
-        yield figure, figure.subplots(rows, columns, **more)
+        yield figure, figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=squeeze)
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -68,7 +76,8 @@ def save(figure: Figure, path: Path) -> Path:
     FigureCanvasAgg(figure)
     # no date in the file: the same figure is the same file
     meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(kind, {})
-    with rc_context({**STYLE, "svg.hashsalt": "smsid"}), atomic_path(path) as temporary:
+    style: dict[Any, Any] = {**STYLE, "svg.hashsalt": "smsid"}
+    with rc_context(style), atomic_path(path) as temporary:
         figure.savefig(temporary, format=kind[1:], metadata=meta)
     return path
 
