@@ -11,6 +11,7 @@ from smsid.effects.base import Starting, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from smsid.effects.appendage import Mode
     from smsid.model.assembly import AppendageJoints, Assembly
 
 
@@ -32,19 +33,12 @@ class FrequencyDrift(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force of the change of stiffness; raises `DescriptionError` for a mode there is not."""
-        panel = attached_appendage(assembly, self.appendage)
-        modes = panel.appendage.modal_data()
-        if self.mode > len(modes):
-            raise DescriptionError(
-                f"'{self.appendage}' has {len(modes)} modes, not {self.mode}.",
-                advice="Count from 1.",
-                mode=self.mode,
-            )
+        panel, mode = attached_mode(assembly, self.appendage, self.mode)
         if self.rate == 0.0:
             return
         joint = assembly.model.joints[panel.joints[self.mode - 1]]
         place, index = joint.idx_q, joint.idx_v
-        omega = 2 * np.pi * modes[self.mode - 1].frequency
+        omega = 2 * np.pi * mode.frequency
         stiffness = float(panel.scale[self.mode - 1]) ** 2 * omega**2
         rate, start = self.rate, self.start or 0.0
 
@@ -65,3 +59,16 @@ def attached_appendage(assembly: Assembly, name: str) -> AppendageJoints:
     raise DescriptionError(
         f"There is no appendage '{name}' before this effect.", advice=f"So far: {known}.", appendage=name
     )
+
+
+def attached_mode(assembly: Assembly, name: str, number: int) -> tuple[AppendageJoints, Mode]:
+    """Return an appendage that is attached already and its mode of a number, from 1; raises
+    `DescriptionError`.
+    """
+    panel = attached_appendage(assembly, name)
+    modes = panel.appendage.modal_data()
+    if number > len(modes):
+        raise DescriptionError(
+            f"'{name}' has {len(modes)} modes, not {number}.", advice="Count from 1.", mode=number
+        )
+    return panel, modes[number - 1]

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.appendage_drift import attached_mode
 from smsid.effects.base import Effect, physical, register
-from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -35,17 +34,10 @@ class ModeError(Effect):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the forces of the changed spring and damper. Raises `DescriptionError` without such a mode."""
-        panel = attached_appendage(assembly, self.appendage)
-        modes = panel.appendage.modal_data()
-        if self.mode > len(modes):
-            raise DescriptionError(
-                f"'{self.appendage}' has {len(modes)} modes, not {self.mode}.",
-                advice="Count from 1.",
-                mode=self.mode,
-            )
+        panel, mode = attached_mode(assembly, self.appendage, self.mode)
         if self.frequency == 0.0 and self.damping == 0.0:
             return
-        mode, mass = modes[self.mode - 1], float(panel.scale[self.mode - 1]) ** 2
+        mass = float(panel.scale[self.mode - 1]) ** 2
         omega, grown = 2 * np.pi * mode.frequency, 1.0 + self.frequency
         spring = mass * omega**2 * (grown**2 - 1.0)
         damper = 2.0 * mass * omega * ((mode.damping + self.damping) * grown - mode.damping)
