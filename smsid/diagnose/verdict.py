@@ -11,7 +11,7 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Cause, Search
 
 POWER = 0.95
-MOSTLY = 0.5  # share of what the noise does not explain that causes take away where the model never follows
+MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
