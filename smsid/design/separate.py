@@ -20,7 +20,7 @@ from smsid.description.schema import Description
 from smsid.design.limits import Limits
 from smsid.design.trials import Trials, families
 from smsid.design.watch import Progress, Watch
-from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
+from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.filter import Noise, Problem, Timing
@@ -227,7 +227,7 @@ def judged(
     columns = signatures(found, pair)
     if len(columns) < 2:
         raise ExperimentError("A cause has no signature in this experiment.")
-    scores = [score(found, c, columns[i]) for i, c in enumerate(pair)]
+    scores = scored(found, pair, [columns[0], columns[1]])
     needed = float(norm.isf(Levels().candidate / max(len(candidates), 1) / 2) + norm.isf(1.0 - POWER))
     limits = [needed * _sigma(a, b) for a, b in (scores, scores[::-1])]
     units = [tuple(u.unit for u in c.unknowns(found.unknowns)) for c in pair]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit, columns_of
+from smsid.diagnose.fit import Fit, Projected, columns_of
 from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
@@ -76,16 +76,15 @@ class Candidate:
         mine = [e for e in point.description.effect if e.name == self.effect.name]
         return mine[0] if mine else self.effect
 
-    def scored(self, found: Fit, columns: np.ndarray) -> Score:
-        """Return its score on a fit, from its whitened columns (N rows, d)."""
-        left = found.left(columns)
-        raw = np.einsum("ij,ij->j", columns, columns)
+    def scored(self, found: Fit, own: Projected) -> Score:
+        """Return its score on a fit, from its whitened columns beside the fitted parameters."""
+        left, raw = own.left, np.einsum("ij,ij->j", own.columns, own.columns)
         estimate, covariance, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
         excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
         if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
             ratio = 0.0
         freedom = int((values > EXCITED).sum())
-        return Score(self, ratio, freedom, estimate, covariance, excited, left, found.taken(columns))
+        return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken)
 
 
 @dataclass(frozen=True)
@@ -139,12 +138,13 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
     return {i: np.column_stack(c) for i, c in out.items()}
 
 
-def score(found: Fit, candidate: Candidate, columns: np.ndarray) -> Score:
-    """Return the score of a candidate from its whitened ``columns`` (N rows, d).
+def scored(found: Fit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:
+    """Return the scores of candidates from their whitened columns (N rows, d).
 
     The fitted parameters are free to move within their priors.
     """
-    return candidate.scored(found, columns)
+    beside = found.projected(columns)
+    return [c.scored(found, own) for c, own in zip(candidates, beside, strict=True)]
 
 
 def least_squares(

@@ -20,6 +20,7 @@ LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 LITTLE = 1e-4  # share of a step by which its first order is found
 HALVINGS = 6
+TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,17 @@ class Prior:
 
     off: np.ndarray
     rows: np.ndarray
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Whitened columns (N rows, d), what a fit's parameters leave of them (N rows + priors, d), and by how
+    much these stand in for them (m, d), in scales.
+    """
+
+    columns: np.ndarray
+    left: np.ndarray
+    taken: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,22 @@ class Fit:
         q, r = self.factors
         return solve_triangular(r, q[: len(columns)].T @ columns)
 
+    def projected(self, groups: Sequence[np.ndarray]) -> list[Projected]:
+        """Return groups of whitened columns, (N rows, d) each, beside the fitted parameters.
+
+        Many at once: one product of large matrices is far faster than many of thin ones.
+        """
+        found: list[Projected] = []
+        while len(found) < len(groups):
+            widths = np.cumsum([g.shape[1] for g in groups[len(found) :]])
+            some = groups[len(found) :][: max(1, int(np.searchsorted(widths, TOGETHER)))]
+            whole = np.column_stack(some)
+            ends = np.cumsum([g.shape[1] for g in some])[:-1]
+            left = np.split(self.left(whole), ends, axis=1)
+            taken = np.split(self.taken(whole), ends, axis=1)
+            found += [Projected(*x) for x in zip(some, left, taken, strict=True)]
+        return found
+
     @property
     def scales(self) -> np.ndarray:
         """Scales of the parameters (m,)."""
@@ -93,17 +121,32 @@ class Fit:
         return float(np.sqrt(self.covariance()[i, i]))
 
 
-def fit(point: Point, unknowns: Sequence[Unknown], problem: Problem, *, iterations: int = 6) -> Fit:
+def fit(
+    point: Point,
+    unknowns: Sequence[Unknown],
+    problem: Problem,
+    *,
+    iterations: int = 6,
+    enough: float = ENOUGH,
+) -> Fit:
     """Return the point that maximises likelihood times prior, from a start.
 
-    Steps are halved until the objective falls and every body can exist. Raises `SimulationError` when the
-    start itself cannot be filtered.
+    ``enough`` is the gain of the log-posterior below which a step is the last. Raises `SimulationError` when
+    the start itself cannot be filtered.
     """
-    found = evaluate(point, unknowns, problem)
+    return continued(evaluate(point, unknowns, problem), iterations=iterations, enough=enough)
+
+
+def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH) -> Fit:
+    """Return a fit some iterations on.
+
+    Steps are halved until the objective falls and every body can exist.
+    """
+    unknowns, problem = found.unknowns, found.problem
     for _ in range(iterations):
         step = bounded_step(found)
         gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
-        if gain < ENOUGH:
+        if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
             return _last_step(found, last, step, gain) if last.physical() else found
         better = _descend(found, step, unknowns, problem)

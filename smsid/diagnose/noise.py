@@ -11,7 +11,7 @@ from scipy.signal import welch
 
 from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Noise, Problem, Run
-from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.fit import Fit, continued, fit
 from smsid.diagnose.point import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
@@ -21,6 +21,7 @@ MISFIT = 10.0  # times its noise level that the model leaves, over all channels,
 FOLLOWED = 2.0  # the same below which the model is taken to follow again
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
+NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,11 @@ def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) 
     Raises `SimulationError` when the start cannot be filtered.
     """
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
-    near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4).point
+    near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
     if strayed(found.fit.run) > MISFIT:
         return refitted(replace(found, misfit=True))
-    return _with_noise(replace(found, fit=fit(found.fit.point, unknowns, problem, iterations=8)))
+    return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
 def refitted(found: Fitted, *, strong: bool = False) -> Fitted:

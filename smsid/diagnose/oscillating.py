@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from smsid.diagnose.candidates import Score, least_squares
 from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit
+from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, moments, placed
 from smsid.effects.base import Effect
@@ -172,9 +172,9 @@ class Oscillating(Searched):
         own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps, means=means)
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
-    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+    def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one, axis by axis."""
-        coarse = super().scored(found, columns)
+        coarse = super().scored(found, own)
         if coarse.information_gain(found.run.samples) <= 0.0:
             return coarse
         fine = self._finer(found, coarse)
@@ -204,10 +204,10 @@ class Oscillating(Searched):
                 for a in range(axes)
             ]  # fmt: skip
             summed = [_sum([e[i] for e in each], STEP * (STEP if i else 1.0)) for i in range(parts)]
-            columns = propagate(found.run, summed).reshape(-1, parts)
+            (beside,) = found.projected([propagate(found.run, summed).reshape(-1, parts)])
             shapes = (Shape((0,), (omega, zeta, place)), Shape(tuple(range(parts)), (omega, zeta, place)))
             tried = len(self.frequencies) * len(grid) ** axes
-            score = best_shape(self, found, columns, shapes, tried)
+            score = best_shape(self, found, beside, shapes, tried)
             omega, zeta, place = self._label(score)
         return score
 

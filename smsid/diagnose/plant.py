@@ -68,7 +68,7 @@ class Plant:
         if m.inertial is not None:
             # (M + M') da = dtau - d(M a + b) - d(M' a + b'), the last two at a held
             more, _ = m.inertial.mass_and_bias(t, q, v)
-            dq, dv = self._differences((m.inertial.held(a),), t, q, v, np.zeros(self.nv))
+            dq, dv = m.inertial.derivatives(t, q, v, a)
             whole = np.eye(self.nv) + inverse @ more
             by_q, by_v = (
                 np.linalg.solve(whole, by_q + inverse @ dq),

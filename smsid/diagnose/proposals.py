@@ -145,6 +145,10 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     )
     for body, unknowns in by_body.items():
         for shape, labels in groups:
+            if shape == "mass":  # of the whole body, as one that is denser than thought
+                of = {"body": body, "density": 0.0}
+                yield from _one("body_error", body, "inertia", shape, of, {"density": 1e-3}, part="density")
+                continue
             free = tuple(u.name for u in unknowns if u.name.rpartition(".")[2] in labels)
             steps = tuple(u.scale for u in unknowns if u.name in free)
             yield Candidate("body_error", body, "inertia", shape, None, free, steps)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.blocks import PAST, Block, adequacy
-from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
+from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.foreign import motion_left
@@ -171,8 +171,11 @@ def _scores(
     missing = [c for c in candidates if c.key not in known]
     if missing:
         known.update({missing[i].key: c for i, c in signatures(found, missing).items()})
-    scores = [score(found, c, known[c.key]) for c in candidates if c.key in known]
-    return sorted(scores, key=lambda s: -s.information_gain(found.run.samples))
+    seen = [c for c in candidates if c.key in known]
+    return sorted(
+        scored(found, seen, [known[c.key] for c in seen]),
+        key=lambda s: -s.information_gain(found.run.samples),
+    )
 
 
 def _best(scores: Sequence[Score], tried: int, samples: int, levels: Levels) -> Score | None:
@@ -256,7 +259,7 @@ def with_onset(current: Fit, s: Score, levels: Levels) -> Score:
             if times[0] < t < times[-1]
         ]
         columns = signatures(current, tried)
-        scores = [score(current, tried[i], c) for i, c in columns.items()]
+        scores = scored(current, [tried[i] for i in columns], list(columns.values()))
         best = max([best, *scores], key=lambda x: x.ratio)
         begun = getattr(best.candidate.effect, "start", None)
         if begun is None:

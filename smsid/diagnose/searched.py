@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares
 from smsid.diagnose.columns import Change, Changes
-from smsid.diagnose.fit import Fit
+from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
 from smsid.effects.payload import point_parameters
 from smsid.effects.wheel_imbalance import WheelImbalance
@@ -68,21 +68,21 @@ class Searched(Candidate):
         """
         raise NotImplementedError
 
-    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+    def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the best shape; the number of shapes is paid for."""
-        return best_shape(self, found, columns, self.shapes(), self.grid)
+        return best_shape(self, found, own, self.shapes(), self.grid)
 
 
 def best_shape(
-    candidate: Searched, found: Fit, columns: np.ndarray, shapes: Sequence[Shape], variants: int = 1
+    candidate: Searched, found: Fit, beside: Projected, shapes: Sequence[Shape], variants: int = 1
 ) -> Score:
     """Return the score of the best of some shapes of a candidate, by Bayes's criterion.
 
-    ``columns`` (N rows, d), of which each shape takes some.
+    Each shape takes some of the columns ``beside`` the fitted parameters.
     """
-    left = found.left(columns)
+    left = beside.left
     gram, slope = left.T @ left, left.T @ found.residual
-    raw = np.einsum("ij,ij->j", columns, columns)
+    raw = np.einsum("ij,ij->j", beside.columns, beside.columns)
     samples = float(np.log(found.run.samples))
     best, most = None, -np.inf
     for shape in shapes:
@@ -101,7 +101,7 @@ def best_shape(
     )
     own = replace(own, grid=variants * len(shapes))
     excited = float(values.min(initial=1.0))
-    taken = found.taken(columns[:, index] @ by)
+    taken = beside.taken[:, index] @ by
     return Score(own, ratio, freedom, estimate, covariance, excited, left[:, index] @ by, taken)
 
 
@@ -169,10 +169,10 @@ class Leak(Candidate):
             found.append(Change(-self.steps[0] * change.middle * middle, -self.steps[0] * change.at * at))
         return found
 
-    def scored(self, found: Fit, columns: np.ndarray) -> Score:
+    def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score at the origin, or where the likelihood is largest."""
         assert self.effect is not None
-        left = found.left(columns)
+        left, columns = own.left, own.columns
         gram, slope = left.T @ left, left.T @ found.residual
 
         def worth(place: np.ndarray) -> float:
@@ -200,7 +200,7 @@ class Leak(Candidate):
         by[:, 1:] *= np.array(self.steps[1:])
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        own = Resolved(
+        leak = Resolved(
             self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
             means=tuple((n, 0.0) for n in self.free[1:]),
         )  # fmt: skip
@@ -208,7 +208,7 @@ class Leak(Candidate):
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
         excited = float(values.min(initial=1.0))
-        return Score(own, ratio, freedom, estimate, covariance, excited, left @ by, found.taken(columns @ by))
+        return Score(leak, ratio, freedom, estimate, covariance, excited, left @ by, own.taken @ by)
 
 
 def placed(coefficients: np.ndarray, steps: np.ndarray) -> np.ndarray:

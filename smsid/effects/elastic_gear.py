@@ -19,6 +19,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.base import Effect, Twist, physical, register
+from smsid.effects.spatial import ConstantInertia
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -70,15 +71,13 @@ class ElasticGear(Effect):
         gear = model.joints[joint].idx_v
         model.armature[gear] = inertia
 
-        def coupling(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            mass = np.zeros((len(v), len(v)))
+        def coupling(mass: np.ndarray) -> None:
             mass[link, link], mass[link, gear], mass[gear, link] = counted, inertia, inertia
-            return mass, np.zeros(len(v))
 
         def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             tau[gear] += tau[link]
 
-        assembly.add_inertia_term(coupling)
+        assembly.add_inertia_term(ConstantInertia(coupling))
         assembly.add_load_force(motor, first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint

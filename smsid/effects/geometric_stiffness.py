@@ -93,6 +93,9 @@ class Foreshortening:
         self.scale = panel.scale
         self.motion = Motion(model, panel.parent)
         self.to_root = panel.placement.toActionMatrixInverse()
+        # on a bus without weight, it matters neither where that is nor what the arm does
+        alone = self.motion.root and self.motion.still
+        self.depends = (self.v, np.r_[:6, self.v]) if alone else None
         self.cross = skew(AXIS)
         self.across = np.eye(3) - np.outer(AXIS, AXIS)
 

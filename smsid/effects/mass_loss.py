@@ -9,7 +9,7 @@ from pydantic import Field
 
 from smsid.effects.base import Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
-from smsid.effects.spatial import extra_inertia
+from smsid.effects.spatial import ExtraInertia
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -45,4 +45,4 @@ class MassLoss(Starting):
         def parameters(t: float) -> np.ndarray | None:
             return unit * (t - start) if t > start else None
 
-        assembly.add_inertia_term(extra_inertia(assembly.model, joint, parameters), (start,))
+        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters), (start,))

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.spatial import ConstantInertia
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -93,9 +94,7 @@ class MotorCoupling(Effect):
             assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself
             shared[np.diag_indices(index.size)] = 0.0
 
-            def rotor(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-                matrix = np.zeros((v.size, v.size))
-                matrix[np.ix_(index, index)] = shared
-                return matrix, np.zeros(v.size)
+            def rotor(mass: np.ndarray) -> None:
+                mass[np.ix_(index, index)] = shared
 
-            assembly.add_inertia_term(rotor)
+            assembly.add_inertia_term(ConstantInertia(rotor))

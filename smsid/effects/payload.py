@@ -39,13 +39,14 @@ class BodyError(Effect):
     """What is added to the inertial parameters of a body, of either sign; the sum must be physical.
 
     ``first_moment`` is mass times centre of mass, ``inertia`` is about the origin of the body's frame, in its
-    axes: moments and products as they stand in the inertia matrix. On a welded bus it changes nothing.
+    axes: moments and products as they stand in the inertia matrix. ``density`` changes all of them together,
+    as a body that is heavier where it is heavy already. On a welded bus it changes nothing.
     """
 
     summary: ClassVar[str] = "wrong mass, centre of mass or inertia of a body: what is added to them"
     family: ClassVar[str] = "inertia"
     aliases: ClassVar[tuple[str, ...]] = ("payload",)
-    strength: ClassVar[tuple[str, ...]] = ("mass", "first_moment", "inertia")
+    strength: ClassVar[tuple[str, ...]] = ("mass", "first_moment", "inertia", "density")
     kind: Literal["body_error"] = "body_error"
     body: str | None = Field(
         default=None, description="link, joint or frame of the body; the bus when not given"
@@ -59,10 +60,17 @@ class BodyError(Effect):
         default=(0.0,) * 6,
         description="added to the inertia about the origin of the body's frame: xx, xy, yy, xz, yz, zz",
     )
+    density: float = physical(
+        "1",
+        default=0.0,
+        lower=-0.99,
+        description="share of its mass, first moment and inertia that it has more, before the others are added",
+    )
 
     def attach(self, assembly: Assembly) -> None:
         """Add the parameters; raises `DescriptionError` when the sum is not physical."""
         theta = np.array([self.mass, *self.first_moment, *self.inertia])
+        assembly.scale_body(self.body, 1.0 + self.density)
         assembly.add_remainder(self.body, theta, pin.SE3.Identity())
 
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import InertiaTerm
-
 
 def skew(x: np.ndarray) -> np.ndarray:
     """Return the matrix (3, 3) of the cross product with x (3,)."""
@@ -58,24 +56,63 @@ class Motion:
         return jacobian, np.array(data.v[joint].vector), drift
 
 
-def extra_inertia(
-    model: pin.Model, joint: int, parameters: Callable[[float], np.ndarray | None]
-) -> InertiaTerm:
-    """Return the term of inertial parameters (10,) at a joint's body, functions of time (``None``: nothing).
+class ConstantInertia:
+    """The `InertiaTerm` of a mass matrix that stays as it is: ``fill`` adds it to one of any size (nv, nv)."""
 
-    With spatial inertia I, velocity V and acceleration A of the body: ``J' (I A + V x* I V)``.
+    depends = ((), ())
+
+    def __init__(self, fill: Callable[[np.ndarray], None]) -> None:
+        self.fill = fill
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
+        mass = np.zeros((v.size, v.size))
+        self.fill(mass)
+        return mass, np.zeros(v.size)
+
+
+class ExtraInertia:
+    """The `InertiaTerm` of inertial parameters (10,) at a joint's body, functions of time (``None``: nothing).
+
+    They are those of a point or body whose mass is not zero, and may be negative. With spatial inertia I, velocity V and acceleration A of the body: ``J' (I A + V x* I V)``.
     """
-    motion = Motion(model, joint)
 
-    def term(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        theta = parameters(t)
+    def __init__(
+        self, model: pin.Model, joint: int, parameters: Callable[[float], np.ndarray | None]
+    ) -> None:
+        self.motion, self.joint, self.parameters = Motion(model, joint), joint, parameters
+        self._alone: tuple[pin.Model, pin.Data] | None = None
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
+        theta = self.parameters(t)
         if theta is None:
             return np.zeros((len(v), len(v))), np.zeros(len(v))
         inertia = spatial_inertia(theta)
-        jacobian, velocity, drift = motion.at(q, v)
+        jacobian, velocity, drift = self.motion.at(q, v)
         momentum = inertia @ velocity
         linear, omega = pin.skew(velocity[:3]), pin.skew(velocity[3:])  # np.cross takes ten times as long
         gyroscopic = np.concatenate([omega @ momentum[:3], omega @ momentum[3:] + linear @ momentum[:3]])
         return jacobian.T @ inertia @ jacobian, jacobian.T @ (inertia @ drift + gyroscopic)
 
-    return term
+    def derivatives(
+        self, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of M' a + b' by the tangent of q and by v, each (nv, nv).
+
+        They are Pinocchio's, of a model that has this inertia alone.
+        """
+        theta = self.parameters(t)
+        if theta is None:
+            return np.zeros((len(v), len(v))), np.zeros((len(v), len(v)))
+        if self._alone is None:
+            alone = self.motion.pin.copy()
+            for j in range(alone.njoints):
+                alone.inertias[j] = pin.Inertia.Zero()
+            alone.armature[:] = 0.0
+            self._alone = alone, alone.createData()
+        model, data = self._alone
+        sign = -1.0 if theta[0] < 0.0 else 1.0  # a body of Pinocchio's has a positive mass
+        model.inertias[self.joint] = pin.Inertia.FromDynamicParameters(sign * theta)
+        pin.computeRNEADerivatives(model, data, q, v, a)
+        return sign * data.dtau_dq, sign * data.dtau_dv

@@ -9,7 +9,6 @@ import pinocchio as pin
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.spatial import extra_inertia
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -42,7 +41,7 @@ class WheelImbalance(Effect):
         joint = assembly.joint_id(self.wheel)
         if self.static or self.dynamic:
             theta = self.inertia(assembly.model, joint)
-            assembly.add_inertia_term(extra_inertia(assembly.model, joint, lambda t: theta))
+            assembly.add_imbalance(joint, theta)
 
     def inertia(self, model: pin.Model, joint: int) -> np.ndarray:
         """Return its inertial parameters (10,) in the frame of the wheel's joint."""

@@ -16,6 +16,8 @@ from smsid.errors import DescriptionError
 if TYPE_CHECKING:
     from smsid.effects.appendage import Appendage
 
+CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
+
 
 @dataclass(frozen=True)
 class AppendageJoints:
@@ -106,6 +108,28 @@ class Assembly:
         self.model.inertias[joint] = inertia_from_parameters(
             total, "bus" if joint == self.base else name, trusted=name in self.trusted
         )
+
+    def scale_body(self, frame: str | None, factor: float) -> None:
+        """Multiply the inertial parameters of the body that carries a frame, as of a wrong density."""
+        joint, _ = self.frame(frame)
+        if joint and factor != 1.0:
+            body = self.model.inertias[joint]
+            self.model.inertias[joint] = pin.Inertia(factor * body.mass, body.lever, factor * body.inertia)
+
+    def add_imbalance(self, wheel: int, theta: np.ndarray) -> None:
+        """Add inertial parameters (10,) without mass, in the joint's frame, to what turns about a joint.
+
+        The body needs mass to have a centre beside the axis. It gets some at the joint's origin, which stays
+        where it is in the body that carries the joint: from there it is taken.
+        """
+        model, parent = self.model, self.model.parents[wheel]
+        mass = np.r_[CARRIED, np.zeros(9)]
+        total = model.inertias[wheel].toDynamicParameters() + theta + mass
+        model.inertias[wheel] = pin.Inertia.FromDynamicParameters(total)
+        if parent:
+            rest = model.inertias[parent].toDynamicParameters()
+            rest -= move_parameters(model.jointPlacements[wheel], mass)
+            model.inertias[parent] = pin.Inertia.FromDynamicParameters(rest)
 
     def add_springs(self, joint: int, stiffness: Sequence[float], damping: Sequence[float]) -> None:
         """Add linear springs and dampers to a joint, one pair per degree of freedom [N/m | N m/rad, s

@@ -8,8 +8,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.effects.base import ForceTerm, InertiaTerm
+from smsid.effects.base import InertiaTerm
 from smsid.errors import SimulationError
+
+PROBE = 1e-7  # step of a difference [rad, m, rad/s, m/s]
 
 
 class InertialForces:
@@ -56,13 +58,43 @@ class InertialForces:
             bias += b
         return mass, bias
 
-    def held(self, a: np.ndarray) -> ForceTerm:
-        """Return the term that adds the force at accelerations a (nv,), whatever state it is called with."""
+    def derivatives(
+        self, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the force at accelerations a (nv,) that stay, by the tangent of q and by
+        v, each (nv, nv).
 
-        def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau += self.force(t, q, v, a)
+        Terms with ``derivatives`` of their own give them; of others, differences are taken over what they
+        ``depend`` on: places and rates among the nv, all where they do not say or it is ``None``.
+        """
+        dq, dv = np.zeros((2, self.pin.nv, self.pin.nv))
+        for term in self.terms:
+            own = getattr(term, "derivatives", None)
+            by_q, by_v = own(t, q, v, a) if own else self._differences(term, t, q, v, a)
+            dq -= by_q
+            dv -= by_v
+        return dq, dv
 
-        return term
+    def _differences(
+        self, term: InertiaTerm, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        nv = self.pin.nv
+        on_q, on_v = getattr(term, "depends", None) or (range(nv), range(nv))
+
+        def at(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            mass, bias = term(t, q, v)
+            return mass @ a + bias
+
+        rest = at(q, v)
+        dq, dv = np.zeros((2, nv, nv))
+        step = np.zeros(nv)
+        for moved, out in ((on_q, dq), (on_v, dv)):
+            for j in moved:
+                step[j] = PROBE
+                x = (pin.integrate(self.pin, q, step), v) if out is dq else (q, v + step)
+                out[:, j] = (at(*x) - rest) / PROBE
+                step[j] = 0.0
+        return dq, dv
 
     def force(self, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the force (nv,) at known accelerations a (nv,), as where motion is prescribed."""

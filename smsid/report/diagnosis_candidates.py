@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smsid.diagnose.candidates import Candidate, Score, correlation, score, signatures
+from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.search import Search
 from smsid.report.axes import Axis
 from smsid.report.heat import HeatCell, HeatMap, step_of
@@ -30,7 +30,7 @@ def rescored(search: Search) -> tuple[Score, ...]:
     else:
         known = list(candidates.values())
         columns = signatures(search.nominal, known)
-        found = [score(search.nominal, known[i], own) for i, own in columns.items()]
+        found = scored(search.nominal, [known[i] for i in columns], list(columns.values()))
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
 
 

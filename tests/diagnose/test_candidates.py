@@ -6,14 +6,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smsid.diagnose.candidates import Candidate, correlation, score
+from smsid.diagnose.candidates import Candidate, correlation, scored
 from smsid.diagnose.fit import Fit
 
 SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.0, 1.0))
 
 
 def stub(rng, rows, fitted, prior):
-    """What `score` needs of a fit: derivatives, priors, residual."""
+    """What `scored` needs of a fit: derivatives, priors, residual."""
     whitened = rng.standard_normal((rows, 1, fitted))
     residual = np.concatenate([rng.standard_normal(rows), np.zeros(fitted)])
     own = SimpleNamespace(
@@ -23,7 +23,13 @@ def stub(rng, rows, fitted, prior):
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(rows, fitted), own.prior.rows]))
     own.left = lambda c: Fit.left(own, c)
     own.taken = lambda c: Fit.taken(own, c)
+    own.projected = lambda groups: Fit.projected(own, groups)
     return own
+
+
+def only(fit, candidate, columns):
+    """The score of one candidate."""
+    return scored(fit, [candidate], [columns])[0]
 
 
 @settings(max_examples=25, deadline=None)
@@ -32,7 +38,7 @@ def test_ratio_is_what_least_squares_gains(seed):
     rng = np.random.default_rng(seed)
     fit = stub(rng, 60, 3, rng.uniform(0.1, 100.0, 3))
     columns = rng.standard_normal((60, 2)) + fit.whitened[:, 0, :2]
-    found = score(fit, SHIFT, columns)
+    found = only(fit, SHIFT, columns)
     small = np.vstack([fit.whitened[:, 0], fit.prior.rows])
     large = np.hstack([small, np.vstack([columns, np.zeros((3, 2))])])
     sums = [np.linalg.lstsq(m, fit.residual, rcond=None) for m in (small, large)]
@@ -49,7 +55,7 @@ def test_a_tight_prior_leaves_what_it_forbids():
     fit = stub(rng, 400, 2, np.array([1e5, 1.0]))
     fit.residual[:400] += 0.02 * fit.whitened[:, 0, 0]
     copy = Candidate("body_error", "link", "inertia", "mass", None, ("a",), (1.0,))
-    found = score(fit, copy, fit.whitened[:, 0, :1])
+    found = only(fit, copy, fit.whitened[:, 0, :1])
     assert found.freedom == 1
     assert abs(found.estimate[0] - 0.02) < 5.0 / np.sqrt(400)
 
@@ -58,7 +64,7 @@ def test_equal_candidates_are_fully_correlated():
     rng = np.random.default_rng(2)
     fit = stub(rng, 80, 2, np.ones(2))
     columns = rng.standard_normal((80, 2))
-    first, second = score(fit, SHIFT, columns), score(fit, SHIFT, columns @ rng.standard_normal((2, 2)))
+    first, second = only(fit, SHIFT, columns), only(fit, SHIFT, columns @ rng.standard_normal((2, 2)))
     assert abs(correlation(first, second) - 1.0) < 1e-9
-    other = score(fit, SHIFT, rng.standard_normal((80, 2)))
+    other = only(fit, SHIFT, rng.standard_normal((80, 2)))
     assert correlation(first, other) < 0.6

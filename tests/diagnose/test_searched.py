@@ -26,6 +26,11 @@ def stub(columns, truth, rng, noise):
     return own
 
 
+def scored(candidate, found, columns):
+    (beside,) = Fit.projected(found, [columns])
+    return candidate.scored(found, beside)
+
+
 @pytest.mark.parametrize("phase", [-2.0, 0.3, 2.9])
 def test_phase_of_an_imbalance(phase):
     rng = np.random.default_rng(1)
@@ -40,7 +45,9 @@ def test_phase_of_an_imbalance(phase):
         (1e-4, 1e-2),
     )
     columns = rng.standard_normal((ROWS, 2))
-    found = candidate.scored(stub(columns, 0.4 * np.array([np.cos(phase), np.sin(phase)]), rng, 1.0), columns)
+    found = scored(
+        candidate, stub(columns, 0.4 * np.array([np.cos(phase), np.sin(phase)]), rng, 1.0), columns
+    )
     assert found.freedom == 2
     assert abs(found.estimate[0] - 0.4) < 4.0 * np.sqrt(found.covariance[0, 0])
     assert found.covariance[0, 0] == pytest.approx(1.0 / ROWS, rel=0.1)
@@ -57,13 +64,13 @@ def test_place_of_a_leak():
     columns, place, rate = rng.standard_normal((ROWS, 10)), np.array([0.5, -0.6, 0.4]), 2.0
     about = place @ place * np.eye(3) - np.outer(place, place)
     theta = np.r_[1.0, place, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
-    found = candidate.scored(stub(columns, rate * theta, rng, 1.0), columns)
+    found = scored(candidate, stub(columns, rate * theta, rng, 1.0), columns)
     assert found.freedom == 4
     sigma = np.sqrt(np.diag(found.covariance))
     assert abs(found.estimate[0] - rate) < 4.0 * sigma[0]
     off = np.array(found.candidate.effect.position) - place
     assert (np.abs(off) < 4.0 * sigma[1:] * 0.1 + 1e-3).all()
-    nothing = candidate.scored(stub(columns, np.zeros(10), rng, 1.0), columns)
+    nothing = scored(candidate, stub(columns, np.zeros(10), rng, 1.0), columns)
     assert nothing.ratio < 30.0
-    gains = candidate.scored(stub(columns, -rate * theta, rng, 1.0), columns)
+    gains = scored(candidate, stub(columns, -rate * theta, rng, 1.0), columns)
     assert gains.ratio < 0.2 * found.ratio, "mass is lost, not won"

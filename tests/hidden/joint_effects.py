@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .effect import Hidden, after, plain
+from .mjcf import WHEEL_MASS
 from .numbers import JOINTS, ROTOR, WHEELS, Drivetrain, Numbers
 from .plant import Change, Force, Plant
 
@@ -85,10 +86,16 @@ def joint_effects(n: Numbers) -> list[Hidden]:
                     "kg m",
                     plain(lambda x, w=wheel: Change(numbers=lambda n: _imbalance(n, w, x))),
                     1e-3,
-                    cap=0.5,
+                    cap=_reach(n, wheel),
                 ),
             ]
     return found
+
+
+def _reach(n: Numbers, wheel: str) -> float:
+    """Largest imbalance [kg m] that a wheel, a thin disc, can have and still be a body; a fifth kept back."""
+    assert n.wheel_inertia is not None
+    return 0.8 * (0.5 * n.wheel_inertia[WHEELS.index(wheel)] * WHEEL_MASS) ** 0.5
 
 
 def _sign(v: float, rough: float = ROUGH) -> float:
