@@ -17,7 +17,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.identify.commanded import FEW
 from smsid.identify.robust import white_sigma
-from smsid.identify.usable import spikes, usable
+from smsid.identify.usable import enough_usable, spikes
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
@@ -88,7 +88,7 @@ def mended(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
         clock, place = clocks[times.tobytes()]
         happened = clock - sensor.error(quantity).lag
         cuts = np.searchsorted(happened, jumps - TINY) if quantity == "acceleration" else NO_CUTS
-        full, bad = _full(values, clock, place, quantity, sensor, name, cuts)
+        full, bad = _full(values, clock, place, quantity, sensor, cuts)
         if bad.any():
             full = bridge(full, bad, cuts)
             if quantity == "attitude":
@@ -191,18 +191,10 @@ def _full(
     place: np.ndarray,
     quantity: str,
     sensor: Sensor,
-    name: str,
     cuts: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The channel on the clock without holes, and which rows are to be bridged."""
-    good = usable(values, quantity, sensor.error(quantity).saturation)
-    if np.mean(good) < FEWEST:
-        raise RecordingError(
-            f"Only {100 * np.mean(good):.2g} % of the samples of '{name}' are finite and within the sensor's "
-            "limits.",
-            advice="Leave the sensor out of the description, or record again.",
-            channel=name,
-        )
+    good = enough_usable(values, sensor, quantity, share=FEWEST)
     full = np.full((len(clock), *values.shape[1:]), np.nan)
     full[place] = values
     if quantity == "attitude" and good.any():

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from smsid.errors import RecordingError
+from smsid.sensing import Sensor
+
 OUTLIER = 5.0  # standard deviations: one good sample in two million
 MOST = 0.05  # share of samples that may be outliers; more of them is another noise, or a wrong model
 STUCK = 5  # samples at one and the same extreme value that show a limit
@@ -32,6 +35,26 @@ def usable(values: np.ndarray, quantity: str, limit: float | None) -> np.ndarray
             at = column == extreme
             if np.count_nonzero(at) >= STUCK:
                 good = good & ~at
+    return good
+
+
+def enough_usable(
+    values: np.ndarray, sensor: Sensor, quantity: str, *, count: int = 0, share: float = 0.0
+) -> np.ndarray:
+    """Return which samples (N,) of a sensor's (N, k) are `usable` by its described limits.
+
+    Raises `RecordingError` when fewer than ``count`` are, or less than a ``share`` of them.
+    """
+    good = usable(values, quantity, sensor.error(quantity).saturation)
+    found, name = int(np.count_nonzero(good)), f"{sensor.name}.{quantity}"
+    if found < count or found < share * len(good):
+        part = 100.0 * found / max(len(good), 1)
+        raise RecordingError(
+            f"{found} of {len(good)} samples of '{name}' ({part:.2g} %) are finite and within the sensor's "
+            "limits: too few.",
+            advice="Leave the sensor out of the description, or record again, for longer.",
+            channel=name,
+        )
     return good
 
 

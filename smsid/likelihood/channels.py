@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.robust import white_sigma
-from smsid.identify.usable import usable
+from smsid.identify.usable import enough_usable
 from smsid.likelihood.timeline import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -123,7 +123,7 @@ def measured_channels(
 ) -> tuple[Channel, ...]:
     """Return the channels of a recording; noise from the samples, or given by channel name (k,).
 
-    Raises `RecordingError` when a panel's columns do not fit.
+    Raises `RecordingError` when a panel's columns do not fit, or a channel has too few usable samples.
     """
     found = []
     shared: dict[bytes, tuple[csr_array, csr_array, csr_array]] = {}
@@ -134,14 +134,7 @@ def measured_channels(
             find_appendage(model, str(sensor.appendage))
             values = values.reshape(len(values), -1)
         times = event_times(recording, sensor, quantity)
-        kept = usable(values, quantity, sensor.error(quantity).saturation)
-        if np.count_nonzero(kept) < FEWEST:
-            raise RecordingError(
-                f"{np.count_nonzero(kept)} of {len(kept)} samples of '{name}' are finite and within the "
-                "sensor's limits: too few.",
-                advice="Leave the sensor out of the description, or record for longer.",
-                channel=name,
-            )
+        kept = enough_usable(values, sensor, quantity, count=FEWEST)
         if not kept.all():
             times, values = times[kept], values[kept]
         size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
