@@ -98,11 +98,23 @@ def judged(
 
 
 @dataclass(frozen=True)
+class Iteration:
+    """One iteration of a search: ``cost`` is the sum of squares per sample, by the noise found at its end.
+
+    ``step`` is the step that led there: of all parameters the largest, in standard deviations of the
+    estimate; ``None`` where a search starts.
+    """
+
+    cost: float
+    step: float | None
+
+
+@dataclass(frozen=True)
 class Estimate:
     """An identified spacecraft.
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
-    why.
+    why; ``history`` tells how a method that iterates got there.
     """
 
     description: str
@@ -112,6 +124,7 @@ class Estimate:
     timing: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
+    history: tuple[Iteration, ...] = ()
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         for p in self.parameters:
@@ -143,6 +156,7 @@ class Estimate:
             "timing": {k: {"value": v, "unit": "s"} for k, v in self.timing.items()},
             "conditions": {k: {"value": v, "unit": "1"} for k, v in self.conditions.items()},
             "notes": list(self.notes),
+            "history": [{k: {"value": v, "unit": "1"} for k, v in asdict(x).items()} for x in self.history],
         }
         return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
@@ -183,6 +197,10 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             timing={k: v["value"] for k, v in document["timing"].items()},
             notes=tuple(document["notes"]),
             conditions={k: v["value"] for k, v in document["conditions"].items()},
+            # files of earlier versions have none
+            history=tuple(
+                Iteration(x["cost"]["value"], x["step"]["value"]) for x in document.get("history", ())
+            ),
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SmsidError(

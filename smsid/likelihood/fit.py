@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError, SimulationError
+from smsid.likelihood.history import Visit
 from smsid.likelihood.normal import Normal, normal_at
 from smsid.likelihood.piece import Piece
 from smsid.likelihood.point import Point, Seen, moved
@@ -35,7 +36,10 @@ SAME_NOISE = 0.01  # relative change of the variance of a noise that needs no fu
 
 @dataclass(frozen=True)
 class Fit:
-    """A maximum: what is seen there, the pieces with their final noise, the normal equations (or nearly)."""
+    """A maximum: what is seen there, the pieces with their final noise, the normal equations (or nearly).
+
+    ``visits`` are the points the search came by, in order; the last is the maximum.
+    """
 
     seen: Seen
     pieces: tuple[Piece, ...]
@@ -43,6 +47,7 @@ class Fit:
     cost: float
     samples: int
     iterations: int
+    visits: tuple[Visit, ...]
 
     @property
     def point(self) -> Point:
@@ -68,6 +73,8 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
     pieces, here = tuple(pieces), Seen.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
     found, spent = None, False
+    visits: list[Visit] = []
+    walked: np.ndarray | None = None
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     # then the noise that samples show between each other is the better guess of the levels
     nearby = here.cost(pieces, prior) < NEARBY * samples
@@ -81,6 +88,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
         change = _change(before, pieces) if iteration else np.inf
         settled = change < SAME_NOISE and all(p.follows for p in pieces if p.drive.joints is not None)
         cost = here.cost(pieces, prior)
+        visits.append(Visit.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
             found, past = normal_at(pieces, here, prior), gain
             gain = float(found.gradient @ _solved(found.information, found.gradient, 0.0))
@@ -88,13 +96,15 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
             "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
         )
         if settled and (spent or gain < NEAR):
-            return Fit(here, pieces, found, cost, samples, iteration)
+            return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         step = _stepped(pieces, here, found, cost, prior, None, damping)
         if step is None:
             spent = True  # as good as rounding allows
+            walked = np.zeros(here.point.parameters.size)
             continue
         spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
         here, damping = step.seen, step.damping
+        walked = step.step[: here.point.parameters.size]
     raise _stuck(cost, gain, ITERATIONS)
 
 
@@ -128,6 +138,7 @@ def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
 @dataclass(frozen=True)
 class _Step:
     seen: Seen
+    step: np.ndarray
     cost: float
     damping: float
 
@@ -162,7 +173,7 @@ def _stepped(
                 damping = damping / 100.0 if damping > 1e-7 else 0.0
             elif ratio < 0.25:
                 damping = max(4.0 * damping, 1e-6)
-            return _Step(trial, new, damping)
+            return _Step(trial, step, new, damping)
         logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
         if gain < 100 * NEAR and trial is not None:
             return None

@@ -17,6 +17,7 @@ from smsid.likelihood.clocks import GUARD, away_from_jumps, carried, doubtful_cl
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit, fit
+from smsid.likelihood.history import Visit, history_of
 from smsid.likelihood.local import Nuisance
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
@@ -116,7 +117,7 @@ def _refine(
         points = [Point(p, locals_) for p in candidates(described, start)]
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
-    found = _searched(pieces, first, prior)
+    found, visits = _searched(pieces, first, prior)
     doubtful: list[str] = []
     while worst := _most_doubtful(found):
         doubtful.append(worst)
@@ -126,7 +127,8 @@ def _refine(
             replace(local, clock={**own.clock, **local.clock})
             for local, (_, own) in zip(found.point.locals, pairs, strict=True)
         ]
-        found = _searched([p for p, _ in pairs], Point(found.point.parameters, tuple(locals_)), prior)
+        found, more = _searched([p for p, _ in pairs], Point(found.point.parameters, tuple(locals_)), prior)
+        visits += more
     searched = time.perf_counter()
     at = found.point.parameters
     pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
@@ -165,6 +167,7 @@ def _refine(
             "iterations": float(found.iterations),
             "sum of squares / samples": found.cost / found.samples,
         },
+        history=history_of(visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]),
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(
@@ -181,14 +184,19 @@ def _check(recording: Recording) -> None:
             raise
 
 
-def _searched(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
-    """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
+def _searched(pieces: Sequence[Piece], start: Point, prior: Prior) -> tuple[Fit, list[Visit]]:
+    """The maximum near a start with all points visited.
+
+    Where clocks are sought, samples near jumps are chosen by where they end.
+    """
+    visits: list[Visit] = []
     for _ in range(ROUNDS):
         own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
         found = fit(own, start, prior)
+        visits += found.visits
         moved = carried(start.locals, found.point.locals, found.pieces)
         if moved < GUARD / 2:
-            return found
+            return found, visits
         start = Point(found.point.parameters, found.point.locals)
     raise NotIdentifiableError(
         f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",

@@ -14,6 +14,7 @@ from smsid.identify.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording
+from smsid.report.fit_history import convergence_section
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number, unit
 from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported
@@ -95,6 +96,7 @@ def identify_sections(
     elif problem:
         text = Text((f"Not evaluated: {problem}",))
         out.append(Section(f"{prefix}residuals", "Measured against simulated", (text,)))
+    out += convergence_section(prefix, estimate.history)
     out += _modes(description, recordings, linear, prefix)
     out += _aliases(refined, prefix)
     notes = tuple(dict.fromkeys((*linear.estimate.notes, *estimate.notes)))

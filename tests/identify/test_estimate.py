@@ -10,6 +10,7 @@ import pytest
 from smsid.errors import SmsidError
 from smsid.identify.estimate import (
     Estimate,
+    Iteration,
     ParameterEstimate,
     judged,
     load_estimate,
@@ -31,6 +32,7 @@ def example() -> Estimate:
         timing={"Exp. 1": 0.5},
         notes=("axis y: no thrust",),
         conditions={"Step B": 170.0},
+        history=(Iteration(1.5, None), Iteration(1.01, 0.3)),
     )
 
 
@@ -42,12 +44,20 @@ def test_round_trip(tmp_path):
     assert math.isnan(back["lost"].value)
     kept = [p for p in back.parameters if p.name != "lost"]
     assert kept == [p for p in example().parameters if p.name != "lost"]
+    assert back.history == example().history
     assert (back.recordings, back.timing, back.notes, back.conditions) == (
         example().recordings,
         example().timing,
         example().notes,
         example().conditions,
     )
+
+
+def test_a_file_from_before_histories_were_kept_still_loads(tmp_path):
+    document = json.loads(example().to_json())
+    del document["history"]
+    (tmp_path / "old.json").write_text(json.dumps(document))
+    assert load_estimate(tmp_path / "old.json").history == ()
 
 
 def test_infinity_and_nan_are_null():
