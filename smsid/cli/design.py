@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output
+from smsid.cli.options import Output, ReportPath
 from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def design_command(
     margin: Annotated[float, typer.Option(help="share of every limit to leave unused")] = 0.02,
     seed: Annotated[int, typer.Option(help="of the search")] = 0,
     effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
+    report: ReportPath = None,
 ) -> Outcome:
     """Design an experiment: `smsid simulate DESC EXPERIMENT.toml` flies it.
 
@@ -127,13 +128,24 @@ def design_command(
                 progress=tell,
             )
     save_experiment(found.experiment, output)
+    written = [output]
+    if report is not None:
+        from smsid.model import build_model
+        from smsid.report import files_of, provenance, write_report
+        from smsid.report.design import Asked, design_report
+
+        with working("writing the report"):
+            asked = Asked(None if to is None else share(to), limits)
+            origin = provenance(files_of(described, description), seed=seed)
+            made = design_report(found, build_model(described), asked, origin)
+            written.append(write_report(made, report))
     out = console()
     for part in _tables(found):
         out.print(part)
     for note in found.notes:
         out.print(f"note: {note}", markup=False, highlight=False)
-    out.print(f"{found.evaluations} experiments tried; wrote {output}")
-    return Outcome({"design": found.document()}, [output], INTERRUPTED if found.interrupted else 0)
+    out.print(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
+    return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
 
 def share(text: str) -> float:

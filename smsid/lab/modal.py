@@ -18,7 +18,7 @@ from smsid.identify.estimate import Estimate, judged
 from smsid.identify.modes import Mode, Poles, mac
 from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles, signal_matrix
-from smsid.identify.stabilisation import Stability, stable_modes
+from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
 
 ORDERS = tuple(range(4, 42, 2))
 WINDOWS = tuple(float(w) for w in np.geomspace(0.15, 3.0, 12))
@@ -79,12 +79,25 @@ class AmbientMode:
 
 
 @dataclass(frozen=True)
+class PoleDiagram:
+    """A stabilisation diagram: poles by model order with the masks (k,) of the stable ones.
+
+    ``window`` [s] is the length of past and future they were found with, one of many.
+    """
+
+    window: float
+    poles: tuple[Poles, ...]
+    stable: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
 class AmbientModes:
     """Modes of a structure, ascending.
 
     ``separations`` [Hz] are the distances of neighbouring modes with standard deviations, found on the same
     resampled records: close modes move together. ``harmonics`` [Hz] are sines of the excitation, which are
-    no modes; ``rate`` [Hz] after decimation, ``window`` [s] over which correlations stand out.
+    no modes; ``rate`` [Hz] after decimation, ``window`` [s] over which correlations stand out. ``diagram``
+    is that of the middle one of the windows used, or of all windows where none could be.
     """
 
     modes: tuple[AmbientMode, ...]
@@ -92,6 +105,7 @@ class AmbientModes:
     harmonics: tuple[float, ...]
     rate: float
     window: float
+    diagram: PoleDiagram
 
     def estimate(self, name: str) -> Estimate:
         """Return frequencies [Hz], damping ratios and separations [Hz] as an estimate of a structure."""
@@ -152,11 +166,13 @@ def ambient_modes(
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
     found: list[list[Mode]] = []
     again: list[list[tuple[Poles, ...]]] = []
+    every: list[tuple[Poles, ...]] = []
     for count in rows:
         covariances = _block_covariances(slow, count, blocks)
         chosen = checked_orders(orders, count, slow.shape[1], count * slow.shape[1])
         left, singular, right = np.linalg.svd(covariances.mean(axis=0), full_matrices=False)
         poles = observability_poles(left, singular, right, slow.shape[1], slow_rate, chosen)
+        every.append(poles)
         found.append(
             [m for m in stable_modes(poles, slow_rate, stability) if m.frequency <= highest_frequency]
         )
@@ -179,7 +195,10 @@ def ambient_modes(
         (high.frequency - low.frequency, float(_sigma(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]))
         for k, (low, high) in enumerate(pairwise(modes))
     )
-    return AmbientModes(modes, gaps, lines, slow_rate, window)
+    middle = used[len(used) // 2] if used else len(rows) // 2
+    shown = every[middle]
+    diagram = PoleDiagram(rows[middle] / slow_rate, tuple(shown), stable_poles(shown, stability))
+    return AmbientModes(modes, gaps, lines, slow_rate, window, diagram)
 
 
 def spectral_lines(y: np.ndarray, rate: float, highest: float) -> tuple[float, ...]:

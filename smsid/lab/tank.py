@@ -59,6 +59,11 @@ class TankTest:
     cutoff: float
     lag: Lag
 
+    @property
+    def before(self) -> np.ndarray:
+        """Mask (N,) of the samples before the container first moves."""
+        return self.time < self.time[~self.at_rest][0]
+
 
 @dataclass(frozen=True)
 class TankFit:
@@ -75,6 +80,11 @@ class TankFit:
     ring_down: float
     moving: float
     log_likelihood: float
+
+    def quiet(self, test: TankTest) -> float:
+        """Return what is left before the motion, root mean square [N]; not-a-number without such samples."""
+        before = test.before
+        return float(np.sqrt(np.mean(self.residual[before] ** 2))) if before.any() else float("nan")
 
 
 def tank_test(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
@@ -40,8 +39,7 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
                 {"likelihood_ratio": ratio, "freedom": 1.0, "p_value": float(chi2.sf(ratio, 1))},
             )
         )  # fmt: skip
-    before = test.time < test.time[~test.at_rest][0]
-    quiet = float(np.sqrt(np.mean(fit.residual[before] ** 2))) if before.any() else float("nan")
+    quiet = fit.quiet(test)
     remaining = ()
     if fit.ring_down > ABOVE * quiet:
         remaining = (Remaining("force while ringing down", "time", (fit.ring_down / quiet) ** 2, 1, 0.0),)

@@ -121,7 +121,9 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
         rows.append(Row(p.name, tuple(items), f"± {share(width)}", tone=tone))
     legend = [("half of the 95 % interval", 0, "bar")]
     legend += [("the same, not identifiable", 2, "bar")] if any(r.tone == "warn" for r in rows) else []
-    legend += [("error against the truth", 1, "dot")] if known.truth else [("off the description", 5, "ring")]
+    described = not known.truth and any(p.nominal is not None for p in shown)
+    legend += [("error against the truth", 1, "dot")] if known.truth else []
+    legend += [("off the description", 5, "ring")] if described else []
     legend += [("error in the paper", 4, "square")] if any(p.name in known.paper for p in shown) else []
     axis = Axis.over("share of the parameter's size", values, log=True, within=(SMALLEST, 1e3))
     chart = RowChart(
@@ -131,11 +133,12 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
         tuple(legend),
         ((IDENTIFIABLE_BELOW * QUANTILE, "limit of identifiable"),),
     )
-    caption = "Left is better. " + (
-        "The error against the truth lies within the bar for 95 % of parameters when intervals are right."
-        if known.truth
-        else "A ring to the right of its bar: the recordings contradict the description's value."
-    )
+    caption = "Left is better."
+    if known.truth:
+        caption += " The error against the truth lies within the bar for 95 % of parameters when intervals "
+        caption += "are right."
+    elif described:
+        caption += " A ring to the right of its bar: the recordings contradict the description's value."
     return Figure(name, "How well each parameter is known", chart, caption)
 
 

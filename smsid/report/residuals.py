@@ -168,6 +168,7 @@ def residual_table(target: str, traces: Sequence[Trace], scale: str = "noise", n
         lag = float(centred[1:] @ centred[:-1] / max(centred @ centred, 1e-300))
         ratio = t.whitened_rms
         tone: Tone = "good" if ratio <= EXPLAINED else "warn" if ratio <= 2.0 else "bad"
+        tone = tone if np.isfinite(ratio) else "neutral"  # no noise to compare with
         rows.append(
             (
                 Cell(t.name),

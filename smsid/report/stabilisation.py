@@ -16,6 +16,7 @@ from smsid.identify.panel_modes import FEWEST_ROWS, MODE_SHARE, MOST_ROWS, ORDER
 from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_input import ssi_cov_input
 from smsid.identify.stabilisation import stable_poles
+from smsid.lab.modal import AmbientMode
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.report.axes import Axis
@@ -25,13 +26,18 @@ from smsid.report.plot import Curve, Plot, Rule
 
 @dataclass(frozen=True)
 class Diagram:
-    """Poles of an appendage at one sampling rate [Hz] by model order, which are stable, the modes read."""
+    """Poles of an appendage at one sampling rate [Hz] by model order, which are stable, the modes read.
+
+    ``state`` says how it was held, ``highest`` [Hz] ends the axis; by default where modes are read.
+    """
 
     appendage: str
     rate: float
     poles: tuple[Poles, ...]
     stable: tuple[np.ndarray, ...]
-    modes: tuple[Mode, ...]
+    modes: tuple[Mode | AmbientMode, ...]
+    state: str = "clamped"
+    highest: float | None = None
 
     def points(self, stable: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return frequencies (k,) [Hz] and orders (k,) of the poles that are stable, or that are not."""
@@ -90,7 +96,7 @@ def stabilisation_figures(prefix: str, found: Sequence[Diagram]) -> tuple[Figure
     """Return a figure per diagram."""
     out = []
     for k, d in enumerate(found):
-        top = min(0.5 * d.rate, 1.6 * MODE_SHARE * d.rate)
+        top = d.highest or min(0.5 * d.rate, 1.6 * MODE_SHARE * d.rate)
         x = Axis.over("frequency [Hz]", [[0.0, top]], room=0.0, count=7)
         orders = [p.order for p in d.poles]
         y = Axis.over("model order", [[0, max(orders) + 1]], room=0.0, count=6)
@@ -102,6 +108,6 @@ def stabilisation_figures(prefix: str, found: Sequence[Diagram]) -> tuple[Figure
         marks.append(Curve("stable pole", *stable, 0, "rings"))
         read = ", ".join(f"{m.frequency:.4g} Hz (damping {m.damping:.3g})" for m in d.modes)
         body = Plot(x, y, tuple(marks), f"poles of {d.appendage} over model orders; modes at {read}", 240)
-        title = f"{d.appendage}, clamped, sampled at {d.rate:.3g} Hz"
-        out.append(Figure(f"{prefix}-{k}", title, body, f"Read here: {read}."))
+        title = f"{d.appendage}, {d.state}, sampled at {d.rate:.3g} Hz"
+        out.append(Figure(f"{prefix}-{k}", title, body, f"Read here: {read or 'none'}."))
     return tuple(out)

@@ -46,7 +46,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Traces:
-    """Traces to choose from, the one at ``first`` shown at once. ``labels`` name what is drawn."""
+    """Traces to choose from, the one at ``first`` shown at once. ``labels`` name what is drawn.
+
+    ``along`` names the axis they run along.
+    """
 
     traces: tuple[Trace, ...]
     alt: str
@@ -54,6 +57,7 @@ class Traces:
     labels: tuple[str, str, str, str] = ("measured", "simulated", "residual", "residual before")
     band: str = "± 2 σ of the noise"
     budget: int = BUDGET
+    along: str = "time [s]"
 
     @property
     def kind(self) -> str:
@@ -70,7 +74,7 @@ class Traces:
         if s is not None:
             curves.append(Curve(self.labels[1], x, s, 0, "thin"))
         y = Axis.over(_axis(t, "value"), [c.y for c in curves], count=5)
-        return Plot(Axis.over("time [s]", [t.time], room=0.0, count=7), y, tuple(curves), self.alt, 220)
+        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), y, tuple(curves), self.alt, 220)
 
     @property
     def lower(self) -> Plot | None:
@@ -91,7 +95,7 @@ class Traces:
         axis = Axis.over(
             _axis(t, self.labels[2]), [x for x in (r, b) if x is not None] + [[-width, width]], count=4
         )
-        return Plot(Axis.over("time [s]", [t.time], room=0.0, count=7), axis, tuple(marks), self.alt, 150)
+        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), axis, tuple(marks), self.alt, 150)
 
     def data(self) -> str:
         """Return everything that zooming needs as JSON without any ``<``."""

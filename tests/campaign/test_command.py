@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from smsid.campaign.command import campaign_command
+from smsid.cli.campaign import campaign_command
 
 
 @pytest.fixture

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from smsid.cli.app import COMMANDS
+from smsid.cli.lab import lab_app
 
 HEAVY = ("pinocchio", "numpy", "scipy", "xarray", "h5py", "joblib", "matplotlib", "meshcat", "jinja2")
 
@@ -38,9 +42,28 @@ def test_help_waits_for_nothing(words: tuple[str, ...]) -> None:
     assert after(*words) == set()
 
 
-@pytest.mark.parametrize("command", ["identify", "simulate", "import", "show", "view", "diagnose", "demo"])
-def test_help_of_the_main_commands_waits_for_nothing(command: str) -> None:
-    assert after(command, "--help") == set()
+def test_help_of_no_command_waits_for_anything() -> None:
+    """All in one interpreter, one after the other: what is imported is told by the command that does it."""
+    words = [[name] for name in COMMANDS]
+    words += [["lab", c.callback.__name__] for c in lab_app.registered_commands if c.callback is not None]
+    code = f"""
+import contextlib, io, json, sys
+from smsid.cli import main
+told, before = {{}}, set()
+for words in {words!r}:
+    sys.argv = ["smsid", *words, "--help"]
+    page = io.StringIO()
+    with contextlib.redirect_stdout(page), contextlib.suppress(SystemExit):
+        main()
+    now = {{m for m in {HEAVY} if m in sys.modules}}
+    told[" ".join(words)] = [" ".join(page.getvalue().split()[:2]), sorted(now - before)]
+    before |= now
+print(json.dumps(told))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    told = json.loads(done.stdout)
+    assert len(told) == len(words) > 15
+    assert {name: found for name, (page, found) in told.items() if page != "Usage: smsid" or found} == {}
 
 
 def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:

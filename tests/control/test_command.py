@@ -11,7 +11,7 @@ from control_cases import URDF, paper
 from test_identified_model import ARM, true_estimate, wrong_description
 from typer.testing import CliRunner
 
-from smsid.control.command import control_command
+from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller, load_dynamics
 from smsid.control.design import DesignRequest, design
 from smsid.control.identified_model import inertia_at

@@ -8,7 +8,7 @@ import typer
 from control_cases import URDF, paper, two_arms
 from typer.testing import CliRunner
 
-from smsid.control.command import control_command
+from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController

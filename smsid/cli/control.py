@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
-from rich.table import Table
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Output, ReportPath
@@ -15,6 +14,8 @@ from smsid.cli.output import console, working
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from smsid.control.design import Design
     from smsid.description import Description
     from smsid.report import Provenance, Report
@@ -48,6 +49,8 @@ def control_command(
     report: ReportPath = None,
 ) -> Outcome:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
+    import numpy as np
+
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
 
@@ -56,7 +59,7 @@ def control_command(
     described = load_description(description)
     found = None if estimate is None else load_estimate(estimate)
     if study is not None:
-        from smsid.control.study_command import fly_study
+        from smsid.cli.study import fly_study
 
         flown = fly_study(described, found, draws, output, console())
         if report is not None:
@@ -123,6 +126,8 @@ def _pair(text: str) -> tuple[float, float]:
 
 
 def _report(made: Design) -> list[Table | str]:
+    from rich.table import Table
+
     parts: list[Table | str] = []
     if made.identified is not None:
         left = f"; as described: {', '.join(made.identified.left)}" if made.identified.left else ""
@@ -139,7 +144,7 @@ def _report(made: Design) -> list[Table | str]:
                 f"{m.low:.4g} .. {m.high:.4g}",
                 f"{m.band[0]:.3g} .. {m.band[1]:.3g}",
             )
-        joints = "" if np.isnan(made.tuning.joints) else f", joints {made.tuning.joints:.3g} rad/s"
+        joints = "" if math.isnan(made.tuning.joints) else f", joints {made.tuning.joints:.3g} rad/s"
         parts += [bands, f"gains: K_P = w^2, K_D = 2 w, attitude {made.tuning.attitude:.3g} rad/s{joints}"]
     parts.append(_blocks(made))
     parts += list(made.term.weights.origin)
@@ -161,6 +166,8 @@ def _report(made: Design) -> list[Table | str]:
 
 
 def _blocks(made: Design) -> Table:
+    from rich.table import Table
+
     table = Table(
         "coordinates",
         "gamma",

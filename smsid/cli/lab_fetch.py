@@ -1,0 +1,66 @@
+"""``smsid lab fetch``: public data sets as recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.output import console, working
+
+if TYPE_CHECKING:
+    from smsid.description import Description
+    from smsid.recording import Recording
+
+
+def fetch(
+    name: Annotated[str, typer.Argument(help="staubli_tx40, silverbox, antisloshing or cessipy_slab")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings and description")],
+) -> Outcome:
+    """Write a public data set as recordings (and descriptions): from SMSID_DATA, else downloaded."""
+    from smsid.description import Description, save_description
+    from smsid.recording import save_recording
+
+    out, written = console(), []
+    with working(f"fetching {name}"):
+        parts = _parts(name)
+    output.mkdir(parents=True, exist_ok=True)
+    for file, part in parts.items():
+        if isinstance(part, Description):
+            save_description(part, output / file)
+        else:
+            save_recording(part, output / file)
+        written.append(output / file)
+        out.print(f"wrote {output / file}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"data_set": name}, written)
+
+
+def _parts(name: str) -> dict[str, Description | Recording]:
+    """A data set's descriptions and recordings by file name, cut where the benchmarks cut."""
+    from smsid import datasets
+    from smsid.arm import with_joint_effects
+    from smsid.effects import MotorCoupling
+
+    datasets.data_set(name)
+    if name == "silverbox":
+        train, held = datasets.silverbox()
+        return {"silverbox.nc": train, "silverbox_validation.nc": held}
+    if name == "cessipy_slab":
+        return {"cessipy_slab.nc": datasets.cessipy_slab()}
+    if name == "antisloshing":
+        carrier, log = datasets.antisloshing()
+        return {"antisloshing.toml": carrier, "antisloshing.nc": log}
+    bare, log = datasets.tx40()
+    times = log.time()
+    kinds = ("joint_friction", "motor_inertia", "torque_offset")
+    full = with_joint_effects(bare, log.labels["joint"], *kinds).with_effects(
+        MotorCoupling(name="wrist", joints=("joint_5", "joint_6"))
+    )
+    return {
+        "tx40_rigid.toml": bare,
+        "tx40.toml": full,
+        "tx40.nc": log.window(0.0, float(times[times < 6.0][-1])).with_role("estimation"),
+        "tx40_validation.nc": log.window(6.0, float(times[-1])).with_role("validation"),
+    }

@@ -1,0 +1,45 @@
+"""What the commands of ``smsid lab`` share: options, and how a result is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from smsid.cli.options import writable
+from smsid.cli.output import console
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from smsid.diagnose import Diagnosis
+    from smsid.identify.estimate import Estimate
+
+RecordingPath = Annotated[Path, typer.Argument(help="recording (.nc of `smsid import` or `smsid lab fetch`)")]
+Diagnose = Annotated[
+    Path | None,
+    typer.Option(
+        callback=writable, help="name what the simplest model lacks, and write that as `smsid diagnose` does"
+    ),
+]
+
+
+def diagnosed(diagnosis: Diagnosis, path: Path) -> Path:
+    """Write and print a diagnosis; return where it is."""
+    from smsid.cli.diagnose import diagnosis_tables
+    from smsid.diagnose.result import save_diagnosis
+
+    save_diagnosis(diagnosis, path)
+    for part in diagnosis_tables(diagnosis):
+        console().print(part)
+    return path
+
+
+def print_estimate(out: Console, estimate: Estimate) -> None:
+    """Print the parameters and notes of a test."""
+    from smsid.cli.tables import parameter_table
+
+    out.print(parameter_table(f"{estimate.description}: {estimate.method}", estimate.parameters))
+    for note in estimate.notes:
+        out.print(f"note: {note}", markup=False, highlight=False)

@@ -1,0 +1,72 @@
+"""``smsid lab oscillator``: a driven oscillator whose spring need not be linear."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output
+from smsid.cli.output import console, working
+
+
+def oscillator(
+    recording: RecordingPath,
+    frequency: Annotated[float, typer.Option(help="first guess [Hz]")],
+    drive: Annotated[str, typer.Option("--input", help="channel of the drive")] = "extra.input",
+    answer: Annotated[str, typer.Option("--output-channel", help="channel of the output")] = "extra.output",
+    terms: Annotated[str, typer.Option(help="beyond linear: quadratic,cubic,quintic,damping_growth")] = "",
+    damping: Annotated[float, typer.Option(help="first guess")] = 0.05,
+    validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
+    diagnose: Diagnose = None,
+    output: Output = Path("oscillator.json"),
+) -> Outcome:
+    """Driven oscillator with a spring that need not be linear, by the error of its simulation."""
+    import numpy as np
+
+    from smsid.identify.estimate import save_estimate
+    from smsid.lab.oscillator import Oscillator, fit_oscillator
+    from smsid.recording import load_recording
+
+    log = load_recording(recording)
+    log.require(drive, answer)
+    times = log.time(drive)
+    rate = (times.size - 1) / (times[-1] - times[0])
+    chosen = tuple(t for t in terms.split(",") if t)
+    unit = log.unit(answer)
+    run_in = 8.0 / (2 * np.pi * frequency * damping) * rate
+    pieces = int(np.clip(times.size / (5.0 * run_in), 1, 10))
+    u, y, start = log[drive], log[answer], Oscillator(frequency, damping, 1.0)
+    written = [output]
+    with working("fitting the oscillator"):
+        if diagnose is not None:
+            from smsid.lab.oscillator_diagnosis import diagnose_oscillator
+
+            held = None
+            if validate is not None:
+                judge = load_recording(validate)
+                held = judge.name, judge[drive], judge[answer]
+            told = diagnose_oscillator(u, y, rate, start, unit=unit, pieces=pieces, validation=held)
+            found = told.best
+            written.append(diagnosed(told.diagnosis, diagnose))
+        else:
+            found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
+        if chosen and diagnose is None:
+            found = fit_oscillator(u, y, rate, found.oscillator, terms=chosen, unit=unit, pieces=pieces)
+    save_estimate(found.estimate, output)
+    out = console()
+    print_estimate(out, found.estimate)
+    out.print(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
+    errors = {"simulation": {"recording": log.name, "value": found.rmse, "unit": unit}}
+    if validate is not None:
+        other = load_recording(validate)
+        error = other[answer] - found.oscillator.simulate(other[drive], rate)
+        free = float(np.sqrt(np.mean(error**2)))
+        out.print(f"free-running error {free:.5g} {unit} on '{other.name}'")
+        errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
+    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)

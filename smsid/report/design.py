@@ -1,0 +1,230 @@
+"""The report of ``smsid design``: what is commanded, what it will tell, what it uses of the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from smsid.design import Design, Limits
+from smsid.design.separate import Separation
+from smsid.experiments import LimitUse
+from smsid.identify.estimate import IDENTIFIABLE_BELOW
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.report.axes import Axis
+from smsid.report.designed_signals import signal_grids
+from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, share, unit
+from smsid.report.rows import Bar, Mark, Row, RowChart
+
+NEAR = 0.99  # share of what may be used at which a limit holds the design back
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was asked of a design: a relative precision ``to`` reach, and limits with their margin."""
+
+    to: float | None = None
+    limits: Limits = field(default_factory=Limits)
+
+
+def design_report(
+    found: Design | Separation, model: SpacecraftModel, asked: Asked, origin: Provenance
+) -> Report:
+    """Return the report of a designed experiment.
+
+    Args:
+        found: the design, or the experiment that separates two causes.
+        model: the described spacecraft, for the names of what moves.
+        asked: precision and limits.
+        origin: versions, command, files, seed.
+    """
+    experiment = found.experiment
+    told = _precision(found, asked.to) if isinstance(found, Design) else _separation(found)
+    title = "Predicted precision" if isinstance(found, Design) else "Detection limits"
+    facts = (
+        f"{label}: {e.note.removeprefix('designed: ')}; {number(e.duration, 6)} s"
+        for label, e in (("designed", experiment), ("before", found.reference))
+    )
+    signals = signal_grids(model, experiment, found.reference)
+    sections = [
+        Section("precision", title, told, "Cramér-Rao bounds" if isinstance(found, Design) else ""),
+        Section(
+            "signals",
+            "Designed signals",
+            (Text(tuple(facts), bullets=True), *signals),
+            f"{number(experiment.duration, 6)} s",
+        ),
+        Section(
+            "limits", "Limits", _limits(found.limits, asked.limits), _tightest(found.limits, asked.limits)
+        ),
+    ]
+    if found.notes:
+        sections.append(Section("notes", "Notes", (Text(tuple(found.notes), bullets=True),)))
+    sentence, tone = verdict(found, asked)
+    glance = [("duration", f"{number(experiment.duration, 5)} s")]
+    if isinstance(found, Design):
+        glance.append(("worst relative σ", share(float(found.relative.max()))))
+        glance.append(("better than before", f"{number(found.gain, 3)} times"))
+    else:
+        glance.append(("correlation of the two", number(found.correlation, 3)))
+        glance.append(("before", number(found.correlation_before, 3)))
+    glance.append(("experiments tried", str(found.evaluations)))
+    return Report("Designed experiment", model.description.name, sentence, tone, tuple(sections), origin,
+                  tuple(glance))  # fmt: skip
+
+
+def verdict(found: Design | Separation, asked: Asked) -> tuple[str, Tone]:
+    """Return one sentence on a design, and what it is worth."""
+    stopped = " The search was interrupted." if found.interrupted else ""
+    broken = asked.limits.broken(found.limits)
+    if broken:
+        return f"The experiment passes a limit: {'; '.join(map(str, broken))}.{stopped}", "bad"
+    if isinstance(found, Separation):
+        better = max(r.before / r.limit for r in found.rows)
+        sentence = (
+            f"In {number(found.experiment.duration, 5)} s the two causes leave signatures that correlate by "
+            f"{number(found.correlation, 3)} (before: {number(found.correlation_before, 3)}); the least "
+            f"value that is told from the other cause is up to {number(better, 3)} times smaller."
+        )
+        return sentence + stopped, "warn" if found.interrupted else "good"
+    worst = int(found.relative.argmax())
+    reached = float(found.relative[worst])
+    sentence = (
+        f"In {number(found.experiment.duration, 5)} s every parameter asked for becomes known to "
+        f"{share(reached, 3)} or better (one standard deviation; worst: {found.goal.names[worst]}), the "
+        f"worst {number(found.gain, 3)} times better than before, within all limits."
+    )
+    if asked.to is not None and reached > asked.to:
+        return f"{sentence} Asked for were {share(asked.to, 3)}: out of reach.{stopped}", "warn"
+    good = reached <= (asked.to or IDENTIFIABLE_BELOW) and not found.interrupted
+    return sentence + stopped, "good" if good else "warn"
+
+
+def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
+    goal, rows, table = found.goal, [], []
+    wanted = IDENTIFIABLE_BELOW if to is None else to
+    for i, name in enumerate(goal.names):
+        now, then = float(found.relative[i]), float(found.relative_before[i])
+        met = now <= wanted
+        items = (
+            Bar(now, 0 if met else 1, tip=f"σ {share(now)}"),
+            Mark(then, series=2, shape="ring", tip=f"before: {share(then)}"),
+        )
+        rows.append(Row(name, items, share(now), tone="neutral" if met else "warn"))
+        table.append(
+            (
+                Cell(name),
+                Cell(number(float(goal.values[i]), 6), float(goal.values[i])),
+                Cell(number(float(found.sigma[i]), 3), float(found.sigma[i])),
+                Cell(number(float(found.before[i]), 3), float(found.before[i])),
+                Cell(unit(goal.units[i])),
+                Cell(share(now), now, "good" if met else "warn"),
+                Cell(share(then), then),
+                Cell(number(then / now, 3), then / now),
+            )
+        )
+    label = "wanted" if to is not None else "limit of identifiable"
+    legend = [("σ predicted", 0, "bar"), ("before", 2, "ring")]
+    legend += [(f"σ predicted, above {label}", 1, "bar")] if any(r.tone == "warn" for r in rows) else []
+    chart = RowChart(
+        Axis.over(
+            "σ, share of the parameter's size", [found.relative, found.relative_before, [wanted]], log=True
+        ),
+        tuple(rows),
+        "predicted standard deviations relative to the parameters' size",
+        tuple(legend),
+        ((wanted, f"{label}: {share(wanted, 3)}"),),
+    )
+    caption = (
+        "Left is better. Bounds of Cramér and Rao on one standard deviation, of the experiment as simulated, "
+        "for the described values; biases and initial pose unknown. Before: the paper's kind of excitation "
+        "of the same duration within the same limits."
+    )
+    columns = ("parameter", "#described", "#σ", "#σ before", "unit", "#relative", "#before", "#times better")
+    return (
+        Figure("sigmas", "Standard deviations to be expected", chart, caption),
+        Table("Predicted standard deviations", columns, tuple(table)),
+    )
+
+
+def _separation(found: Separation) -> tuple[Figure | Table, ...]:
+    rows = tuple(
+        Row(
+            r.cause if r.cause.startswith(r.parameter) else f"{r.cause}: {r.parameter}",
+            (Bar(r.limit / r.before, 0, 1.0, tip=f"{number(r.limit, 3)} {r.unit}"),),
+            f"{number(r.limit, 3)} {unit(r.unit)}",
+        )
+        for r in found.rows
+    )
+    ratios = [r.limit / r.before for r in found.rows]
+    chart = RowChart(
+        Axis.over("detection limit, share of that before", [ratios, [1.0]], log=True),
+        rows,
+        "least values told from the other cause, relative to before",
+        rules=((1.0, "before"),),
+    )
+    caption = "The least value that would be seen and told from the other cause. Left is better."
+    table = tuple(
+        (
+            Cell(r.cause),
+            Cell(r.parameter),
+            Cell(number(r.limit, 3), r.limit),
+            Cell(number(r.before, 3), r.before),
+            Cell(unit(r.unit)),
+        )
+        for r in found.rows
+    )
+    columns = ("cause", "parameter", "#told from the other", "#before", "unit")
+    return (
+        Figure("detection", "What is told apart", chart, caption),
+        Table("Detection limits", columns, table),
+    )
+
+
+def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> tuple[Figure | Table | Text, ...]:
+    uses = tuple(sorted(uses, key=lambda u: (u.limit is None, -limits.share(u))))
+    stated = [u for u in uses if u.limit is not None]
+    parts: list[Figure | Table | Text] = []
+    if stated:
+        rows, values = [], [[0.0, 1.0]]
+        for u in stated:
+            used = limits.share(u) * limits.usable
+            tone: Tone = "bad" if used > limits.usable * (1 + 1e-6) else "neutral"
+            rows.append(
+                Row(u.quantity, (Bar(used, 1 if tone == "bad" else 0, 0.0),), share(used, 3), tone=tone)
+            )
+            values.append([used, used])
+        chart = RowChart(
+            Axis.over("largest value, share of the limit", values, room=0.02, count=6),
+            tuple(rows),
+            "share of every limit that the simulated motion uses",
+            rules=((limits.usable, f"{share(limits.margin, 3)} left unused"),),
+        )
+        caption = "From the simulated motion of the described spacecraft. To the left of the line: within."
+        parts.append(Figure("limit-chart", "How much of every limit is used", chart, caption))
+    else:
+        parts.append(Text(("No limit is stated, in the description or by options.",)))
+    table = []
+    for u in uses:
+        if u.limit is None:
+            cells = (Cell("none stated"), Cell(""), Cell(""))
+        else:
+            left = u.limit - u.value
+            tone = "bad" if u in limits.broken((u,)) else "good" if limits.share(u) <= NEAR else "neutral"
+            cells = (
+                Cell(number(u.limit, 5), u.limit),
+                Cell(share(u.value / u.limit, 3), u.value / u.limit, tone),
+                Cell(number(left, 3), left),
+            )
+        table.append((Cell(u.quantity), Cell(number(u.value, 4), u.value), *cells, Cell(unit(u.unit))))
+    columns = ("quantity", "#largest", "#limit", "#used", "#margin left", "unit")
+    note = f"Of every limit {share(limits.margin, 3)} is to be left unused."
+    parts.append(Table("Limits and what is left of them", columns, tuple(table), note))
+    return tuple(parts)
+
+
+def _tightest(uses: tuple[LimitUse, ...], limits: Limits) -> str:
+    stated = [u for u in uses if u.limit is not None]
+    if not stated:
+        return "none stated"
+    full = [u.quantity for u in stated if limits.share(u) > NEAR]
+    return f"held back by {', '.join(full)}" if full else "none used up"

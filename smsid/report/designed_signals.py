@@ -1,0 +1,78 @@
+"""What a designed experiment commands, component by component, beside its reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from smsid.experiments import Experiment
+from smsid.experiments.schema import Profile
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.report.axes import Axis
+from smsid.report.model import Figure, Grid
+from smsid.report.plot import Curve, Plot
+from smsid.simulate.signals import Signal, sample
+
+POINTS = 1200
+HEIGHT = 150
+
+
+def signal_grids(model: SpacecraftModel, experiment: Experiment, reference: Experiment) -> tuple[Grid, ...]:
+    """Return a grid of small figures per kind of command; components that stay zero in both are left out."""
+    out = []
+    for key, title, unit, names in _kinds(model):
+        now, then = getattr(experiment, key), getattr(reference, key)
+        figures = _figures(key, names, unit, (now, experiment.duration), (then, reference.duration))
+        if figures:
+            out.append(Grid(title, figures))
+    return tuple(out)
+
+
+def drawn(signal: Signal, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (N,) and values (N, size) to draw a signal from 0 to ``duration`` [s], jumps upright."""
+    jumps = np.array([t for t in signal.breakpoints if 0.0 < t < duration])
+    before = np.nextafter(jumps, 0.0)
+    times = np.unique(np.concatenate([np.linspace(0.0, duration, POINTS), before, jumps]))
+    return times, sample(signal, times)
+
+
+def _kinds(model: SpacecraftModel) -> Iterator[tuple[str, str, str, Sequence[str]]]:
+    axes = [f"along {a}" for a in "xyz"]
+    yield "force", "Thrust, body axes", "N", axes
+    yield "torque", "Torque on the bus, body axes", "N m", [f"about {a}" for a in "xyz"]
+    yield "wheel_torque", "Torques of the wheels", "N m", model.wheels.names
+    yield "joint_torque", "Torques of the joints", "N m", model.arm_joints.names
+    yield "joint_motion", "Angles of the joints", "rad", model.arm_joints.names
+
+
+def _figures(
+    key: str,
+    names: Sequence[str],
+    unit: str,
+    now: tuple[Profile | None, float],
+    then: tuple[Profile | None, float],
+) -> tuple[Figure, ...]:
+    curves = []
+    for (profile, duration), label, colour, style in (
+        (then, "before", 2, "thin"),
+        (now, "designed", 0, "line"),
+    ):
+        if profile is not None:
+            curves.append((label, colour, style, *drawn(profile.signal(), duration)))
+    out = []
+    for k, name in enumerate(names):
+        own = [
+            Curve(label, t, x[:, k], colour, style) for label, colour, style, t, x in curves if x[:, k].any()
+        ]
+        if not own:
+            continue
+        body = Plot(
+            Axis.over("time [s]", [c.x for c in own], room=0.0, count=6),
+            Axis.over(unit, [c.y for c in own], count=4),
+            tuple(own),
+            f"{name} over time, designed and before",
+            HEIGHT,
+        )
+        out.append(Figure(f"{key}-{k}", name, body))
+    return tuple(out)

@@ -1,0 +1,169 @@
+"""The report of ``smsid lab modal``: modes of a structure from its vibration alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import welch
+
+from smsid.identify.ssi_decimate import decimate
+from smsid.lab.modal import AmbientModes
+from smsid.report.axes import Axis
+from smsid.report.correlations import correlation_traces
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.numbers import number, share
+from smsid.report.parameters import Known, identifiability, parameter_table
+from smsid.report.plot import Curve, Plot, Rule
+from smsid.report.residuals import residual_table
+from smsid.report.stabilisation import Diagram, stabilisation_figures
+from smsid.report.traces import Traces
+
+SEGMENTS = 8
+NOTE = (
+    "Scatter: the standard deviation of a correlation of so long a record about zero. A ratio of one or less "
+    "means that modes and harmonics explain the correlations; shares and phases are fitted to each output."
+)
+ALONE = 1.5  # residual over scatter up to which the modes explain an output
+
+
+def modal_report(
+    name: str,
+    channel: str,
+    outputs: np.ndarray,
+    rate: float,
+    highest: float,
+    found: AmbientModes,
+    origin: Provenance,
+) -> Report:
+    """Return the report of a test under ambient vibration.
+
+    Args:
+        name: of the recording.
+        channel: of the outputs.
+        outputs: (N, l) at even times [any unit].
+        rate: of them [Hz].
+        highest: frequency sought [Hz].
+        found: the modes.
+        origin: versions, command, files.
+    """
+    traces = correlation_traces(outputs, rate, found)
+    parameters = found.estimate(name).parameters
+    sections = []
+    if found.modes:
+        chart = identifiability("known", parameters, Known())
+        table = parameter_table("Frequencies, damping ratios, distances of neighbours", parameters, Known())
+        gist = f"{len(found.modes)} modes, 95 % intervals"
+        sections.append(Section("parameters", "Modes", (chart, table, _shapes(found)), gist))
+    ratio = traces[0].whitened_rms
+    body = Traces(
+        traces,
+        "correlation of an output over lag, measured and as the modes make it",
+        0,
+        ("measured", "fitted", "residual", ""),
+        "± 2 σ of its scatter",
+        along="lag [s]",
+    )
+    caption = (
+        "Autocorrelations relative to the variance: what free decay would look like. Frequencies and damping "
+        "are those identified. The strongest output is shown first."
+    )
+    figure = Figure("traces", "Correlations, measured and fitted", body, caption)
+    left = residual_table("traces", traces, "scatter", NOTE)
+    sections += [
+        Section(
+            "residuals", "Measured against fitted", (figure, left), f"{channel}, {outputs.shape[1]} outputs"
+        ),
+        Section("spectrum", "Spectrum of the outputs", (_spectrum(outputs, rate, highest, found),)),
+        Section("diagram", "Stabilisation diagram", _diagram(name, found, highest), "over model orders"),
+    ]
+    sentence, tone = verdict(found, ratio)
+    glance = [("modes", str(len(found.modes))), ("harmonics", str(len(found.harmonics)))]
+    glance += [("residual / scatter, strongest output", number(ratio, 3))]
+    glance += [("record", f"{number(len(outputs) / rate, 4)} s at {number(rate, 4)} Hz")]
+    return Report("Modes from ambient vibration", name, sentence, tone, tuple(sections), origin,
+                  tuple(glance))  # fmt: skip
+
+
+def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
+    """Return one sentence on the modes, and what it is worth; ``ratio``: residual over scatter they leave."""
+    other = f" {_listed(found.harmonics)} Hz: harmonics, no modes." if found.harmonics else ""
+    if not found.modes:
+        return f"No mode is stable over model orders and correlation windows.{other}", "neutral"
+    weak = [f"mode {k}" for k, m in enumerate(found.modes, 1) if m.damping_sigma > 0.5 * m.damping]
+    sigma = max(m.frequency_sigma / m.frequency for m in found.modes)
+    plural = "modes are" if len(found.modes) > 1 else "mode is"
+    sentence = (
+        f"{len(found.modes)} {plural} found at {_listed([m.frequency for m in found.modes])} Hz, every "
+        f"frequency to {share(1.959964 * sigma)} (95 %)."
+    )
+    if any(m.impulsive for m in found.modes):
+        return f"{sentence} A few impacts carry the record; it is short of lasting excitation.{other}", "warn"
+    if weak:
+        return f"{sentence} The damping of {', '.join(weak)} is hardly known.{other}", "warn"
+    if ratio > ALONE:
+        text = f"They leave {number(ratio, 2)} times the scatter of the strongest output's correlations."
+        return f"{sentence} {text}{other}", "warn"
+    return sentence + other, "good"
+
+
+def _listed(values: Sequence[float]) -> str:
+    texts = [number(x, 4) for x in values]
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
+
+
+def _shapes(found: AmbientModes) -> Table:
+    width = len(found.modes[0].shape)
+    outputs = (f"#{k + 1}" for k in range(width))
+    columns = ("mode", "#Hz", "#response", "#windows", "#kurtosis", "excited", *outputs)
+    rows = []
+    for k, m in enumerate(found.modes, 1):
+        excited = Cell("by a few impacts", tone="warn") if m.impulsive else Cell("by lasting noise")
+        shape = m.shape / m.shape[int(np.argmax(np.abs(m.shape)))]
+        rows.append(
+            (
+                Cell(f"mode {k}"),
+                Cell(number(m.frequency, 5), m.frequency),
+                Cell(share(m.contribution), m.contribution),
+                Cell(share(m.windows, 3), m.windows),
+                Cell(number(m.kurtosis, 3), m.kurtosis),
+                excited,
+                *(Cell(number(float(x), 3), float(x)) for x in shape),
+            )
+        )
+    note = (
+        "Response: share of the covariance. Windows: share of the lengths of past and future used that have "
+        "the mode. Kurtosis of its band: 3 for lasting noise, 1.5 for a sine, much more for impacts. Then "
+        "the shape by output, largest entry one."
+    )
+    return Table("Shapes and how they were excited", columns, tuple(rows), note)
+
+
+def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientModes) -> Figure:
+    slow, slow_rate = decimate(outputs - outputs.mean(axis=0), rate, max(1, round(rate / found.rate)))
+    slow = slow / np.maximum(slow.std(axis=0), 1e-300)
+    f, density = welch(slow, slow_rate, nperseg=max(len(slow) // SEGMENTS, 64), axis=0)
+    kept = (f > 0.0) & (f <= 1.1 * highest)
+    mean = density[kept].mean(axis=1)
+    marks: list[Curve | Rule] = [Rule(f"{number(m.frequency, 4)} Hz", m.frequency) for m in found.modes]
+    marks += [Rule(f"{number(x, 4)} Hz, harmonic", x, colour=1) for x in found.harmonics]
+    marks.append(Curve("all outputs, each by its variance", f[kept], mean, 2, "thin"))
+    body = Plot(
+        Axis.over("frequency [Hz]", [[0.0, 1.1 * highest]], room=0.0, count=8),
+        Axis.over("density [1/Hz]", [mean], log=True, count=4),
+        tuple(marks),
+        "power spectral density of the outputs with the modes found",
+        230,
+    )
+    return Figure("psd", "Power spectral density", body, "Upright lines: modes, and harmonics if any.")
+
+
+def _diagram(name: str, found: AmbientModes, highest: float) -> tuple[Grid | Text, ...]:
+    d = found.diagram
+    state = f"past and future of {number(d.window, 3)} s"
+    made = Diagram(name, found.rate, d.poles, d.stable, found.modes, state, 1.1 * highest)
+    caption = (
+        "Poles of SSI-COV by model order, with one of the lengths of past and future that resolve most "
+        "modes. A ring has the same frequency, damping and shape one order below. No order is picked."
+    )
+    return (Grid("Poles over model orders", stabilisation_figures("stabilisation", [made]), caption),)
