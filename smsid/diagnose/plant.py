@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import ForceTerm
+from smsid.effects.spatial import ExtraInertia
+from smsid.model.inertial_forces import InertialForces
+from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 
 LOCK = 1e9  # [kg m^2] rotor inertia of a joint that is held still
@@ -32,24 +33,47 @@ class Plant:
         self.model = model
         self.pin = model.pin.copy()
         self.pin.armature[locked] += LOCK
+        self._growing: list[tuple[ExtraInertia, np.ndarray]] = []
         if model.inertial is not None:  # it is to solve with what is held still
-            held = model.inertial.using(self.pin)
-            self.model = replace(model, forces=(*model.forces[:-1], held), inertial=held)
+            terms = model.inertial.terms
+            bodies = [x for x in terms if isinstance(x, ExtraInertia)]  # faster as part of the body
+            self._growing = [(x, dynamic_parameters(self.pin.inertias[x.joint])) for x in bodies]
+            rest = [x for x in terms if not isinstance(x, ExtraInertia)]
+            held = InertialForces(self.pin, rest) if rest else None
+            forces = model.forces[:-1] if held is None else (*model.forces[:-1], held)
+            self.model = replace(model, forces=forces, inertial=held)
         self.data = self.pin.createData()
         self.locked = locked
         self.nv, self.free = model.nv, model.free
+        plain = self.model.forces if self.model.inertial is None else self.model.forces[:-1]
+        self._forces = (*model.loads, *plain)
+        known = [getattr(f, "depends", None) for f in self._forces]
+        every = range(model.nv)
+        self._moved = every if None in known else sorted({int(j) for d in known if d for j in d[0]})
+        self._faster = every if None in known else sorted({int(j) for d in known if d for j in d[1]})
         self._one = np.eye(2 * model.nv)
         self._upper = np.triu_indices(model.nv, 1)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,)."""
         total = tau.copy()
+        if self._growing:
+            self._grow(t)
         self.model.add_passive_forces(t, q, v, total)
         return pin.aba(self.pin, self.data, q, v, total)
+
+    def _grow(self, t: float) -> None:
+        """Give bodies whose inertia changes in time what they have now."""
+        for term, begun in self._growing:
+            more = term.parameters(t)
+            theta = begun if more is None else begun + more
+            self.pin.inertias[term.joint] = pin.Inertia.FromDynamicParameters(theta)
 
     def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
         """Return accelerations at q (nq,), v (nv,) under tau (nv,), with their derivatives."""
         m = self.model
+        if self._growing:
+            self._grow(t)
         total = tau.copy()
         m.add_passive_forces(t, q, v, total)
         pin.computeABADerivatives(self.pin, self.data, q, v, total)
@@ -60,9 +84,8 @@ class Plant:
         by_q[:, m.spring_v] -= inverse[:, m.spring_v] * m.stiffness
         by_v[:, m.spring_v] -= inverse[:, m.spring_v] * m.damping
         a = np.array(self.data.ddq)
-        plain = m.forces if m.inertial is None else m.forces[:-1]
-        if plain or m.loads:
-            dq, dv = self._differences((*m.loads, *plain), t, q, v, tau)
+        if self._forces:
+            dq, dv = self._differences(t, q, v, tau)
             by_q += inverse @ dq
             by_v += inverse @ dv
         if m.inertial is not None:
@@ -78,23 +101,26 @@ class Plant:
         return Linear(a, by_q, by_v, inverse)
 
     def _differences(
-        self, terms: Sequence[ForceTerm], t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        nv = self.nv
 
         def forces(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             out = tau.copy()
-            for term in terms:
+            for term in self._forces:
                 term(t, q, v, out)
             return out
 
         rest = forces(q, v)
-        dq, dv = np.zeros((2, nv, nv))
-        for j in range(nv):
-            step = np.zeros(nv)
+        dq, dv = np.zeros((2, self.nv, self.nv))
+        step = np.zeros(self.nv)
+        for j in self._faster:
             step[j] = PROBE
             dv[:, j] = forces(q, v + step) - rest
+            step[j] = 0.0
+        for j in self._moved:
+            step[j] = PROBE
             dq[:, j] = forces(pin.integrate(self.pin, q, step), v) - rest
+            step[j] = 0.0
         return dq / PROBE, dv / PROBE
 
     def step(

@@ -16,6 +16,7 @@ from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.searched import Imbalance, Leak
+from smsid.diagnose.tidal import Tidal
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.slosh import Slosh
@@ -246,10 +247,10 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
         yield from _one(
             "external_wrench", f"bus_{frame}", "external", f"torque, {frame}", at, _vector("torque", 1e-4)
         )
-    for axis, normal in zip(np.eye(3).tolist(), np.roll(np.eye(3), 1, axis=0).tolist(), strict=True):
-        orbit = {"gradient": 0.0, "nadir": axis, "normal": normal}
-        shape = f"gravity gradient along {'xyz'[axis.index(1.0)]}"
-        yield from _one("gravity_gradient", "bus", "external", shape, orbit, {"gradient": 1e-8})
+    orbit: dict[str, Any] = {"gradient": 0.0, "prior": {f"turn.{axis}": 1.0 for axis in AXES}}
+    free = {"gradient": 1e-8, **_vector("turn", 1e-2)}
+    for c in _one("gravity_gradient", "bus", "external", "gravity gradient", orbit, free):
+        yield _as(Tidal, c)
 
 
 def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:

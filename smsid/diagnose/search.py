@@ -16,14 +16,13 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
+from smsid.diagnose.onset import always, beginning, with_onset
 from smsid.diagnose.point import Point, Unknown
-from smsid.effects.base import Starting
 from smsid.errors import RecordingError, SmsidError
 
 LOGGER = logging.getLogger(__name__)
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
-ONSETS = 9  # times an effect may begin at, a round; three rounds, each finer
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,20 @@ class Levels:
 class Cause:
     """An accepted candidate with its score, and those this experiment does not tell from it.
 
-    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit.
+    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit;
+    ``beside`` names the parameters that were fitted when it was scored.
     """
 
     score: Score
     aliases: tuple[tuple[Score, float], ...]
     ratio: float
+    beside: tuple[str, ...]
+
+    def score_beside(self, names: Sequence[str]) -> Score:
+        """Return its score with other parameters fitted; what it takes of new ones is not known."""
+        rows = dict(zip(self.beside, self.score.taken, strict=True))
+        nothing = np.zeros(self.score.taken.shape[1])
+        return replace(self.score, taken=np.array([rows.get(n, nothing) for n in names]))
 
 
 @dataclass(frozen=True)
@@ -133,7 +140,12 @@ def search(
         best = _best([s for s in scores if s.ratio > least], len(candidates), current.run.samples, levels)
         if best is None or len(causes) == levels.causes:
             break
-        leading = [with_onset(current, s, levels) for s in scores[: levels.contenders]]
+        leading = list(scores[: levels.contenders])
+        if best.ratio > levels.linear:  # strong enough for something that is there in part to pass as another
+            known = {s.candidate.key for s in leading}
+            more = beginning(current, scores, levels.contenders)
+            leading += [s for s in more if s.candidate.key not in known]
+        leading = [with_onset(current, s, levels.alias) for s in leading]
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         accepted = _accept(current, best, scores, levels)
         if accepted is None:
@@ -147,6 +159,9 @@ def search(
         if strong or fitted.misfit:
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
+    for i, cause in enumerate(causes):
+        still, current = always(current, cause.score, levels.alias)
+        causes[i] = replace(cause, score=still)
     causes, current = _pruned(causes, current, nominal, levels, len(candidates))
     clock["tests"] = time.process_time()
     blocks = adequacy(current)
@@ -221,7 +236,8 @@ def _accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) 
             s for s in rivals if s not in contenders and gain - s.information_gain(samples) < levels.alias
         ]
     aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
-    return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio), found
+    beside = tuple(u.name for u in current.unknowns)
+    return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio, beside), found
 
 
 def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
@@ -238,35 +254,6 @@ def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     except (SmsidError, np.linalg.LinAlgError):
         return current
     return further if further.objective < current.objective else current
-
-
-def with_onset(current: Fit, s: Score, levels: Levels) -> Score:
-    """Return the score with the time its effect begins, where beginning midway explains clearly more.
-
-    A grid over the recording, then a finer one about its best; what the grid costs is paid in the criterion.
-    """
-    effect = s.candidate.effect
-    if not isinstance(effect, Starting) or effect.start is not None:
-        return s
-    times = current.run.states.time
-    best, width = s, float(times[-1] - times[0]) / (ONSETS + 1)
-    centre = float(times[0]) + width * (ONSETS + 1) / 2.0
-    for _ in range(3):
-        about = centre + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
-        tried = [
-            replace(s.candidate, effect=effect.model_copy(update={"start": float(t)}), grid=3 * ONSETS)
-            for t in about
-            if times[0] < t < times[-1]
-        ]
-        columns = signatures(current, tried)
-        scores = scored(current, [tried[i] for i in columns], list(columns.values()))
-        best = max([best, *scores], key=lambda x: x.ratio)
-        begun = getattr(best.candidate.effect, "start", None)
-        if begun is None:
-            return s
-        centre, width = begun, 2.0 * width / ONSETS
-    paid = 2.0 * float(np.log(3 * ONSETS)) + levels.alias
-    return best if best.ratio - s.ratio > paid else s
 
 
 def _refit(current: Fit, s: Score) -> Fit | None:
@@ -330,7 +317,7 @@ def _pruned(
         causes = [c for c in causes if c is not worst]
         current = replace(nominal, problem=last.problem)  # its noise levels may be finer
         for cause in causes:
-            again = _refit(current, cause.score)
+            again = _refit(current, cause.score_beside([u.name for u in current.unknowns]))
             current = again if again is not None else current
         last = current
     return causes, last

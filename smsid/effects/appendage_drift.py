@@ -47,7 +47,7 @@ class FrequencyDrift(Starting):
                 change = rate * (t - start)
                 tau[index] -= stiffness * change * (2.0 + change) * q[place]
 
-        assembly.add_force(force, (start,))
+        assembly.add_force(force, (start,), ((index,), ()))
 
 
 def attached_appendage(assembly: Assembly, name: str) -> AppendageJoints:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
@@ -280,6 +280,9 @@ class Twist:
     angle: Callable[[np.ndarray], np.ndarray]
     inertia: float
 
+
+Depends = tuple[Sequence[int], Sequence[int]]
+"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
 
 ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
 """Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.

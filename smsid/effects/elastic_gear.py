@@ -78,7 +78,7 @@ class ElasticGear(Effect):
             tau[gear] += tau[link]
 
         assembly.add_inertia_term(ConstantInertia(coupling))
-        assembly.add_load_force(motor, first=True)
+        assembly.add_load_force(motor, (), ((), ()), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint
@@ -153,4 +153,4 @@ class Backlash(ElasticGear):
             if depth > 0.0:
                 tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
 
-        assembly.add_force(teeth)
+        assembly.add_force(teeth, (), ((index,), (index,)))

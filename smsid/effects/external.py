@@ -9,11 +9,15 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.effects.base import Depends, Effect, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
+
+
+TWISTED = np.zeros((9, 3))  # the vector of a matrix's antisymmetric part: yz - zy, zx - xz, xy - yx
+TWISTED[[5, 6, 1], [0, 1, 2]], TWISTED[[7, 2, 3], [0, 1, 2]] = 1.0, -1.0
 
 
 def _must_float(assembly: Assembly, what: str) -> None:
@@ -56,7 +60,7 @@ class ExternalWrench(Starting):
             tau[:3] += f
             tau[3:6] += n + pin.skew(point) @ f
 
-        assembly.add_force(term, self.onset)
+        assembly.add_force(term, self.onset, ((3, 4, 5) if turning else (), ()))
 
 
 @register
@@ -64,9 +68,10 @@ class GravityGradient(Effect):
     """Gravity that differs over the spacecraft, on a circular orbit about its system centre of mass.
 
     The inertial frame falls with the orbit. A mass at d from the centre of mass feels ``gradient (3 (d . r) r
-    - d)`` per mass, with r the unit vector of the local vertical, which turns about ``normal`` at the orbital
-    rate: ``gradient`` is the square of that rate (1.2e-6 1/s^2 in low Earth orbit). ``rate`` [rad/s] may be
-    given instead. The total force is zero; the torque on a rigid body is ``3 gradient r x I r``.
+    - d)`` per mass, with r the unit vector of the local vertical, which turns about ``normal`` at the
+    orbital rate: ``gradient`` is the square of that rate (1.2e-6 1/s^2 in low Earth orbit). ``rate`` [rad/s]
+    may be given instead. ``turn`` is a rotation vector by which nadir and normal are off, in inertial axes.
+    The total force is zero; the torque on a rigid body is ``3 gradient r x I r``.
 
     Source: Hughes, Spacecraft Attitude Dynamics (1986), section 8.1; here on every body.
     """
@@ -81,6 +86,9 @@ class GravityGradient(Effect):
     )
     nadir: Vector3 = Field(default=(0.0, 0.0, -1.0), description="direction of nadir at t = 0, inertial axes")
     normal: Vector3 = Field(default=(0.0, 1.0, 0.0), description="normal of the orbit, inertial axes")
+    turn: Vector3 = physical(
+        "rad", default=(0.0, 0.0, 0.0), description="rotation vector that the orbit is turned by"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -103,26 +111,45 @@ class GravityGradient(Effect):
         """Orbital rate [rad/s]."""
         return float(np.sqrt(self.gradient))
 
+    def vertical(self, t: float) -> np.ndarray:
+        """Return the unit vector to nadir at a time [s], inertial axes (3,)."""
+        down = np.asarray(self.nadir) / np.linalg.norm(self.nadir)
+        ahead = np.cross(np.asarray(self.normal) / np.linalg.norm(self.normal), down)
+        plain = np.cos(self.rate * t) * down + np.sin(self.rate * t) * ahead
+        return pin.exp3(np.asarray(self.turn)) @ plain
+
     def attach(self, assembly: Assembly) -> None:
         """Add the forces on every body; raises `DescriptionError` on a welded bus."""
         _must_float(assembly, "A gravity gradient")
         if self.gradient == 0.0:
             return
-        model, gradient, rate = assembly.model, self.gradient, self.rate
-        down = np.asarray(self.nadir) / np.linalg.norm(self.nadir)
-        ahead = np.cross(np.asarray(self.normal) / np.linalg.norm(self.normal), down)
-        bodies: list[_Bodies] = []
-
-        def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if not bodies:  # joints may have been added since
-                bodies.append(_Bodies(model))
-            vertical = np.cos(rate * t) * down + np.sin(rate * t) * ahead
-            tau += bodies[0].tide(q, gradient, vertical)
-
-        assembly.add_force(term)
+        assembly.add_force(_Tide(assembly.model, self))
 
 
-class _Bodies:
+class _Tide:
+    """The `ForceTerm` of a gravity gradient.
+
+    How it depends on the state is left out: a stiffness of a few times the gradient per inertia, which
+    takes an orbit's hour to show.
+    """
+
+    depends: ClassVar[Depends] = ((), ())
+
+    def __init__(self, model: pin.Model, effect: GravityGradient) -> None:
+        self.pin, self.gradient, self.rate = model, effect.gradient, effect.rate
+        self.down, self.ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
+        self.bodies: Bodies | None = None
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+        """Add it to tau (nv,)."""
+        if self.bodies is None:  # joints may have been added since
+            self.bodies = Bodies(self.pin)
+        vertical = np.cos(self.rate * t) * self.down + np.sin(self.rate * t) * self.ahead
+        field = self.gradient * (3.0 * np.outer(vertical, vertical) - np.eye(3))
+        tau += self.bodies.tide(q, field[None])[0]
+
+
+class Bodies:
     """Masses, centres and inertias of a model's bodies, and what a tide does to them."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -131,28 +158,31 @@ class _Bodies:
         self.chosen = [j for j, i in enumerate(inertias) if j and (i.mass > 0.0 or i.inertia.any())]
         self.mass = np.array([inertias[j].mass for j in self.chosen])
         self.lever = np.array([inertias[j].lever for j in self.chosen])
-        self.inertia = np.array([inertias[j].inertia for j in self.chosen])
+        about = np.array([inertias[j].inertia for j in self.chosen])
+        half = 0.5 * np.trace(about, axis1=1, axis2=2)
+        self.second = half[:, None, None] * np.eye(3) - about  # int x x' dm about the centre of mass
         self.carried = np.zeros((len(self.chosen), model.nv))  # 1 where a degree of freedom moves a body
         for row, joint in enumerate(self.chosen):
             for j in model.supports[joint]:
                 self.carried[row, model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = float(j > 0)
 
-    def tide(self, q: np.ndarray, gradient: float, vertical: np.ndarray) -> np.ndarray:
-        """Return the generalised force (nv,) of ``gradient`` [1/s^2] along ``vertical`` (3,), inertial."""
+    def tide(self, q: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        """Return the generalised forces (n, nv) of acceleration fields ``G (x - c)``, c the centre of mass.
+
+        ``fields`` (n, 3, 3) are symmetric matrices G [1/s^2], inertial axes.
+        """
         model, data = self.pin, self.data
         jacobians = pin.computeJointJacobians(model, data, q)  # columns about the inertial origin and axes
         places = [data.oMi[j] for j in self.chosen]
         turn = np.array([p.rotation for p in places])
         at = np.array([p.translation for p in places]) + np.einsum("bij,bj->bi", turn, self.lever)
         away = at - self.mass @ at / self.mass.sum()
-        force = gradient * self.mass[:, None] * (3.0 * np.outer(away @ vertical, vertical) - away)
-        down = np.einsum("bji,j->bi", turn, vertical)
-        turning = np.einsum("bij,bj->bi", self.inertia, down)
-        moment = 3.0 * gradient * np.einsum("bij,bj->bi", turn, _cross(down, turning)) + _cross(at, force)
-        return np.sum((np.hstack([force, moment]) @ jacobians) * self.carried, axis=0)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a x b row by row; np.cross takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.T, b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+        # int x (x - c)' dm about the inertial origin
+        lever = (
+            turn @ self.second @ turn.transpose(0, 2, 1)
+            + (self.mass[:, None] * at)[:, :, None] * away[:, None]
+        )
+        force = self.mass[:, None] * (away @ fields)  # (n, bodies, 3)
+        moment = (lever @ fields[:, None]).reshape(len(fields), -1, 9) @ TWISTED
+        wrench = np.concatenate([force, moment], axis=-1)
+        return np.sum((wrench @ jacobians) * self.carried, axis=1)

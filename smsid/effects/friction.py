@@ -100,6 +100,6 @@ class JointFriction(Starting):
                 tau[index] -= load * abs(tau[index]) * np.tanh(v[index] / smoothing)
 
         if viscous or coulomb or stribeck or cos or sin:
-            assembly.add_force(force, self.onset)
+            assembly.add_force(force, self.onset, ((index,) if cos or sin else (), (index,)))
         if load:
-            assembly.add_load_force(by_load, self.onset)
+            assembly.add_load_force(by_load, self.onset, ((), (index,)))

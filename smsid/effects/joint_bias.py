@@ -56,4 +56,4 @@ class TorqueOffset(Effect):
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             tau[index] -= torque
 
-        assembly.add_force(force)
+        assembly.add_force(force, (), ((), ()))

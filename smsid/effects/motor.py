@@ -88,7 +88,7 @@ class MotorCoupling(Effect):
             tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
 
         if viscous or coulomb:
-            assembly.add_force(force)
+            assembly.add_force(force, (), ((), index.tolist()))
         if self.inertia > 0.0:
             shared = np.outer(weights, weights) * self.inertia
             assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself

@@ -64,7 +64,7 @@ class BodyError(Effect):
         "1",
         default=0.0,
         lower=-0.99,
-        description="share of its mass, first moment and inertia that it has more, before the others are added",
+        description="share of all of these that it has more, before the others are added",
     )
 
     def attach(self, assembly: Assembly) -> None:

@@ -99,4 +99,4 @@ class SloshNonlinearity(Starting):
                 stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
                 tau[rate] -= cubic * stretch * r + quadratic * speed * dr
 
-        assembly.add_force(force, self.onset)
+        assembly.add_force(force, self.onset, (range(rate.start, rate.stop), range(rate.start, rate.stop)))

@@ -57,7 +57,7 @@ class Motion:
 
 
 class ConstantInertia:
-    """The `InertiaTerm` of a mass matrix that stays as it is: ``fill`` adds it to one of any size (nv, nv)."""
+    """The `InertiaTerm` of a mass matrix that stays as it is; ``fill`` adds it to one of any size."""
 
     depends = ((), ())
 
@@ -72,9 +72,10 @@ class ConstantInertia:
 
 
 class ExtraInertia:
-    """The `InertiaTerm` of inertial parameters (10,) at a joint's body, functions of time (``None``: nothing).
+    """The `InertiaTerm` of inertial parameters (10,) at a joint's body, functions of time.
 
-    They are those of a point or body whose mass is not zero, and may be negative. With spatial inertia I, velocity V and acceleration A of the body: ``J' (I A + V x* I V)``.
+    ``None`` is nothing; the mass is else not zero, and may be negative. With spatial inertia I, velocity V
+    and acceleration A of the body: ``J' (I A + V x* I V)``.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import ForceTerm, InertiaTerm, Twist
+from smsid.effects.base import Depends, ForceTerm, InertiaTerm, Twist
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -33,6 +33,18 @@ class AppendageJoints:
     joints: tuple[int, ...]
     scale: np.ndarray
     drawn: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Dependent:
+    """A force with the coordinates it depends on."""
+
+    term: ForceTerm
+    depends: Depends
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+        """Add it to tau (nv,)."""
+        self.term(t, q, v, tau)
 
 
 @dataclass
@@ -148,19 +160,31 @@ class Assembly:
         for axis, (k, d) in enumerate(zip(stiffness, damping, strict=True)):
             self.springs.append((joint, axis, float(k), float(d)))
 
-    def add_force(self, term: ForceTerm, breakpoints: Sequence[float] = ()) -> None:
-        """Add a nonlinear generalised force, with the times at which it jumps [s]."""
+    def add_force(
+        self, term: ForceTerm, breakpoints: Sequence[float] = (), depends: Depends | None = None
+    ) -> None:
+        """Add a nonlinear generalised force, with the times at which it jumps [s].
+
+        A force that says what it depends on is linearised faster.
+        """
+        term = term if depends is None else Dependent(term, depends)
         self.forces.append(term)
         self.owned.append((self.owner, term))
         self.breakpoints += breakpoints
 
     def add_load_force(
-        self, term: ForceTerm, breakpoints: Sequence[float] = (), *, first: bool = False
+        self,
+        term: ForceTerm,
+        breakpoints: Sequence[float] = (),
+        depends: Depends | None = None,
+        *,
+        first: bool = False,
     ) -> None:
         """Add a generalised force that depends on the applied ones: it finds these in tau.
 
         ``first`` puts it before others, as one that hands the applied forces on.
         """
+        term = term if depends is None else Dependent(term, depends)
         self.loads.insert(0 if first else len(self.loads), term)
         self.breakpoints += breakpoints
 

@@ -45,10 +45,6 @@ class InertialForces:
             )
         tau -= more @ a + extra
 
-    def using(self, model: pin.Model) -> InertialForces:
-        """Return the same terms for a model like this one with other armature, as where it locks joints."""
-        return InertialForces(model, self.terms)
-
     def mass_and_bias(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what the terms add to the mass matrix (nv, nv) and to the nonlinear effects (nv,)."""
         mass, bias = np.zeros((self.pin.nv, self.pin.nv)), np.zeros(self.pin.nv)

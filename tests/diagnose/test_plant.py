@@ -4,8 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.description import load_description
 from smsid.diagnose.plant import Plant
-from smsid.effects import JointFriction, MassLoss, WheelImbalance
+from smsid.effects import JointFriction, MassLoss, WheelImbalance, catalogue
+from smsid.model import build_model
+from tests.effects.test_catalogue import example
 
 STEP = 1e-6
 
@@ -44,3 +47,23 @@ def test_derivatives_are_those_of_differences(state, by):
     steps = STEP * np.eye(plant.nv)
     expected = np.stack([(acceleration(s) - acceleration(-s)) / (2 * STEP) for s in steps], axis=1)
     np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", sorted(catalogue()))
+def test_every_effect_is_linearised_whole(kind, urdf):
+    """Terms say what they depend on, so that differences leave the rest out: do they forget anything?"""
+    effect = example(kind)
+    if "quasistatic" in type(effect).model_fields:
+        effect = effect.model_copy(update={"quasistatic": False})
+    described = load_description(urdf / "paper_sms.toml").with_effects(effect)
+    model, rng = build_model(described), np.random.default_rng(5)
+    plant = Plant(model, np.zeros(0, dtype=int))
+    q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
+    v, tau = rng.standard_normal((2, model.nv))
+    found = plant.linear(40.0, q, v, tau)
+    steps = STEP * np.eye(plant.nv)
+    by_q = [plant.acceleration(40.0, pin.integrate(plant.pin, q, s), v, tau) for s in (*steps, *-steps)]
+    by_v = [plant.acceleration(40.0, q, v + s, tau) for s in (*steps, *-steps)]
+    for own, ends in ((found.by_q, by_q), (found.by_v, by_v)):
+        expected = (np.array(ends[: plant.nv]) - np.array(ends[plant.nv :])).T / (2 * STEP)
+        np.testing.assert_allclose(own, expected, atol=3e-6 * np.abs(expected).max())

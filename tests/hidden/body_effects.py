@@ -132,7 +132,7 @@ def _wrench(what: str, frame: str, size: Array, onset: float | None) -> Change:
 
 
 def _gradient(rate: float) -> Change:
-    """Tidal acceleration on every body about the centre of the whole; the nadir turns about z.
+    """Tidal acceleration on every body about the centre of the whole; the nadir turns in the orbit's plane.
 
     It varies slowly and is held for 20 ms.
     """
@@ -140,7 +140,9 @@ def _gradient(rate: float) -> Change:
     def make(plant: Plant) -> Callable[[float], None]:
         m, d = plant.model, plant.data
         mass = m.body_mass[1:, None]
-        jacobian = np.zeros((3, m.nv))
+        jacobian, turning = np.zeros((2, 3, m.nv))
+        down = np.array([np.cos(0.8), np.sin(0.8), 0.3]) / np.sqrt(1.09)
+        ahead = np.array([np.sin(0.8), -np.cos(0.8), 0.0])
         held = 0.0
 
         def hook(step: float) -> None:
@@ -149,20 +151,17 @@ def _gradient(rate: float) -> Change:
             if held > 0.0:
                 return
             held = 0.02 - 1e-9
-            angle = 0.8 - rate * d.time
-            nadir = np.array([np.cos(angle), np.sin(angle), 0.3]) / np.sqrt(1.09)
+            nadir = np.cos(rate * d.time) * down + np.sin(rate * d.time) * ahead
             place = d.xipos[1:]
             lever = place - (mass * place).sum(axis=0) / mass.sum()
             pull = rate**2 * mass * (3 * np.outer(lever @ nadir, nadir) - lever)
             d.qfrc_applied[:] = 0.0
             for b, f in enumerate(pull, start=1):
-                mujoco.mj_jacBodyCom(m, d, jacobian, None, b)
-                d.qfrc_applied += jacobian.T @ f
-            # the bus is long enough for its own inertia to count; other bodies are near points
-            axes = d.ximat[1].reshape(3, 3)
-            inertia = axes @ np.diag(m.body_inertia[1]) @ axes.T
-            turn = 3 * rate**2 * np.cross(nadir, inertia @ nadir)
-            d.qfrc_applied[3:6] += d.xmat[1].reshape(3, 3).T @ turn
+                mujoco.mj_jacBodyCom(m, d, jacobian, turning, b)
+                axes = d.ximat[b].reshape(3, 3)
+                inertia = axes @ np.diag(m.body_inertia[b]) @ axes.T
+                turn = 3 * rate**2 * np.cross(nadir, inertia @ nadir)
+                d.qfrc_applied += jacobian.T @ f + turning.T @ turn
 
         return hook
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,10 @@ def run_and_judge(run: Run, folder: Path) -> dict[str, Any]:
     marks = [time.process_time()]
     files = files_of(run, folder)
     marks.append(time.process_time())
-    document = diagnosis_of(files, folder)
+    try:
+        document = diagnosis_of(files, folder)
+    except Exception:  # it is to go on, and a diagnosis that crashed is one that failed
+        document = {"verdict": "not_evaluated", "sentence": f"crashed: {traceback.format_exc()}"}
     marks.append(time.process_time())
     found = judged(run, document)
     gain = document.get("gain") or {}

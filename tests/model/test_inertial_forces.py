@@ -1,4 +1,4 @@
-"""Inertia that no body has: its derivatives against differences, and against a model that has a body for it."""
+"""Inertia that no body has: derivatives against differences, and against a model with a body for it."""
 
 from pathlib import Path
 
