@@ -4,7 +4,7 @@
                                         [--strengths 1 3 10 100]
 
 Every run draws its world, what it hides, how strong and when from one seed, and the judge reads nothing but
-diagnosis.json. Runs are kept in ``build/hidden_effects.jsonl`` and reused for the same sources of the
+diagnosis.json. Runs are kept in ``results/hidden_effects.jsonl`` and reused for the same sources of the
 diagnosis, so the study can be stopped and started again; whatever is there is summed up in
 ``results/hidden_effects.json`` and ``.md``. Thresholds are frozen by committing ``smsid/diagnose`` before a
 block of seeds (``--seeds-from``) is used for the first time: rows carry the digest of its sources.
@@ -31,7 +31,7 @@ from tests.hidden.plan import CATEGORIES, Run, draw_run
 from tests.hidden.study import run_and_judge
 
 NAME = "hidden_effects"
-STORE = ROOT / "build" / f"{NAME}.jsonl"
+STORE = RESULTS / f"{NAME}.jsonl"
 
 
 def digest() -> str:

@@ -25,6 +25,7 @@ from smsid.report.residuals import residual_table
 from smsid.report.spectra import spectrum_grid
 from smsid.report.torques import torque_sections
 from smsid.report.traces import Trace, Traces
+from smsid.report.wheel_speed import wheel_speed_tests
 
 LOGGER = logging.getLogger(__name__)
 BUDGET = 250_000
@@ -58,7 +59,7 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     """Return the report of a diagnosis; what was not evaluated is said to be so."""
     d = found.diagnosis
     sections = [causes_section(d)]
-    sections += map_section(d.tests, found.search.levels.block if found.search is not None else LEVEL)
+    sections += map_section(_tests(found), found.search.levels.block if found.search is not None else LEVEL)
     if found.search is not None:
         sections += search_sections(found.search, asked)
     if found.torques is not None:
@@ -79,6 +80,15 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
     verdict = f"{TITLES[d.verdict].capitalize()}: {shortened(d.sentence)}"
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
+
+
+def _tests(found: Diagnosed) -> dict[str, tuple[Tested, ...]]:
+    tests: dict[str, tuple[Tested, ...]] = dict(found.diagnosis.tests)
+    if found.search is not None and tests:
+        more = wheel_speed_tests(found.search.nominal)
+        after = wheel_speed_tests(found.search.last) if found.search.causes else more
+        tests = {"nominal": (*tests["nominal"], *more), "extended": (*tests["extended"], *after)}
+    return tests
 
 
 def shortened(sentence: str, most: int = 260) -> str:
@@ -115,7 +125,8 @@ def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Sec
         "Every equation and sensor channel against what it may depend on. A cell is minus the decimal "
         "logarithm of the chance of as much when nothing is wrong, corrected for the number of tests; framed "
         "cells are significant. Joint and wheel rows are torques, the bus's are forces and torques on it; a "
-        "wheel's rate is its speed."
+        "wheel's rate is its speed. The column wheel speed (speed, and what turns with the wheel) is shown "
+        "for orientation: the verdict does not count it."
     )
     first = "Before any cause: nominal parameters refitted" if changed else "Nominal parameters refitted"
     maps = [diagnosis_map("map-before", first, before, level=level, caption=caption)]

@@ -18,6 +18,7 @@ COLUMNS = (
     "ripple over the angle",
     "rate",
     "load",
+    "wheel speed",
     "acceleration",
     "time",
     "amplitude",

@@ -1,0 +1,68 @@
+"""Effects that begin midway, on a recording of the package's own: when, and that one does not begin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.onset import always, beginning, price, with_onset
+from smsid.diagnose.proposals import propose
+
+ALIAS = 9.2
+
+
+def hidden(fitted, key, size, start):
+    """The fit with its innovations moved as by a candidate that begins at a time."""
+    point, problem, unknowns = fitted
+    found = evaluate(point, unknowns, problem)
+    kinds = ("torque_gain", "joint_friction", "external_wrench")
+    candidates = [c for c in propose(point, problem, unknowns) if c.kind in kinds]
+    one = next(c for c in candidates if c.key == key)
+    begun = replace(one, effect=one.effect.model_copy(update={"start": start}))
+    column = signatures(found, [begun])[0][:, 0]
+    own = found.left(column[:, None])[:, 0]
+    moved = column * size / np.sqrt(own @ own)
+    rng = np.random.default_rng(7)
+    innovations = rng.standard_normal(found.run.innovations.shape) * found.run.used
+    innovations += moved.reshape(innovations.shape)
+    found = replace(found, run=replace(found.run, innovations=innovations))
+    columns = signatures(found, candidates)
+    return found, scored(found, [candidates[i] for i in columns], list(columns.values()))
+
+
+@pytest.fixture(scope="module")
+def fitted(known, problem):
+    return known.point, problem, known.unknowns
+
+
+KEY = ("torque_gain", "joint2", "torque constant")
+
+
+@pytest.mark.parametrize("start", [None, 3.3])
+def test_the_time_is_found_where_there_is_one(fitted, start):
+    found, scores = hidden(fitted, KEY, 60.0, start)
+    own = next(s for s in scores if s.candidate.key == KEY)
+    begun = with_onset(found, own, ALIAS)
+    if start is None:
+        assert begun is own
+    else:
+        assert begun.candidate.effect.start == pytest.approx(start, abs=0.1)
+        assert begun.ratio - own.ratio > price(ALIAS)
+
+
+def test_what_only_its_onset_shows_is_among_those_that_begin(fitted):
+    found, scores = hidden(fitted, KEY, 60.0, 3.3)
+    assert KEY in {s.candidate.key for s in beginning(found, scores, 3)}
+
+
+def test_an_onset_that_does_not_pay_is_dropped(fitted):
+    found, scores = hidden(fitted, KEY, 60.0, None)
+    own = next(s for s in scores if s.candidate.key == KEY)
+    late = replace(own.candidate, effect=own.candidate.effect.model_copy(update={"start": 0.5}))
+    point = found.point.with_effect(late.effect)
+    with_it = evaluate(point, found.unknowns, found.problem)
+    score, fit = always(with_it, replace(own, candidate=late), ALIAS)
+    assert score.candidate.effect.start is None
+    assert fit.point.description.get_effect(late.effect.name).start is None
