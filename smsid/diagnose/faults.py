@@ -11,6 +11,7 @@ from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Run
 
 STUCK_RUN = 12  # identical samples in a row that noise does not give
+REPEATS = 4  # the same where no other sample repeats the one before
 OUTLIER = 6.0  # standard deviations of the prediction error
 CALM = 3.0  # what the neighbours of an outlier stay below
 SURPLUS = 1e-5  # chance of as many outliers from Gaussian noise below which they are a fault
@@ -51,7 +52,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         start, length = max(runs, key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
-        if length < STUCK_RUN or length < 4 * others:
+        if length < (STUCK_RUN if others else REPEATS) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
         marked[there[start + 1 : start + length + 1], row] = True

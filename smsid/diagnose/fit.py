@@ -112,8 +112,10 @@ class Fit:
 
     def covariance(self) -> np.ndarray:
         """Return the posterior covariance (m, m) in the parameters' units."""
-        s = self.scales
-        return np.linalg.pinv(self.gram, hermitian=True) * np.outer(s, s)
+        size = np.sqrt(np.diag(self.gram))  # scales differ by more than pinv takes for nothing
+        size = np.where(size > 0.0, size, 1.0)
+        inverse = np.linalg.pinv(self.gram / np.outer(size, size), hermitian=True)
+        return inverse * np.outer(self.scales / size, self.scales / size)
 
     def sigma(self, name: str) -> float:
         """Return the standard deviation of a parameter."""

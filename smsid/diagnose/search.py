@@ -308,7 +308,9 @@ def _pruned(
         for cause in causes:
             index = [names.index(n) for n in cause.score.candidate.free]
             shift = np.array([last.point.value(last.unknowns[i]) - last.unknowns[i].nominal for i in index])
-            wald = float(shift @ np.linalg.pinv(covariance[np.ix_(index, index)]) @ shift)
+            sigma = np.sqrt(np.diag(covariance)[index])  # units differ by more than pinv takes for nothing
+            own = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
+            wald = float((shift / sigma) @ np.linalg.pinv(own) @ (shift / sigma))
             p = chi2.sf(wald, len(index)) * tried
             if p > levels.candidate and wald < least:
                 worst, least = cause, wald
