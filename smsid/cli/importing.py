@@ -19,6 +19,12 @@ def import_command(
         typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones"),
     ],
     output: Output = Path("recording.nc"),
+    unchecked: Annotated[
+        bool,
+        typer.Option(
+            "--unchecked", help="bring gaps, missing samples and contradictions in as they are, untold"
+        ),
+    ] = False,
 ) -> Outcome:
     """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
     from smsid.cli.show import recording_document
@@ -26,7 +32,7 @@ def import_command(
     from smsid.recording import import_recording, save_recording
 
     with working(f"importing {file.name}"):
-        recording = import_recording(file, mapping)
+        recording = import_recording(file, mapping, check=not unchecked)
         save_recording(recording, output)
     out = console()
     out.print(recording_table(recording))

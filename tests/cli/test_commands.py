@@ -238,6 +238,10 @@ def test_a_gap_is_refused_with_its_place(tmp_path: Path) -> None:
     done = run("import", tmp_path / "log.csv", "--map", tmp_path / "map.toml", "-o", target)
     fails(done, "log.csv", "gap of 2 s from t = 4 s", "window(t0, t1)")
     assert not target.exists()
+    done = run("import", tmp_path / "log.csv", "--map", tmp_path / "map.toml", "-o", target, "--unchecked")
+    assert done.returncode == 0, done.stderr
+    (gap,) = load_recording(target).gaps()
+    assert (gap.start, gap.end) == pytest.approx((4.0, 6.0))
 
 
 def test_only_a_recording_with_thrust_and_one_without_are_both_used(
