@@ -60,7 +60,8 @@ def diagnose_command(
     save_diagnosis(found.diagnosis, output)
     written = [output]
     # causes in measured torques stand also where something else is left
-    if found.diagnosis.verdict == "explained" or found.extended is not described:
+    standing = found.torques is not None and bool(found.diagnosis.causes)
+    if found.diagnosis.verdict == "explained" or standing:
         place = extended if extended is not None else output.with_name("extended.toml")
         save_description(found.extended, place)
         written.append(place)

@@ -20,19 +20,23 @@ def study_report(study: Mapping[str, Any], subject: str, origin: Provenance) -> 
     verdicts = [c[f"e_{k}"]["verdict"] for c in claims for k in NAMES]
     held, failed = verdicts.count("holds"), verdicts.count("fails")
     draws = rows[0]["draws"] if rows else 0
+    often = "draw" if draws == 1 else "draws"
     sentence = (
         f"Of the paper's {len(verdicts)} orderings of tracking errors, {held} hold, {failed} fail and "
-        f"{len(verdicts) - held - failed} are undecided over {draws} draws; case D has {study['case_D']}."
+        f"{len(verdicts) - held - failed} are undecided over {draws} {often}; case D has {study['case_D']}."
     )
+    if not held and not failed:
+        sentence += " More draws decide (--draws)."
     errors = tuple(_chart(rows, k) for k in NAMES)
     sections = (
-        Section("errors", "Largest tracking errors", (*errors, _table(rows)), f"{draws} draws each"),
+        Section("errors", "Largest tracking errors", (*errors, _table(rows)), f"{draws} {often} each"),
         Section(
             "orderings", "The paper's orderings", (_orderings(claims),), f"{held} of {len(verdicts)} hold"
         ),
         Section("improvements", "How much lower case D is", (_improvements(study["improvements"]),)),
     )
-    tone: Tone = "good" if not failed and held == len(verdicts) else "warn" if held else "bad"
+    tone: Tone = "neutral" if not held and not failed else "warn" if held else "bad"
+    tone = "good" if held == len(verdicts) > 0 else tone
     return Report("Study of Table 4", subject, sentence, tone, sections, origin,
                   (("hold", str(held)), ("fail", str(failed)), ("draws per case", str(draws))))  # fmt: skip
 

@@ -230,6 +230,10 @@ def test_the_study_of_table_4_stands_beside_the_paper(origin):
     report = study_report(json.loads(json.dumps(study)), "craft", origin)
     check_page(render(report), {"errors-base", "errors-joints", "orderings", "improvements"})
     assert report.tone == "good" and "2 hold" in report.verdict
+    for e in ("e_base", "e_joints"):
+        study["orderings"][0][e] = {**claim, "verdict": "undecided"}
+    undecided = study_report(study, "craft", origin)
+    assert undecided.tone == "neutral" and "More draws decide" in undecided.verdict
     mark, paper = report.sections[0].parts[0].body.rows[0].items
     assert (mark.low, mark.value, mark.high, paper.value) == pytest.approx((9e-5, 1e-4, 1.1e-4, 2e-4))
 
