@@ -11,7 +11,9 @@ from threadpoolctl import threadpool_limits
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.combinations import effects_and_mass
 from smsid.likelihood.fit import fit
+from smsid.likelihood.local import Local
 from smsid.likelihood.piece import Piece
+from smsid.likelihood.readings import drawn
 from smsid.likelihood.refine import Refinement
 
 
@@ -32,8 +34,8 @@ def bootstrap(refinement: Refinement, draws: int, rng: np.random.Generator) -> B
     """Fit again ``draws`` times, to the refinement's own prediction with its own noise levels.
 
     Everything that the covariance linearises is done in full: what the two disagree in is curvature, or a
-    search that does not find the maximum. The encoders' noise is drawn as the information of their spline has
-    it. Source: Efron and Tibshirani, *An Introduction to the Bootstrap* (1993), chapter 6.
+    search that does not find the maximum. Source: Efron and Tibshirani, *An Introduction to the Bootstrap*
+    (1993), chapter 6.
 
     Raises what the fit raises.
     """
@@ -43,8 +45,8 @@ def bootstrap(refinement: Refinement, draws: int, rng: np.random.Generator) -> B
     with threadpool_limits(limits=1, user_api="blas"):
         for _ in range(draws):
             pieces = [
-                _drawn(piece, residuals, motion.motion, rng)
-                for piece, residuals, motion in zip(
+                _drawn(piece, residuals, local, rng)
+                for piece, residuals, local in zip(
                     found.pieces, found.seen.residuals, found.point.locals, strict=True
                 )
             ]
@@ -55,18 +57,15 @@ def bootstrap(refinement: Refinement, draws: int, rng: np.random.Generator) -> B
     return Bootstrap(names, np.array(rows))
 
 
-def _drawn(piece: Piece, residuals: list[np.ndarray], motion: np.ndarray, rng: np.random.Generator) -> Piece:
+def _drawn(piece: Piece, residuals: list[np.ndarray], local: Local, rng: np.random.Generator) -> Piece:
     """The piece with measurements drawn around its own prediction."""
     channels = tuple(
         replace(c, values=_around(c, r, rng)) for c, r in zip(piece.channels, residuals, strict=True)
     )
     drive = piece.drive
     if drive.joints is not None and piece.follows:
-        coefficients = motion.copy()
-        for k, information in enumerate(drive.joints.information):
-            lower = np.linalg.cholesky(information)
-            coefficients[:, k] += np.linalg.solve(lower.T, rng.standard_normal(len(lower)))
-        drive = replace(drive, joints=drive.joints.with_coefficients(coefficients))
+        clock = local.clock.get(drive.joints.sensor, np.zeros(2))
+        drive = replace(drive, joints=drawn(drive.joints, local.motion, clock, rng))
     return replace(piece, channels=channels, drive=drive)
 
 

@@ -62,6 +62,11 @@ class Drive:
     joints: MeasuredMotion | None
     wheels: MeasuredMotion | None
 
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors that measure the motion."""
+        return tuple(x.sensor for x in (self.joints, self.wheels) if x is not None and x.sensor)
+
     def prescribed(self, model: SpacecraftModel, times: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return q (N, nq), v (N, nv), a (N, nv) with prescribed parts filled in, all else home and zero."""
         q = np.tile(self.home, (len(times), 1))
@@ -109,12 +114,12 @@ def measured_drive(
             _samples(recording, encoder, quantity, order, described_noise)
             for order, quantity in enumerate(("joint_position", "joint_velocity"))
         ]
-        joints = fit_motion(samples, start, stop, _rate(recording, roles.imu), SHORTEST)
+        joints = fit_motion(samples, start, stop, _rate(recording, roles.imu), SHORTEST, encoder.name)
     if len(model.wheels):
         tachometer = Roles.of(model, recording, joints=True).tachometer
         assert tachometer is not None
         sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
-        wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST)
+        wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST, tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
 

@@ -81,7 +81,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
     for iteration in range(ITERATIONS):
         before = pieces
         if gain < CLOSE * cost or (iteration == 0 and nearby):
-            pieces = tuple(p.following() for p in pieces)
+            pieces, here = here.following(pieces)
             pieces, here = here.cleaned(pieces)
         if iteration or not nearby:
             pieces = here.reweighed(pieces)

@@ -33,9 +33,7 @@ def normal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return information (n, n) and gradient (n,) by (parameters, local ones), the latter with data."""
     prediction = prediction.coarse
-    moves = variation(
-        parameters, piece.driven(local), prediction, piece.unit_thrust(parameters), motion=piece.follows
-    )
+    moves = _variation(piece, parameters, local, prediction)
     order = _order(piece, moves, parameters.size)
     kinematics = Kinematics.of(parameters.layout.model, prediction)
     groups: dict[int, list[int]] = {}
@@ -62,9 +60,7 @@ def normal(
 def columns(piece: Piece, parameters: Parameters, local: Local, prediction: Prediction) -> list[np.ndarray]:
     """Return, channel by channel, derivatives at the coarse nodes (nodes, k, n), not whitened."""
     prediction = prediction.coarse
-    moves = variation(
-        parameters, piece.driven(local), prediction, piece.unit_thrust(parameters), motion=piece.follows
-    )
+    moves = _variation(piece, parameters, local, prediction)
     order = _order(piece, moves, parameters.size)
     kinematics = Kinematics.of(parameters.layout.model, prediction)
     out = []
@@ -81,11 +77,23 @@ def columns(piece: Piece, parameters: Parameters, local: Local, prediction: Pred
     return out
 
 
+def _variation(piece: Piece, parameters: Parameters, local: Local, prediction: Prediction) -> Variation:
+    return variation(
+        parameters,
+        piece.driven(local),
+        prediction,
+        piece.unit_thrust(parameters),
+        piece.unit_clocks(parameters, local),
+        motion=piece.follows,
+    )
+
+
 def _order(piece: Piece, moves: Variation, size: int) -> np.ndarray:
     """Where the columns (moving, pose, direct, motion by time) stand among (parameters, local ones)."""
     start = {s.kind: size + s.start for s in piece.slots}
-    gains = start.get("thrust_gain", 0)
-    out = [int(i) if i < size else gains + int(i) - size for i in moves.moving]
+    gains = [s for s in piece.slots if s.kind == "thrust_gain" and piece.drive.thrust is not None]
+    extra = [size + s.start + k for s in (*gains, *piece.running_clocks) for k in range(s.size)]
+    out = [int(i) if i < size else extra[int(i) - size] for i in moves.moving]
     out += [start["initial_position"] + k for k in range(3)] + [
         start["initial_attitude"] + k for k in range(3)
     ]
@@ -99,7 +107,8 @@ def _order(piece: Piece, moves: Variation, size: int) -> np.ndarray:
 
 def direct(piece: Piece) -> list:
     """Return the slots that act on an output without moving anything."""
-    return [s for s in piece.slots if s.kind in ("bias", "scale", *CLOCK_KINDS)]
+    read = [s for s in piece.slots if s.channel not in piece.drive.sensors]
+    return [s for s in read if s.kind in ("bias", "scale", *CLOCK_KINDS)]
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,9 @@ POSE = 6
 class Linear:
     """Accelerations of the free velocities at the nodes, by x = (pose 6, rest, free velocities) and P.
 
-    P counts parameters and, with thrust, three gains. ``by_state`` (nodes, free, n), ``by_parameter``
-    (nodes, free, P), ``by_motion`` (nodes, free, 3, joints): by angle, rate and acceleration of the
-    prescribed joints. ``start`` (free, P): derivative of the start velocity.
+    P counts parameters, with thrust three gains, and clocks. ``by_state`` (nodes, free, n),
+    ``by_parameter`` (nodes, free, P), ``by_motion`` (nodes, free, 3, joints): by angle, rate and acceleration
+    of the prescribed joints. ``start`` (free, P): derivative of the start velocity.
     """
 
     by_state: np.ndarray
@@ -41,13 +41,19 @@ def linearised(
     drive: Drive,
     prediction: Prediction,
     thrust: np.ndarray | None,
+    clocks: np.ndarray | None,
     follow: np.ndarray,
 ) -> Linear:
-    """Return the linearisation; ``thrust`` (nodes, nv, 3) per unit gain, ``follow``: prescribed joints."""
+    """Return the linearisation.
+
+    ``thrust`` (nodes, nv, 3) per unit gain, ``clocks`` (nodes, nv, 3, c): what they do to prescribed angle,
+    rate and acceleration; ``follow``: prescribed joints.
+    """
     model, free = prediction.model, drive.free
     rest, rest_v = prediction.rest_q, prediction.rest_v
     n_rest, n_free, size = len(rest), len(free), parameters.size
-    p, joints = size + (0 if thrust is None else 3), len(follow)
+    with_thrust = size + (0 if thrust is None else 3)
+    p, joints = with_thrust + (0 if clocks is None else clocks.shape[3]), len(follow)
     q, v, a = prediction.q, prediction.v, prediction.a
     chain = parameters.theta_jacobian()
     used = np.flatnonzero(chain.any(axis=1))
@@ -77,7 +83,12 @@ def linearised(
             at_q, at_v = q[chosen, rest[j]], v[chosen, rest_v[j]]
             right[:, row, state : state + size] += at_q[:, None] * dk[s] + at_v[:, None] * dd[s]
         if thrust is not None:
-            right[:, :, state + size : state + p] = -thrust[chosen][:, free]
+            right[:, :, state + size : state + with_thrust] = -thrust[chosen][:, free]
+        if clocks is not None:
+            own = clocks[chosen]
+            right[:, :, state + with_thrust : state + p] = sum(
+                matrix[:, free] @ own[:, :, k] for k, matrix in enumerate((dq, dv, mass))
+            )
         for k, matrix in enumerate((dq, dv, mass) if joints else ()):
             place = state + p + k * joints
             right[:, :, place : place + joints] = matrix[:, free][:, :, follow]
@@ -92,6 +103,12 @@ def linearised(
         y = pin.computeJointTorqueRegressor(model, data, prediction.q[0], still, prediction.v[0])
         mass = symmetric(pin.crba(model, data, prediction.q[0]))
         start[:, :size] = -np.linalg.solve(mass[np.ix_(free, free)], y[free][:, used] @ chain)
+    if clocks is not None:
+        # at zero rate and acceleration v the RNEA derivative is that of M(q) v
+        pin.computeRNEADerivatives(model, data, prediction.q[0], np.zeros(model.nv), prediction.v[0])
+        mass = symmetric(data.M)
+        right = data.dtau_dq[free] @ clocks[0, :, 0] + mass[free] @ clocks[0, :, 1]
+        start[:, with_thrust:] = -np.linalg.solve(mass[np.ix_(free, free)], right)
     return Linear(by_state, by_parameter, by_motion, start)
 
 

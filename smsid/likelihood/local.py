@@ -24,12 +24,14 @@ class Nuisance:
     ``thrust_gain``: relative error of the thrust per axis [1]; ``scale``: relative scale error of a channel
     by name [1]. What is not given is taken as zero: masses are known only as well as the thrust is.
     ``clocks``: sensors whose clock is off by a constant and drifts; others are put to the test (`clocks`).
+    ``driving_clocks``: those of encoders and tachometers in free floating are, against all the others.
     """
 
     biases: bool = True
     thrust_gain: float | None = None
     scale: Mapping[str, float] | None = None
     clocks: tuple[str, ...] = ()
+    driving_clocks: bool = True
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,13 @@ class Slot:
     unit: str
 
 
-def slots_of(channels: Sequence[Channel], nuisance: Nuisance) -> tuple[Slot, ...]:
-    """Return where the local parameters of a recording stand, those of the joints' motion left out."""
+def slots_of(
+    channels: Sequence[Channel], nuisance: Nuisance, driving: Sequence[str] = ()
+) -> tuple[Slot, ...]:
+    """Return where the local parameters of a recording stand, those of the joints' motion left out.
+
+    ``driving``: the sensors whose readings drive the prediction.
+    """
     found: list[Slot] = []
 
     def add(kind: str, channel: str, size: int, sigma: float, unit: str) -> None:
@@ -80,7 +87,8 @@ def slots_of(channels: Sequence[Channel], nuisance: Nuisance) -> tuple[Slot, ...
     for c in channels:
         if nuisance.scale and c.name in nuisance.scale:
             add("scale", c.name, 1, nuisance.scale[c.name], "1")
-    for name in sorted({c.sensor.name for c in channels} & set(nuisance.clocks)):
+    doubted = {c.sensor.name for c in channels} & set(nuisance.clocks)
+    for name in sorted(doubted) + (list(driving) if nuisance.driving_clocks else []):
         add("clock_offset", name, 1, CLOCK["offset"], "s")
         add("clock_drift", name, 1, CLOCK["drift"], "1")
     return tuple(found)

@@ -52,13 +52,11 @@ def normal_at(pieces: Sequence[Piece], seen: Seen, prior: Prior, *, with_data: b
         place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
         data[np.ix_(place, place)] += information
         gradient[place] += slope
-        own, pull, _ = piece.prior(local)
         mine = slice(first, first + piece.size)
-        own, encoders = piece.split(own)
-        known[mine, mine] += own
-        data[mine, mine] += encoders
-        if with_data:
-            gradient[mine] += pull
+        for out, (own, pull, _) in ((known, piece.prior(local)), (data, piece.encoders(local))):
+            out[mine, mine] += own
+            if with_data:
+                gradient[mine] += pull
         first += piece.size
     return Normal(data, known, gradient)
 

@@ -13,10 +13,21 @@ from smsid.identify.usable import outliers
 from smsid.likelihood.channels import Channel, described_sigma, measured_channels, present, spanned
 from smsid.likelihood.drive import Drive, measured_drive
 from smsid.likelihood.input_noise import with_input_noise
-from smsid.likelihood.local import Local, Nuisance, Slot, deviation, initial, moved, slots_of, values
+from smsid.likelihood.local import (
+    CLOCK_KINDS,
+    Local,
+    Nuisance,
+    Slot,
+    deviation,
+    initial,
+    moved,
+    slots_of,
+    values,
+)
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
+from smsid.likelihood.readings import agreement, misfit, refitted
 from smsid.likelihood.timeline import Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -69,10 +80,29 @@ class Piece:
         return predict(parameters, drive, self.timeline, local.position, local.quaternion)
 
     def driven(self, local: Local) -> Drive:
-        """Return the drive with the joints' motion as local values have it."""
-        if self.drive.joints is None:
-            return self.drive
-        return replace(self.drive, joints=self.drive.joints.with_coefficients(local.motion))
+        """Return the drive with the joints' motion and the clocks of what is measured, as in ``local``.
+
+        Joint motion that is estimated with everything else is in true time.
+        """
+        joints, wheels = self.drive.joints, self.drive.wheels
+        if joints is not None:
+            joints = joints.with_coefficients(local.motion)
+            if not self.follows and joints.sensor in local.clock:
+                joints = joints.with_clock(local.clock[joints.sensor])
+        if wheels is not None and wheels.sensor in local.clock:
+            wheels = wheels.with_clock(local.clock[wheels.sensor])
+        return replace(self.drive, joints=joints, wheels=wheels)
+
+    def as_measured(self, local: Local) -> Local:
+        """Return the local values with the joints' motion as encoders have it, by their clock."""
+        return local if self.drive.joints is None else replace(local, motion=self.drive.joints.coefficients)
+
+    def in_true_time(self, local: Local) -> Local:
+        """Return the local values with the joints' motion as encoders have it, their clock set right."""
+        joints = self.drive.joints
+        if joints is None or joints.sensor not in local.clock:
+            return self.as_measured(local)
+        return replace(local, motion=refitted(joints, local.clock[joints.sensor]))
 
     @property
     def follows(self) -> bool:
@@ -130,29 +160,43 @@ class Piece:
             out.append(applied_forces(parameters, one, timeline)[timeline.node_evaluation])
         return np.stack(out, axis=-1)
 
+    def unit_clocks(self, parameters: Parameters, local: Local) -> np.ndarray | None:
+        """Return what the clocks sought that measured motion runs by do to it.
+
+        Derivatives of angle, rate and acceleration (coarse nodes, nv, 3, columns) by offset and drift of one
+        clock after the other (`running_clocks`); ``None`` without any.
+        """
+        timeline, model, drive = self.timeline.coarse, parameters.layout.model, self.driven(local)
+        times = timeline.evaluations[timeline.node_evaluation]
+        running, out = {s.channel for s in self.running_clocks}, []
+        for group, motion in ((model.arm_joints, drive.joints), (model.wheels, drive.wheels)):
+            if motion is not None and motion.sensor in running:
+                own = np.zeros((len(times), model.nv, 3, 2))
+                own[:, group.v] = np.moveaxis(motion.by_clock(times), 0, 2)
+                out.append(own)
+        return np.concatenate(out, axis=-1) if out else None
+
+    @property
+    def running_clocks(self) -> list[Slot]:
+        """The slots of clocks that measured motion runs by; joint motion in true time does not."""
+        joints = None if self.follows else self.drive.joints
+        running = [x.sensor for x in (joints, self.drive.wheels) if x is not None]
+        return [s for x in running for s in self._clocks(x)]
+
+    def _clocks(self, sensor: str) -> list[Slot]:
+        """The slots of a sensor's clock: offset, drift."""
+        return [s for s in self.slots if s.kind in CLOCK_KINDS and s.channel == sensor]
+
     def moved(self, local: Local, step: np.ndarray) -> Local:
         """Return the local values a step (size,) away; the pose moves in the bus frame."""
         return moved(self.slots, local, step)
 
     def prior(self, local: Local) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return information (size, size), gradient (size,) and cost of what is known beforehand.
-
-        The joint motion's is what encoders say.
-        """
+        """Return information (size, size), gradient (size,) and cost of what is known beforehand."""
         information, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for s in self.slots:
             place = np.arange(s.start, s.start + s.size)
             if s.kind == "joint_motion":
-                joints = self.drive.joints
-                assert joints is not None
-                m = len(joints.coefficients)
-                for k, known in enumerate(joints.information):
-                    own = place[k * m : (k + 1) * m]
-                    off = local.motion[:, k] - joints.coefficients[:, k]
-                    pull = known @ off
-                    information[np.ix_(own, own)] = known
-                    gradient[own] = -pull
-                    cost += float(off @ pull)
                 continue
             off = deviation(s, local)
             information[place, place] = 1.0 / s.sigma**2
@@ -160,14 +204,30 @@ class Piece:
             cost += float(off @ off) / s.sigma**2
         return information, gradient, cost
 
-    def split(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what `prior` gave (size, size) as prior proper, and as data: that of the encoders."""
-        encoders = np.zeros_like(information)
-        for s in self.slots:
-            if s.kind == "joint_motion":
-                place = slice(s.start, s.start + s.size)
-                encoders[place, place] = information[place, place]
-        return information - encoders, encoders
+    def encoders(self, local: Local) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return information (size, size), gradient (size,) and cost of what encoders say of the motion."""
+        information, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        joints = self.drive.joints
+        if joints is None or not self.follows:
+            return information, gradient, 0.0
+        clock = local.clock.get(joints.sensor)
+        found = agreement(joints, local.motion, np.zeros(2) if clock is None else clock)
+        motion = next(s for s in self.slots if s.kind == "joint_motion")
+        place = list(range(motion.start, motion.start + motion.size))
+        if clock is not None:
+            place += [s.start for s in self._clocks(joints.sensor)]
+        n = len(place)
+        information[np.ix_(place, place)] = found.information[:n, :n]
+        gradient[place] = found.gradient[:n]
+        return information, gradient, found.cost
+
+    def known_cost(self, local: Local) -> float:
+        """Return the cost of what is known beforehand, and of what encoders say."""
+        cost = self.prior(local)[2]
+        joints = self.drive.joints
+        if joints is not None and self.follows:
+            cost += misfit(joints, local.motion, local.clock.get(joints.sensor, np.zeros(2)))
+        return cost
 
     def values(self, local: Local) -> np.ndarray:
         """Return the local values (size,); the initial attitude as rotation vector."""
@@ -218,7 +278,7 @@ def piece_of(
             width = 3 if quantity == "attitude" else values[0].size
             sigma[f"{sensor.name}.{quantity}"] = described_sigma(sensor, quantity, width)
     channels = measured_channels(model, recording, timeline, sigma)
-    slots = slots_of(channels, nuisance)
+    slots = slots_of(channels, nuisance, drive.sensors)
     name = recording.name or ("exp1" if drive.held else "exp2")
     return Piece(name, drive, timeline, channels, slots), initial(slots, drive, channels)
 

@@ -44,13 +44,22 @@ class Seen:
         residual, _ = prior.residual(self.point.parameters)
         total = float(residual @ residual)
         for piece, local, own in zip(pieces, self.point.locals, self.residuals, strict=True):
-            total += piece.cost(own) + piece.prior(local)[2]
+            total += piece.cost(own) + piece.known_cost(local)
         return total
 
     def cleaned(self, pieces: Sequence[Piece]) -> tuple[tuple[Piece, ...], Seen]:
         """Return the pieces without outliers, and what is left to see."""
         both = [p.cleaned(r) for p, r in zip(pieces, self.residuals, strict=True)]
         return tuple(p for p, _ in both), replace(self, residuals=tuple(r for _, r in both))
+
+    def following(self, pieces: Sequence[Piece]) -> tuple[tuple[Piece, ...], Seen]:
+        """Return the pieces with the measured joint motion among their parameters, and what is seen then."""
+        new = tuple(p.following() for p in pieces)
+        pairs = zip(new, pieces, self.point.locals, strict=True)
+        locals_ = tuple(p.in_true_time(x) if p.follows > old.follows else x for p, old, x in pairs)
+        if all(a is b for a, b in zip(locals_, self.point.locals, strict=True)):
+            return new, self
+        return new, Seen.at(new, Point(self.point.parameters, locals_))
 
     def reweighed(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
         """Return the pieces with the noise their residuals show."""

@@ -123,11 +123,12 @@ def _refine(
         doubtful.append(worst)
         clocks = replace(nuisance, clocks=(*nuisance.clocks, *doubtful))
         pairs = [piece_of(model, r, clocks) for r in recordings]
+        # from the start again: what a wrong clock has led to may be another maximum
         locals_ = [
-            replace(local, clock={**own.clock, **local.clock})
+            replace(own, clock={**own.clock, **local.clock})
             for local, (_, own) in zip(found.point.locals, pairs, strict=True)
         ]
-        found, more = _searched([p for p, _ in pairs], Point(found.point.parameters, tuple(locals_)), prior)
+        found, more = _searched([p for p, _ in pairs], Point(first.parameters, tuple(locals_)), prior)
         visits += more
     searched = time.perf_counter()
     at = found.point.parameters
@@ -197,7 +198,8 @@ def _searched(pieces: Sequence[Piece], start: Point, prior: Prior) -> tuple[Fit,
         moved = carried(start.locals, found.point.locals, found.pieces)
         if moved < GUARD / 2:
             return found, visits
-        start = Point(found.point.parameters, found.point.locals)
+        locals_ = [p.as_measured(local) for p, local in zip(pieces, found.point.locals, strict=True)]
+        start = Point(found.point.parameters, tuple(locals_))
     raise NotIdentifiableError(
         f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",
         advice="Correct the sensors' clocks first: `smsid.recording.lag.estimate_lag` compares two of them.",

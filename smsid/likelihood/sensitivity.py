@@ -43,8 +43,9 @@ class Sensitivity:
 class Variation:
     """Transition maps of the derivatives of x = (pose 6, rest, free velocities): n rows.
 
-    Columns: the moving ones among parameters and thrust gains (``moving`` (k,) of them, numbered parameters
-    first), the initial pose (6), and coefficients of the measured joint motion, joint by joint within each.
+    Columns: the moving ones among parameters, thrust gains and running clocks (``moving`` (k,) of them,
+    numbered in this order), the initial pose (6), and coefficients of the measured joint motion, joint by
+    joint within each.
     ``phi`` (steps, n, n), ``gamma`` (steps, n, k) and of the motion (steps, n, WINDOW joints) for
     coefficients from ``first`` (nodes,) on. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free,
     k) and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
@@ -106,16 +107,23 @@ class Variation:
 
 
 def variation(
-    parameters: Parameters, drive: Drive, prediction: Prediction, thrust: np.ndarray | None, *, motion: bool
+    parameters: Parameters,
+    drive: Drive,
+    prediction: Prediction,
+    thrust: np.ndarray | None,
+    clocks: np.ndarray | None,
+    *,
+    motion: bool,
 ) -> Variation:
     """Return the variational equations of a prediction.
 
-    ``thrust`` (nodes, nv, 3): force per unit gain, by axis, when gains are sought. ``motion``: with the
-    coefficients of the measured joint motion.
+    ``thrust`` (nodes, nv, 3): force per unit gain, by axis, when gains are sought. ``clocks`` (nodes, nv, 3,
+    c): prescribed angle, rate and acceleration by offsets and drifts of the clocks they run by, when those
+    are. ``motion``: with the coefficients of the measured joint motion.
     """
     timeline, free = prediction.timeline, drive.free
     follow = parameters.layout.model.arm_joints.v if motion and drive.joints is not None else np.zeros(0, int)
-    linear = linearised(parameters, drive, prediction, thrust, follow)
+    linear = linearised(parameters, drive, prediction, thrust, clocks, follow)
     moving = np.flatnonzero(linear.by_parameter.any(axis=(0, 1)) | linear.start.any(axis=0))
     by_parameter = linear.by_parameter[:, :, moving]
     n_rest, k = len(prediction.rest_v), len(moving)

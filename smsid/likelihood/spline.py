@@ -20,6 +20,7 @@ from smsid.identify.usable import outliers, spikes
 DEGREE = 5
 CLEANINGS = 3
 SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
+SLACK = 1e-9  # [s]
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
@@ -44,7 +45,9 @@ class MeasuredMotion:
     ``spline`` gives (N, k). ``angle_density`` and ``rate_density`` (k,) are the standard deviations that
     white noise on samples of the angle, or of the rate, taken ``per`` second, would need to be as uncertain
     in band as the fit: its mean variance times samples over coefficients. ``information`` (k, m, m) of the
-    coefficients (m, k).
+    coefficients (m, k). ``samples`` are what it was fitted to, ``sensor`` what took them. ``clock`` (offset
+    [s], drift [1]) is what their clock shows too much: the spline runs by that clock, `values` by the true
+    one.
     """
 
     spline: BSpline
@@ -52,6 +55,9 @@ class MeasuredMotion:
     angle_density: np.ndarray
     rate_density: np.ndarray
     information: np.ndarray
+    samples: tuple[Samples, ...] = ()
+    sensor: str = ""
+    clock: tuple[float, float] = (0.0, 0.0)
 
     @property
     def spacing(self) -> float:
@@ -68,6 +74,10 @@ class MeasuredMotion:
         """Return the motion with other coefficients (m, k)."""
         return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
 
+    def with_clock(self, clock: np.ndarray) -> MeasuredMotion:
+        """Return the motion as it was if the sensor's clock shows offset [s] and drift [1] too much."""
+        return replace(self, clock=(float(clock[0]), float(clock[1])))
+
     def windows(self, starts: np.ndarray) -> np.ndarray:
         """Return the first (N,) of the functions that act from ``starts`` (N,) [s] to one spacing on."""
         t = self.spline.t
@@ -81,41 +91,61 @@ class MeasuredMotion:
         """
         columns = first[:, None] + np.arange(WINDOW)
         return np.stack(
-            [
-                np.take_along_axis(_design(times, self.spline.t, d).toarray(), columns, axis=1)
-                for d in range(3)
-            ]
+            [np.take_along_axis(design(times, self.spline.t, d).toarray(), columns, axis=1) for d in range(3)]
         )
 
     def values(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return angle, rate and acceleration (N, k) each."""
-        s = self.spline
-        inside = np.clip(times, s.t[0], s.t[-1])
-        return s(inside), s.derivative(1)(inside), s.derivative(2)(inside)
+        """Return angle, rate and acceleration (N, k) each, at true ``times`` (N,) [s].
+
+        Where another clock asks beyond the ends the spline goes on.
+        """
+        own, pace, e = self._own(times)
+        angle, rate, acceleration = (self._derivative(own, d) * pace ** (e - d) for d in range(3))
+        return angle, rate, acceleration
+
+    def by_clock(self, times: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `values` (3, N, k, 2) by offset and drift of the clock."""
+        own, pace, e = self._own(times)
+        late = (own - self.spline.t[0])[:, None]
+        out = []
+        for d in range(3):
+            by_time = self._derivative(own, d + 1)
+            by_drift = by_time * late - (e - d) * self._derivative(own, d)
+            out.append(np.stack([by_time, by_drift], axis=-1) * pace ** (e - d - 1))
+        return np.stack(out)
+
+    def _own(self, times: np.ndarray) -> tuple[np.ndarray, float, int]:
+        """What the sensor's clock shows at true times (N,) [s], its pace, which derivative it reads as is."""
+        start, pace = self.spline.t[0], 1.0 - self.clock[1]
+        read = min((s.derivative for s in self.samples), default=0)
+        return start + (times - start + self.clock[0]) / pace, pace, read
+
+    def _derivative(self, times: np.ndarray, order: int) -> np.ndarray:
+        return self.spline.derivative(order)(times) if order else self.spline(times)
 
 
 def fit_motion(
-    samples: list[Samples], start: float, stop: float, rate: float, shortest: float
+    samples: list[Samples], start: float, stop: float, rate: float, shortest: float, sensor: str = ""
 ) -> MeasuredMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
     Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
-    zero then. Samples that are not finite are left out, and those far outside of their noise; where there are
-    none the motion goes on smoothly.
+    zero then. Samples that are not finite are left out, those after the stop (before the start all is at
+    rest), and those far outside of their noise; where there are none the motion goes on smoothly.
     """
-    samples = [s.only(np.asarray(np.isfinite(s.values).all(axis=1))) for s in samples]
+    samples = [s.only(np.isfinite(s.values).all(axis=1) & (s.times < stop + SLACK)) for s in samples]
     samples = [s.only(~spikes(s.values, s.sigma)) for s in samples]
     fitted = _best(samples, start, stop, shortest)
     for _ in range(CLEANINGS):
         bad = [
-            outliers(s.values - _design(s.times, fitted.knots, s.derivative) @ fitted.coefficients)[0]
+            outliers(s.values - design(s.times, fitted.knots, s.derivative) @ fitted.coefficients)[0]
             for s in samples
         ]
         if not any(b.any() for b in bad):
             break
         samples = [s.only(~b) for s, b in zip(samples, bad, strict=True)]
         fitted = _best(samples, start, stop, shortest)
-    return fitted.motion(rate)
+    return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
 def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
@@ -146,14 +176,13 @@ class _Fitted:
     def of(cls, samples: list[Samples], start: float, stop: float, intervals: int) -> _Fitted:
         knots = _knots(start, stop, intervals)
         size, width = intervals + DEGREE, samples[0].values.shape[1]
-        designs = [_design(s.times, knots, s.derivative) for s in samples]
-        grams = [(design.T @ design).toarray() for design in designs]
+        designs = [design(s.times, knots, s.derivative) for s in samples]
+        grams = [(x.T @ x).toarray() for x in designs]
         weights = [1.0 / s.sigma**2 for s in samples]
-        third = np.diff(np.eye(size), n=3, axis=0)
-        smooth = SMOOTH * (third.T @ third)
+        smooth = smoothness(size)
         anchored = any(s.derivative == 0 for s in samples)
         right = sum(
-            (design.T @ (s.values * w) for s, design, w in zip(samples, designs, weights, strict=True)),
+            (x.T @ (s.values * w) for s, x, w in zip(samples, designs, weights, strict=True)),
             np.zeros((size, width)),
         )
         coefficients, information = np.empty((size, width)), np.empty((width, size, size))
@@ -165,8 +194,8 @@ class _Fitted:
             information[k] = normal
             coefficients[:, k] = cho_solve(cho_factor(normal), right[:, k])
         score = 2.0 * size * width
-        for s, design in zip(samples, designs, strict=True):
-            score += float(np.sum(((s.values - design @ coefficients) / s.sigma) ** 2))
+        for s, x in zip(samples, designs, strict=True):
+            score += float(np.sum(((s.values - x @ coefficients) / s.sigma) ** 2))
         return cls(knots, intervals, coefficients, information, score)
 
     def motion(self, rate: float) -> MeasuredMotion:
@@ -176,9 +205,9 @@ class _Fitted:
         grid = np.linspace(start, stop, 4 * self.intervals + 1)
         densities = np.empty((2, width))
         for d, out in enumerate(densities):
-            design = _design(grid, self.knots, d).toarray()
+            x = design(grid, self.knots, d).toarray()
             for k, normal in enumerate(self.information):
-                variance = np.sum(design.T * cho_solve(cho_factor(normal), design.T), axis=0)
+                variance = np.sum(x.T * cho_solve(cho_factor(normal), x.T), axis=0)
                 out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
         spline = BSpline(self.knots, self.coefficients, DEGREE)
         return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information)
@@ -189,11 +218,21 @@ def _knots(start: float, stop: float, intervals: int) -> np.ndarray:
     return np.concatenate([[start] * DEGREE, inner, [stop] * DEGREE])
 
 
-def _design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
-    times = np.clip(times, knots[0], knots[-1])
+def smoothness(size: int) -> np.ndarray:
+    """Return the information (size, size) against third differences, relative to the samples' largest."""
+    third = np.diff(np.eye(size), n=3, axis=0)
+    return SMOOTH * (third.T @ third)
+
+
+def design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
+    """Return the values (N, m) of the basis on ``knots`` at times (N,), or those of a derivative.
+
+    Before the first knot those at it; after the last, the last pieces go on.
+    """
+    times = np.maximum(times, knots[0])
     size = len(knots) - DEGREE - 1
     inner = knots[derivative : len(knots) - derivative]
-    out = csr_array(BSpline.design_matrix(times, inner, DEGREE - derivative))
+    out = csr_array(BSpline.design_matrix(times, inner, DEGREE - derivative, extrapolate=True))
     # the derivative of a B-spline is one of lower degree on the inner knots, of scaled differences
     for d in range(derivative, 0, -1):
         out = csr_array(out @ _differences(knots[d - 1 : len(knots) - d + 1], DEGREE - d + 1, size - d + 1))
