@@ -43,6 +43,21 @@ def test_gamma_one_is_reached_and_confirmed():
         np.testing.assert_allclose(block.synthesis.norm, slicot_norm(loop), rtol=1e-5)
 
 
+def test_a_design_at_the_edge_of_what_rounding_lets_through_is_found():
+    """Gains tuned to the paper's spacecraft: two per cent above the least bound, the norm is 1.000006."""
+    own = Weights(
+        np.array([1.2525781547724253e-06]),
+        np.array([7.56939756606048e-06]) / np.sqrt(0.18),
+        np.array([7.56939756606048e-07]) / np.sqrt(0.18),
+        0.0012421249403595492,
+        CROSSOVER,
+    )
+    tuned = Gains(np.array([[1.3492828476735645]]), np.array([[2.3231726992830857]]))
+    (block,) = design_robust_term(tuned, own).blocks
+    assert block.synthesis.norm <= 1.0 + 1e-6
+    assert block.error < 1.1 * 9.9258371e-06
+
+
 def test_the_bound_on_the_error_is_kept_by_the_physical_loop():
     """Disturbance of the stated size at any frequency: |e| within the bound, and within that of PD alone."""
     loop = closed(4.0, 4.0, TERM)
