@@ -20,6 +20,7 @@ LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 LITTLE = 1e-4  # share of a step by which its first order is found
 HALVINGS = 6
+STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
 
@@ -145,6 +146,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH) -> Fit
     Steps are halved until the objective falls and every body can exist.
     """
     unknowns, problem = found.unknowns, found.problem
+    stalled = 0
     for _ in range(iterations):
         step = bounded_step(found)
         gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
@@ -155,8 +157,17 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH) -> Fit
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
+        stalled = stalled + 1 if found.objective - better.objective < STALLED * gain else 0
         found = better
+        if stalled == 2:
+            break
     return found
+
+
+def within_reach(found: Fit) -> float:
+    """Return the objective that one step of Gauss and Newton would reach if nothing were curved."""
+    step = bounded_step(found)
+    return found.objective - float(found.slope @ step - 0.5 * step @ found.gram @ step)
 
 
 def bounded_step(found: Fit) -> np.ndarray:
@@ -217,6 +228,8 @@ def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Po
     if all(u.kind == "inertial" for u in unknowns):
         return end
     near, a_little, far = (_inertias(p) for p in (start, start.moved(unknowns, LITTLE * step), end))
+    if not len(near) == len(a_little) == len(far):
+        raise SmsidError("The step takes away a body that an effect has added.", advice="Take a shorter one.")
     bend = far - near - (a_little - near) / LITTLE
     shift = {u.column: bend[u.column] for u in unknowns if u.kind == "inertial" and bend[u.column] != 0.0}
     inertial = {c: v - shift.get(c, 0.0) for c, v in ({**dict.fromkeys(shift, 0.0), **end.inertial}).items()}

@@ -10,7 +10,7 @@ import numpy as np
 
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.columns import Change, propagate
-from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.fit import Fit, continued, evaluate, within_reach
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
@@ -33,7 +33,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     """
     if not _may_begin(s.candidate):
         return s
-    times = current.run.states.time
+    run, times = current.run, current.run.states.time
+    own = s.candidate.columns(current.changes, current.unknowns) if _may_be_cut(s.candidate) else None
     best, width = s, float(times[-1] - times[0]) / (ONSETS + 1)
     centre = float(times[0]) + width * (ONSETS + 1) / 2.0
     for finer in range(ROUNDS + MORE):
@@ -41,8 +42,14 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
             break
         about = centre + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
         tried = [_from(s.candidate, float(t)) for t in about if times[0] < t < times[-1]]
-        columns = signatures(current, tried)
-        scores = scored(current, [tried[i] for i in columns], list(columns.values()))
+        if own is None:
+            columns = signatures(current, tried)
+            scores = scored(current, [tried[i] for i in columns], list(columns.values()))
+        else:
+            starts = [t.effect.start for t in tried if isinstance(t.effect, Starting)]
+            changes = [_cut(c, float(t or 0.0), run.middle.time, times) for t in starts for c in own]
+            parts = np.split(propagate(run, changes).reshape(-1, len(changes)), len(starts), axis=1)
+            scores = scored(current, tried, parts)
         best = max([best, *scores], key=lambda x: x.ratio)
         begun = getattr(best.candidate.effect, "start", None)
         if begun is None:
@@ -56,7 +63,7 @@ def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
 
     Over a coarse grid: what a candidate does from a time on is what it does all the time, cut off before.
     """
-    tried = [s for s in scores if type(s.candidate) is Candidate and s.freedom and _may_begin(s.candidate)]
+    tried = [s for s in scores if s.freedom and _may_begin(s.candidate) and _may_be_cut(s.candidate)]
     run = current.run
     marks = np.linspace(run.states.time[0], run.states.time[-1], COARSE + 2)[1:-1]
     best: dict[int, float] = {}
@@ -81,7 +88,10 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
     mine = current.point.description.get_effect(effect.name)
     plain = current.point.with_effect(mine.model_copy(update={"start": None}))
     try:
-        found = fit(plain, current.unknowns, current.problem, iterations=8)
+        found = evaluate(plain, current.unknowns, current.problem)
+        if 2.0 * (within_reach(found) - current.objective) > price(alias):
+            return score, current
+        found = continued(found, iterations=8)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s is not there all the time: %s", score.candidate.key, error)
         return score, current
@@ -94,6 +104,11 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
 
 def _may_begin(candidate: Candidate) -> bool:
     return isinstance(candidate.effect, Starting) and candidate.effect.start is None
+
+
+def _may_be_cut(candidate: Candidate) -> bool:
+    effect = candidate.effect
+    return type(candidate) is Candidate and isinstance(effect, Starting) and not effect.grows
 
 
 def _from(candidate: Candidate, start: float) -> Candidate:

@@ -25,6 +25,7 @@ class FrequencyDrift(Starting):
     summary: ClassVar[str] = "bending frequency that drifts"
     family: ClassVar[str] = "appendage"
     aliases: ClassVar[tuple[str, ...]] = ("geometric_stiffness",)
+    grows: ClassVar[bool] = True
     strength: ClassVar[tuple[str, ...]] = ("rate",)
     kind: Literal["frequency_drift"] = "frequency_drift"
     appendage: str = Field(description="name of the appendage, which stands before this effect")

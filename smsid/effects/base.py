@@ -173,8 +173,12 @@ class Effect(Table):
 
 
 class Starting(Effect):
-    """An effect that may begin midway: nothing of it acts before ``start``."""
+    """An effect that may begin midway: nothing of it acts before ``start``.
 
+    ``grows`` is ``True`` for one that begins from nothing, in proportion to the time since.
+    """
+
+    grows: ClassVar[bool] = False
     start: float | None = Field(
         default=None, description="time from which it acts [s]; always when not given"
     )

@@ -28,6 +28,7 @@ class MassLoss(Starting):
     summary: ClassVar[str] = "mass loss: the mass of a body falls linearly in time, without push"
     family: ClassVar[str] = "inertia"
     aliases: ClassVar[tuple[str, ...]] = ("body_error", "thruster_gain")
+    grows: ClassVar[bool] = True
     strength: ClassVar[tuple[str, ...]] = ("rate",)
     kind: Literal["mass_loss"] = "mass_loss"
     frame: str | None = Field(default=None, description="frame it leaves from; the bus frame when not given")
