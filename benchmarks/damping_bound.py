@@ -2,9 +2,9 @@
 
     python benchmarks/damping_bound.py
 
-The thrust (48) along x, of 40 s within 120 s; longer records watch the slosh ring on, attitude held. Noise of
-preset `reference`. Sensors: the accelerometer (IMU) alone, with the pose sensor, and all of them. No estimator takes
-part; that smsid's reaches the bound is `likelihood.py`, that a designed force does better
+The thrust (48) along x, of 40 s within 120 s; longer records watch the slosh ring on, attitude held. Noise
+of preset `reference`. Sensors: the accelerometer (IMU) alone, with the pose sensor, and all of them. No
+estimator takes part; that smsid's reaches the bound is `likelihood.py`, that a designed force does better
 `experiment_design.py`.
 """
 
