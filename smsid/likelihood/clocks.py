@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from smsid.likelihood.local import Local
+from smsid.likelihood.fit import Fit
+from smsid.likelihood.local import CLOCK_KINDS, Local, deviation, zero_clocks
+from smsid.likelihood.normal import normal_at
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece
+from smsid.likelihood.point import Point, Seen
 from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.prior import Prior
 
 DOUBT = 5.0  # standard deviations of a score: one in two million for a good clock
+RIGHT = 3.0  # standard deviations from zero up to which a clock that was sought counts as right
 GUARD = 0.25  # [s] on both sides of a jump, of samples that a clock still to be found would take across it
 
 
@@ -26,7 +31,7 @@ def doubtful_clocks(
     reads y(t - tau), which leaves -tau dy/dt in the residual. The score of tau and of its growth with time,
     as if nothing else had been estimated, has at most unit variance when the clock is good. Source: Rao's
     score test (Rao 1948). One wrong clock pulls at what all sensors share, so that the others' scores grow
-    too: the largest is to be believed first.
+    too (`worst_clock` tells which it is).
     """
     kinematics = Kinematics.of(parameters.layout.model, prediction)
     start = piece.timeline.edges[0]
@@ -43,6 +48,54 @@ def doubtful_clocks(
         scores[c.sensor.name] = scores.get(c.sensor.name, np.zeros(4)) + sums
     size = {n: float(np.max(np.abs(x[:2]) / np.sqrt(x[2:] + 1e-300))) for n, x in scores.items()}
     return {n: x for n, x in size.items() if x > DOUBT}
+
+
+def worst_clock(pieces: Sequence[Piece], seen: Seen, prior: Prior, good: Collection[str] = ()) -> str | None:
+    """Return the sensor whose clock does not agree with the rest, if there is one; those ``good`` are not.
+
+    Of several in doubt it is the one whose offset and drift, in all recordings and with everything else
+    estimated, would lower the sum of squares most: a wrong clock pulls at what all sensors share.
+    """
+    names: set[str] = set()
+    for piece, prediction, residuals in zip(pieces, seen.predictions, seen.residuals, strict=True):
+        names |= set(doubtful_clocks(piece, seen.point.parameters, prediction, residuals))
+    names -= set(good)
+    if len(names) < 2:
+        return next(iter(names), None)
+    asked = [p.with_clocks(sorted(names)) for p in pieces]
+    locals_ = [
+        replace(x, clock={**zero_clocks(p.slots), **x.clock})
+        for p, x in zip(asked, seen.point.locals, strict=True)
+    ]
+    normal = normal_at(asked, replace(seen, point=Point(seen.point.parameters, tuple(locals_))), prior)
+    places: dict[str, list[int]] = {name: [] for name in names}
+    first = seen.point.parameters.size
+    for piece in asked:
+        for s in piece.slots:
+            if s.kind in CLOCK_KINDS and s.channel in names:
+                places[s.channel].append(first + s.start)
+        first += piece.size
+    scale = 1.0 / np.sqrt(np.diag(normal.information))
+    information, gradient = normal.information * np.outer(scale, scale), normal.gradient * scale
+
+    def gain(name: str) -> float:
+        held = [i for n, own in places.items() if n != name for i in own]
+        free = np.setdiff1d(np.arange(len(gradient)), held)
+        return float(gradient[free] @ np.linalg.solve(information[np.ix_(free, free)], gradient[free]))
+
+    return max(sorted(names), key=gain)
+
+
+def right_clocks(found: Fit, names: Collection[str]) -> set[str]:
+    """Return which sensors' clocks, of those sought by ``names``, turn out to show the right time."""
+    sigma = np.sqrt(np.diag(found.normal.covariance()))
+    wrong, first = set(), found.point.parameters.size
+    for piece, local in zip(found.pieces, found.point.locals, strict=True):
+        for s in piece.slots:
+            if s.kind in CLOCK_KINDS and abs(deviation(s, local)[0]) > RIGHT * sigma[first + s.start]:
+                wrong.add(s.channel)
+        first += piece.size
+    return set(names) - wrong
 
 
 def away_from_jumps(piece: Piece, local: Local) -> Piece:

@@ -34,6 +34,19 @@ NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which 
 SAME_NOISE = 0.01  # relative change of the variance of a noise that needs no further step
 
 
+class Restless(NotIdentifiableError):
+    """A search did not come to rest: where it was, and what it had been by (nothing if it had not begun)."""
+
+    pieces: tuple[Piece, ...] = ()
+    seen: Seen | None = None
+    visits: tuple[Visit, ...] = ()
+
+    def at(self, pieces: Sequence[Piece], seen: Seen, visits: Sequence[Visit]) -> Restless:
+        """Return it with where the search was."""
+        self.pieces, self.seen, self.visits = tuple(pieces), seen, tuple(visits)
+        return self
+
+
 @dataclass(frozen=True)
 class Fit:
     """A maximum: what is seen there, the pieces with their final noise, the normal equations (or nearly).
@@ -65,10 +78,10 @@ class Minimum:
     iterations: int
 
 
-def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
+def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITERATIONS) -> Fit:
     """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
 
-    Raises `NotIdentifiableError` when the search does not come to rest.
+    Raises `Restless` when the search does not come to rest in ``patience`` iterations.
     """
     pieces, here = tuple(pieces), Seen.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
@@ -78,7 +91,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     # then the noise that samples show between each other is the better guess of the levels
     nearby = here.cost(pieces, prior) < NEARBY * samples
-    for iteration in range(ITERATIONS):
+    for iteration in range(patience):
         before = pieces
         if gain < CLOSE * cost or (iteration == 0 and nearby):
             pieces, here = here.following(pieces)
@@ -97,7 +110,10 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
         )
         if settled and (spent or gain < NEAR):
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
-        step = _stepped(pieces, here, found, cost, prior, None, damping)
+        try:
+            step = _stepped(pieces, here, found, cost, prior, None, damping)
+        except Restless as stuck:
+            raise stuck.at(pieces, here, visits) from None
         if step is None:
             spent = True  # as good as rounding allows
             walked = np.zeros(here.point.parameters.size)
@@ -105,7 +121,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior) -> Fit:
         spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
         here, damping = step.seen, step.damping
         walked = step.step[: here.point.parameters.size]
-    raise _stuck(cost, gain, ITERATIONS)
+    raise _stuck(cost, gain, patience).at(pieces, here, visits)
 
 
 def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:
@@ -209,8 +225,8 @@ def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np
     raise _stuck(float("nan"), float("nan"), 0)
 
 
-def _stuck(cost: float, gain: float, iteration: int) -> NotIdentifiableError:
-    return NotIdentifiableError(
+def _stuck(cost: float, gain: float, iteration: int) -> Restless:
+    return Restless(
         f"The maximum-likelihood search did not come to rest in {iteration} iterations "
         f"(sum of squares {cost:.4g}, still to gain {gain:.2g}).",
         advice="Start it from the linear method's result, or check the description against the recording.",

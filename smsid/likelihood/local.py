@@ -89,9 +89,16 @@ def slots_of(
             add("scale", c.name, 1, nuisance.scale[c.name], "1")
     doubted = {c.sensor.name for c in channels} & set(nuisance.clocks)
     for name in sorted(doubted) + (list(driving) if nuisance.driving_clocks else []):
-        add("clock_offset", name, 1, CLOCK["offset"], "s")
-        add("clock_drift", name, 1, CLOCK["drift"], "1")
+        found += clock_slots(name, sum(s.size for s in found))
     return tuple(found)
+
+
+def clock_slots(sensor: str, start: int) -> tuple[Slot, Slot]:
+    """Return where offset and drift of a sensor's clock stand, from ``start`` on."""
+    return (
+        Slot("clock_offset", sensor, start, 1, CLOCK["offset"], "s"),
+        Slot("clock_drift", sensor, start + 1, 1, CLOCK["drift"], "1"),
+    )
 
 
 def initial(slots: Sequence[Slot], drive: Drive, channels: Sequence[Channel]) -> Local:
@@ -109,8 +116,12 @@ def initial(slots: Sequence[Slot], drive: Drive, channels: Sequence[Channel]) ->
     bias = {s.channel: np.zeros(s.size) for s in slots if s.kind == "bias"}
     scale = {s.channel: 0.0 for s in slots if s.kind == "scale"}
     motion = drive.joints.coefficients.copy() if drive.joints is not None else np.zeros((0, 0))
-    clock = {s.channel: np.zeros(2) for s in slots if s.kind == "clock_offset"}
-    return Local(position, attitude, np.zeros(3), bias, scale, motion, clock)
+    return Local(position, attitude, np.zeros(3), bias, scale, motion, zero_clocks(slots))
+
+
+def zero_clocks(slots: Sequence[Slot]) -> dict[str, np.ndarray]:
+    """Return clocks (2,) by sensor that show nothing too much."""
+    return {s.channel: np.zeros(2) for s in slots if s.kind == "clock_offset"}
 
 
 def moved(slots: Sequence[Slot], local: Local, step: np.ndarray) -> Local:

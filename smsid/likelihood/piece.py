@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from smsid.likelihood.local import (
     Local,
     Nuisance,
     Slot,
+    clock_slots,
     deviation,
     initial,
     moved,
@@ -115,6 +117,14 @@ class Piece:
             return self
         size = self.drive.joints.coefficients.size
         return replace(self, slots=(*self.slots, Slot("joint_motion", "", self.size, size, np.inf, "rad")))
+
+    def with_clocks(self, names: Sequence[str]) -> Piece:
+        """Return the piece with the clocks of sensors by ``names`` among its parameters too."""
+        have = {s.channel for s in self.slots if s.kind in CLOCK_KINDS}
+        slots = list(self.slots)
+        for name in sorted(({c.sensor.name for c in self.channels} & set(names)) - have):
+            slots += clock_slots(name, sum(s.size for s in slots))
+        return replace(self, slots=tuple(slots))
 
     def residuals(self, parameters: Parameters, local: Local, prediction: Prediction) -> list[np.ndarray]:
         """Return measured minus predicted, (N, k) by channel."""

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
+from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import Identification
-from smsid.likelihood.clocks import GUARD, away_from_jumps, carried, doubtful_clocks
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
-from smsid.likelihood.fit import Fit, fit
-from smsid.likelihood.history import Visit, history_of
+from smsid.likelihood.fit import Fit
+from smsid.likelihood.history import history_of
 from smsid.likelihood.local import Nuisance
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
@@ -26,13 +25,12 @@ from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.report import METHOD, fit_notes, judged_by_share, nuisances, with_profiles
+from smsid.likelihood.search import search
 from smsid.likelihood.starting import best_start, candidates
 from smsid.likelihood.unseen import UnseenDirection, unseen_directions
 from smsid.likelihood.unseen import notes as unseen_notes
 from smsid.model import build_model
 from smsid.recording import Recording
-
-ROUNDS = 6  # of searches for clocks
 
 
 @dataclass(frozen=True)
@@ -117,26 +115,16 @@ def _refine(
         points = [Point(p, locals_) for p in candidates(described, start)]
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
-    found, visits = _searched(pieces, first, prior)
-    doubtful: list[str] = []
-    while worst := _most_doubtful(found):
-        doubtful.append(worst)
-        clocks = replace(nuisance, clocks=(*nuisance.clocks, *doubtful))
-        pairs = [piece_of(model, r, clocks) for r in recordings]
-        # from the start again: what a wrong clock has led to may be another maximum
-        locals_ = [
-            replace(own, clock={**own.clock, **local.clock})
-            for local, (_, own) in zip(found.point.locals, pairs, strict=True)
-        ]
-        found, more = _searched([p for p, _ in pairs], Point(first.parameters, tuple(locals_)), prior)
-        visits += more
+    sought = search(pieces, first, prior)
+    found = sought.found
     searched = time.perf_counter()
     at = found.point.parameters
     pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
     predictions = [x for p, x in pairs_ if not p.drive.held]
     combinations, notes = reported(at, described, predictions)
-    if doubtful:
-        notes.append(f"clocks that do not agree with the rest, estimated too: {', '.join(sorted(doubtful))}")
+    if sought.clocks:
+        names = ", ".join(sorted(sought.clocks))
+        notes.append(f"clocks that do not agree with the rest, estimated too: {names}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
     seen = jacobian @ covariance
@@ -168,7 +156,9 @@ def _refine(
             "iterations": float(found.iterations),
             "sum of squares / samples": found.cost / found.samples,
         },
-        history=history_of(visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]),
+        history=history_of(
+            sought.visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]
+        ),
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(
@@ -183,36 +173,6 @@ def _check(recording: Recording) -> None:
     except RecordingError as error:
         if not {"gaps", "count"} & set(error.evidence):
             raise
-
-
-def _searched(pieces: Sequence[Piece], start: Point, prior: Prior) -> tuple[Fit, list[Visit]]:
-    """The maximum near a start with all points visited.
-
-    Where clocks are sought, samples near jumps are chosen by where they end.
-    """
-    visits: list[Visit] = []
-    for _ in range(ROUNDS):
-        own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
-        found = fit(own, start, prior)
-        visits += found.visits
-        moved = carried(start.locals, found.point.locals, found.pieces)
-        if moved < GUARD / 2:
-            return found, visits
-        locals_ = [p.as_measured(local) for p, local in zip(pieces, found.point.locals, strict=True)]
-        start = Point(found.point.parameters, tuple(locals_))
-    raise NotIdentifiableError(
-        f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",
-        advice="Correct the sensors' clocks first: `smsid.recording.lag.estimate_lag` compares two of them.",
-        moved=moved,
-    )
-
-
-def _most_doubtful(found: Fit) -> str | None:
-    """The sensor whose clock agrees least with the rest, if one does not."""
-    seen = found.seen
-    parts = zip(found.pieces, seen.predictions, seen.residuals, strict=True)
-    scores = [x for p, y, r in parts for x in doubtful_clocks(p, seen.point.parameters, y, r).items()]
-    return max(scores, key=lambda x: x[1])[0] if scores else None
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:
