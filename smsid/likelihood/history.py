@@ -27,7 +27,10 @@ class Visit:
 
     @classmethod
     def of(cls, seen: Seen, pieces: Sequence[Piece], cost: float, step: np.ndarray | None) -> Visit:
-        """Return the visit to a point whose sum of squares is ``cost`` with the pieces' noise."""
+        """Return the visit to a point whose sum of squares is ``cost`` with the pieces' noise.
+
+        ``step`` (size,) of the common parameters led there.
+        """
         squares = tuple(tuple(r.T @ r / len(r) for r in own) for own in seen.residuals)
         return cls(squares, cost - _whitened(squares, pieces), step)
 

@@ -43,7 +43,7 @@ def control_report(made: Design, origin: Provenance) -> Report:
 def verdict(made: Design) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     flagged = sorted({p.name for p in made.poles if p.flag})
-    driven = f" It makes {', '.join(flagged)} worse damped than they are." if flagged else ""
+    driven = f" It takes damping from {', '.join(flagged)}." if flagged else ""
     gamma = f"The weighted loop has gamma {number(made.term.gamma, 3)}"
     r = made.robustness
     if r is None:
