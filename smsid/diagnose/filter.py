@@ -247,6 +247,9 @@ def _delayed(
         then = outputs.predict(back, before, plant.acceleration(t - delay, back, before, tau))
         for block, own in zip(outputs.data.blocks, late, strict=True):
             if own == delay:
+                if block.quantity == "attitude":  # predicted as a rotation from the attitude there is now
+                    here, there = (pin.Quaternion(x[3:7]).matrix() for x in (q, back))
+                    then[0][block.rows] += pin.log3(here.T @ there)
                 for now, old in zip(full, then, strict=True):
                     now[block.rows] = old[block.rows]
     return full
