@@ -130,6 +130,8 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
             continue
         where += [(i, len(changes) + j) for j in range(len(own))]
         changes += own
+    if not changes:
+        return {}
     whitened = propagate(found.run, changes)
     flat = whitened.reshape(-1, len(changes))
     out: dict[int, list[np.ndarray]] = {}
