@@ -60,7 +60,7 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
 
 
 def misfit(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
-    """Return the cost of `agreement` alone."""
+    """Return the cost of `agreement` alone, for ``coefficients`` (m, k) and ``clock`` (2,)."""
     return _squares(motion, coefficients, clock) - _squares(motion, motion.coefficients, np.zeros(2))
 
 

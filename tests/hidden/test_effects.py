@@ -198,8 +198,7 @@ def test_gravity_gradient_turns_as_the_textbook_says():
     for b in range(1, m.nbody):
         axes = d.ximat[b].reshape(3, 3)
         inertia += bodies.steiner(m.body_mass[b], d.xipos[b] - centre)
-        if b == 1:  # the others are taken as points
-            inertia += axes @ np.diag(m.body_inertia[b]) @ axes.T
+        inertia += axes @ np.diag(m.body_inertia[b]) @ axes.T
     nadir = np.array([np.cos(0.8), np.sin(0.8), 0.3]) / np.sqrt(1.09)
     # about the bus origin the net tidal force vanishes, so the torque is that about the centre
     torque = 3 * rate**2 * np.cross(nadir, inertia @ nadir)
