@@ -11,7 +11,8 @@ from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Run
 
 STUCK_RUN = 12  # identical samples in a row that noise does not give
-REPEATS = 4  # the same where no other sample repeats the one before
+REPEATS = 4  # the same where no other sample repeats the one before, and the noise is many steps of rounding
+FINE = 30.0  # such steps: four repeats in a row then have a chance of 1e-8
 OUTLIER = 6.0  # standard deviations of the prediction error
 CALM = 3.0  # what the neighbours of an outlier stay below
 SURPLUS = 1e-5  # chance of as many outliers from Gaussian noise below which they are a fault
@@ -52,13 +53,19 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         start, length = max(runs, key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
-        if length < (STUCK_RUN if others else REPEATS) or length < 4 * others:
+        fine = not others and data.sigma[row] > FINE * _rounding(x[there])
+        if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
         marked[there[start + 1 : start + length + 1], row] = True
         step = float(np.median(np.diff(data.times)))
         found.append(Fault("stuck", block.channel, name, float(data.times[there[start]]), step, marked))
     return found
+
+
+def _rounding(x: np.ndarray) -> float:
+    """Return the smallest step between different values."""
+    return float(np.diff(np.unique(x)).min(initial=np.inf))
 
 
 def quantised_channels(data: Measured) -> list[Fault]:

@@ -48,3 +48,20 @@ def test_outliers_are_found_and_a_channel_that_is_off_throughout_is_not(data):
     (fault,) = outliers(data, run)
     assert fault.component == data.names[2]
     assert set(np.flatnonzero(fault.samples[:, 2])) == set(hit)
+
+
+def test_few_repeats_are_a_fault_where_rounding_is_fine(data):
+    row = data.names.index("imu.acceleration[y]")
+    data.values[200:206, row] = data.values[200, row]
+    (fault,) = stuck_channels(data)
+    assert fault.component == "imu.acceleration[y]" and fault.samples.sum() == 5
+
+
+def test_an_encoder_that_turns_round_is_not_stuck(data):
+    """Between steps of its own noise's size it rests for some samples where its joint reverses."""
+    row = data.names.index("encoder.joint_position[joint1]")
+    step = data.sigma[row]
+    t = data.times - data.times.mean()
+    data.values[:, row] = np.round((0.01 * t + np.sign(t) * 0.02 * t**2) / step) * step
+    data.values[:, row] = np.round(np.abs(data.values[:, row]) / step) * step
+    assert not [f for f in stuck_channels(data) if f.component == "encoder.joint_position[joint1]"]
