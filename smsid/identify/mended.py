@@ -17,7 +17,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.identify.commanded import FEW
 from smsid.identify.robust import white_sigma
-from smsid.identify.usable import enough_usable, spikes
+from smsid.identify.usable import around, enough_usable, spikes, sticking_out
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
@@ -25,6 +25,7 @@ LONGEST = 0.1  # [s] of a bridge that a low-pass of a few hertz does not notice
 FEWEST = 0.5  # share of the samples of a channel that must be usable
 PASSES = 3  # of looking for spikes: large ones hide smaller ones beside them
 NEIGHBOURS = 6  # samples on each side of a short bridge that its cubic goes through
+FAR = 6.0  # standard deviations
 MEDIAN = 5  # samples: where several look like spikes, those far from their median are
 EDGE = 2  # rows at an end, or beside a jump, that a parabola is followed to
 CHAIN = 3  # rows from one hole to the next for them to be two bridges
@@ -211,39 +212,61 @@ def _full(
         sigma = np.full_like(sigma, sigma.max())  # of a component near one it is of second order
     # a channel that stands still, or was rounded, has a noise of zero and no spikes
     sigma = np.where(sigma > 0.0, sigma, np.inf)
+    return full, with_spikes(full, bad, sigma, cuts)
+
+
+def with_spikes(
+    values: np.ndarray, bad: np.ndarray, sigma: np.ndarray, cuts: np.ndarray = NO_CUTS
+) -> np.ndarray:
+    """Return which rows (N,) of values (N, ...) are bad, or spikes of a motion smooth between ``cuts`` (k,).
+
+    ``sigma`` is the noise of the components, ``bad`` (N,) are rows to look past.
+    """
+    bad = bad.copy()
     for _ in range(PASSES):
-        flat = bridge(full, bad, cuts).reshape(len(full), -1)
+        flat = bridge(values, bad, cuts).reshape(len(values), -1)
         parts = [flat[a:b] for a, b in _pieces(len(flat), cuts)]
-        found = [(spikes(x, sigma) & _off_median(x, sigma)) | _at_ends(x, sigma) for x in parts]
+        found = [_off_median(x, sigma) | _at_ends(x, sigma) for x in parts]
         more = np.concatenate(found) & ~bad
         if not more.any():
             break
         bad |= more
-    return full, bad
+    return bad
 
 
 def _off_median(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Which rows are far from the median of their neighbours: a spike is, those beside it are not."""
+    """Which rows are spikes: off the cubic through their neighbours, and far from their median.
+
+    Those beside a spike are off the cubic too. Of neighbours it is the one most off the cubic, or the one
+    farthest from the median: two spikes alike make the cubic miss the good ones beside them more.
+    """
     if len(values) < MEDIAN:
         return np.zeros(len(values), dtype=bool)
     half = MEDIAN // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN, axis=0)
-    far = np.abs(values - np.median(windows, axis=-1)) > 6.0 * sigma
-    return np.asarray(far.any(axis=1))
+    far = np.abs(values - np.median(windows, axis=-1)) / sigma
+    farthest = (sticking_out(values, sigma) > FAR) & (far >= around(far)) & (far > FAR)
+    return (spikes(values, sigma) & (far > FAR).any(axis=1)) | farthest.any(axis=1)
 
 
 def _at_ends(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Which of the first and last rows are far from a parabola through those next to them."""
+    """Which of the first and last rows are far from a parabola through those next to them.
+
+    Far by the noise, and by how far those are from it: at a low rate the motion is no parabola.
+    """
     out, n = np.zeros(len(values), dtype=bool), 2 * NEIGHBOURS
     if len(values) < n + EDGE:
         return out
     inner, outer = np.arange(EDGE, EDGE + n), np.arange(EDGE)
     weights = _beyond(inner, outer)
-    size = np.sqrt(1.0 + np.sum(weights**2, axis=1))[:, None] * sigma
+    size = np.sqrt(1.0 + np.sum(weights**2, axis=1))[:, None]
+    through = _beyond(inner, inner)
     for rows in (slice(None), slice(None, None, -1)):
         x = values[rows]
-        out[rows][outer] |= (np.abs(x[outer] - weights @ x[inner]) > 6.0 * size).any(axis=1)
+        left = np.sqrt(np.sum((x[inner] - through @ x[inner]) ** 2, axis=0) / (n - 3))
+        allowed = FAR * size * np.maximum(sigma, left)
+        out[rows][outer] |= (np.abs(x[outer] - weights @ x[inner]) > allowed).any(axis=1)
     return out
 
 

@@ -75,14 +75,21 @@ def spikes(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return which samples (N,) of a smooth motion stick out of the cubic through their neighbours.
 
     ``values`` (N, k), ``sigma`` (k,) of their noise. Of neighbours only the one that sticks out most is
-    called a spike.
+    called a spike; of two alike it may be the good one beside them.
     """
-    bad = np.zeros(len(values), dtype=bool)
-    if len(values) < 5:
-        return bad
-    x = values
-    off = np.zeros(x.shape)
-    off[2:-2] = x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6.0
-    size = np.abs(off) / (np.sqrt(70.0) / 6.0 * sigma)
-    around = np.stack([np.roll(size, shift, axis=0) for shift in (-2, -1, 1, 2)]).max(axis=0)
-    return ((size > OUTLIER + 1.0) & (size >= around)).any(axis=1)
+    size = sticking_out(values, sigma)
+    return np.asarray(((size > OUTLIER + 1.0) & (size >= around(size))).any(axis=1))
+
+
+def sticking_out(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return how far samples are off the cubic through their neighbours, in standard deviations (N, k)."""
+    off = np.zeros(values.shape)
+    if len(values) >= 5:
+        x = values
+        off[2:-2] = x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6.0
+    return np.abs(off) / (np.sqrt(70.0) / 6.0 * sigma)
+
+
+def around(size: np.ndarray) -> np.ndarray:
+    """Return the largest of the two neighbours on each side, (N, k)."""
+    return np.stack([np.roll(size, shift, axis=0) for shift in (-2, -1, 1, 2)]).max(axis=0)

@@ -15,7 +15,8 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from smsid.identify.usable import outliers, spikes
+from smsid.identify.mended import with_spikes
+from smsid.identify.usable import outliers
 
 DEGREE = 5
 CLEANINGS = 3
@@ -75,7 +76,7 @@ class MeasuredMotion:
         return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
 
     def with_clock(self, clock: np.ndarray) -> MeasuredMotion:
-        """Return the motion as it was if the sensor's clock shows offset [s] and drift [1] too much."""
+        """Return the motion as it was if the sensor's ``clock`` (2,) shows so much [s, 1] too much."""
         return replace(self, clock=(float(clock[0]), float(clock[1])))
 
     def windows(self, starts: np.ndarray) -> np.ndarray:
@@ -133,8 +134,9 @@ def fit_motion(
     zero then. Samples that are not finite are left out, those after the stop (before the start all is at
     rest), and those far outside of their noise; where there are none the motion goes on smoothly.
     """
-    samples = [s.only(np.isfinite(s.values).all(axis=1) & (s.times < stop + SLACK)) for s in samples]
-    samples = [s.only(~spikes(s.values, s.sigma)) for s in samples]
+    samples = [s.only(s.times < stop + SLACK) for s in samples]
+    lost = [np.asarray(~np.isfinite(s.values).all(axis=1)) for s in samples]
+    samples = [s.only(~with_spikes(s.values, x, s.sigma)) for s, x in zip(samples, lost, strict=True)]
     fitted = _best(samples, start, stop, shortest)
     for _ in range(CLEANINGS):
         bad = [

@@ -123,10 +123,12 @@ def test_joint_motion_with_spikes_and_a_gap():
     for order, (values, sigma) in enumerate(((angle, 1e-5), (rate, 1e-4))):
         noisy = values + sigma * rng.standard_normal(len(times))
         noisy[rng.random(len(times)) < 0.01] += 50.0 * sigma
+        noisy[[700, 702, 1500, 1501]] += 1e4 * sigma  # of two so near each other one hides the other
         noisy[rng.random(len(times)) < 0.001] = np.nan
         kept = (times < 20.0) | (times > 22.0)
         samples.append(Samples(order, times[kept], noisy[kept, None], np.array([sigma])))
     motion = fit_motion(samples, 0.0, times[-1], 100.0, 0.1)
+    assert motion.spacing > 0.5  # no knots were spent on spikes
     off_ = np.abs(motion.values(times)[0][:, 0] - angle)
     known = (times < 19.5) | (times > 22.5)
     assert off_[known].max() < 3e-5
