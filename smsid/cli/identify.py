@@ -30,6 +30,15 @@ def identify_command(
             help="ml: maximum likelihood started from the paper's method; paper: the linear method alone"
         ),
     ] = "ml",
+    cad: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SIGMA",
+            min=1e-6,
+            help="how well the URDF's masses, first moments and inertias are known beforehand: standard "
+            "deviation relative to the body's size (0.05: 5 %); only as wide priors if left out",
+        ),
+    ] = None,
     cutoff: Annotated[
         float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
     ] = None,
@@ -56,6 +65,11 @@ def identify_command(
     out = console()
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
+    if cad is not None and (method != "ml" or described.root == "fixed"):
+        raise SmsidError(
+            "--cad is for maximum likelihood of a spacecraft.",
+            advice='Leave it out, or use --method ml with root = "free".',
+        )
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
@@ -76,7 +90,7 @@ def identify_command(
         from smsid.likelihood import refine
 
         with working("refining by maximum likelihood"):
-            refined = refine(described, loaded, linear)
+            refined = refine(described, loaded, linear, cad=cad)
         estimate = refined.estimate
         tables = [comparison_table(estimate, linear.estimate, everything=show_all)]
     save_estimate(estimate, output)

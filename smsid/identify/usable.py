@@ -82,7 +82,7 @@ def spikes(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def sticking_out(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return how far samples are off the cubic through their neighbours, in standard deviations (N, k)."""
+    """Return how far ``values`` (N, k) are off the cubic through their neighbours, in ``sigma`` (N, k)."""
     off = np.zeros(values.shape)
     if len(values) >= 5:
         x = values

@@ -17,28 +17,37 @@ from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model.regressor import INERTIAL_NAMES
 
 CAD = 0.5  # standard deviation of inertial parameters, relative to the body's own size
+Cad = float | Mapping[str, tuple[float, float]]
+"""What is known of rigid bodies: one relative standard deviation, or (value, sigma) by name."""
 EFFECT = 10.0  # standard deviation of effect parameters without a prior, relative to the described value
 
 
 class Prior:
     """Gaussian prior around a described point, in ordinary inertial parameters and scalar values.
 
-    ``cad``: what is known better of the rigid bodies, (value, sigma) by name (``link2.m``, ``bus.Ixx``;
-    moments about the origin of the body's frame, wheels with the bus, appendages not) [kg, kg m, kg m^2].
-    What is known of effects stands in the description (`Effect.prior`).
+    ``cad``: what is known better of the rigid bodies: the standard deviation of all their described
+    parameters, relative to the body's own size as in `CAD`; or (value, sigma) by name (``link2.m``,
+    ``bus.Ixx``; moments about the origin of the body's frame, wheels with the bus, appendages not) [kg, kg m,
+    kg m^2]. What is known of effects stands in the description (`Effect.prior`).
 
     Raises `DescriptionError` for a name that is no parameter, or a sigma that is not positive.
     """
 
-    def __init__(self, described: Parameters, cad: Mapping[str, tuple[float, float]] | None = None) -> None:
+    def __init__(self, described: Parameters, cad: Cad | None = None) -> None:
         self.mean = described.inertias.copy()
-        self.sigma = CAD * described.sizes
+        relative = CAD if cad is None or isinstance(cad, Mapping) else float(cad)
+        if not (relative > 0.0 and np.isfinite(relative)):
+            raise DescriptionError(
+                f"A prior of the bodies cannot have the relative standard deviation {relative}.",
+                advice="Give a positive number: 0.05 for 5 % of a body's size.",
+            )
+        self.sigma = relative * described.sizes
         known = {
             f"{body}.{symbol}": (i, k)
             for i, body in enumerate(described.layout.names)
             for k, symbol in enumerate(INERTIAL_NAMES[:SIZE])
         }
-        for name, (value, sigma) in (cad or {}).items():
+        for name, (value, sigma) in (cad if isinstance(cad, Mapping) else {}).items():
             if name not in known or not (sigma > 0.0 and np.isfinite([value, sigma]).all()):
                 raise DescriptionError(
                     f"'{name}' with {value} +- {sigma} is no prior of a body.",

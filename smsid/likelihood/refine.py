@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,8 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece, piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
-from smsid.likelihood.prior import Prior
-from smsid.likelihood.report import METHOD, fit_notes, judged_by_share, nuisances, with_profiles
+from smsid.likelihood.prior import Cad, Prior
+from smsid.likelihood.report import METHOD, fit_notes, judged_by_share, nuisances, prior_notes, with_profiles
 from smsid.likelihood.search import search
 from smsid.likelihood.starting import best_start, candidates
 from smsid.likelihood.unseen import UnseenDirection, unseen_directions
@@ -66,7 +66,7 @@ def refine(
     start: Identification | Refinement | None = None,
     *,
     nuisance: Nuisance | None = None,
-    cad: Mapping[str, tuple[float, float]] | None = None,
+    cad: Cad | None = None,
 ) -> Refinement:
     """Refine an identification to the maximum of the likelihood of all channels of all recordings.
 
@@ -78,7 +78,8 @@ def refine(
     ``start``: the linear method's result, or an earlier refinement of the same spacecraft. Without it the
     search begins at the description's values: good for modes within about 5 %.
     ``nuisance``: what is estimated beside biases and initial pose. ``cad``: what is known of the rigid
-    bodies, (value, sigma) by name, as in `Prior`; what is known of effects stands in the description.
+    bodies: one standard deviation of all described values, relative to the body's size, or (value, sigma) by
+    name, as in `Prior`; what is known of effects stands in the description.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
@@ -92,7 +93,7 @@ def _refine(
     recordings: Sequence[Recording],
     start: Identification | Refinement | None,
     nuisance: Nuisance,
-    cad: Mapping[str, tuple[float, float]] | None,
+    cad: Cad | None,
 ) -> Refinement:
     began = time.perf_counter()
     if not recordings:
@@ -137,7 +138,10 @@ def _refine(
     parameters = with_profiles(parameters, found, prior, covariance)
     parameters += nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
     n = at.inertias.size
-    unseen = unseen_directions(at, found.normal)
+    wide = np.sum(Prior(described).residual(at)[1] ** 2, axis=0)
+    unseen = unseen_directions(at, found.normal, wide)
+    if cad is not None:
+        notes += prior_notes(parameters)
     bodies = consistent_inertias(at, described, covariance[:n, :n])
     done = time.perf_counter()
     estimate = Estimate(

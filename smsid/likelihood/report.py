@@ -79,6 +79,12 @@ def nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
     return out
 
 
+def prior_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:
+    """Return which values and intervals are those of what was known beforehand."""
+    names = [p.name for p in parameters if UNSEEN in p.note]
+    return [f"value and interval come from the prior, the data say less: {', '.join(names)}"] if names else []
+
+
 def fit_notes(found: Fit) -> list[str]:
     """Return what there is to say about the channels: samples left out, noise levels."""
     notes = []

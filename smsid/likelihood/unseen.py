@@ -40,8 +40,11 @@ class UnseenDirection:
         )
 
 
-def unseen_directions(at: Parameters, normal: Normal) -> tuple[UnseenDirection, ...]:
-    """Return a sparse basis of the directions in which the prior knows more than the data.
+def unseen_directions(at: Parameters, normal: Normal, wide: np.ndarray) -> tuple[UnseenDirection, ...]:
+    """Return a sparse basis of the directions in which a wide prior knows more than the data.
+
+    ``wide`` (size,) is that prior's information of every parameter: what a narrower one knows does not make
+    the data see less.
 
     Everything local (poses, biases, the joints' motion) is free: the information is what is left of the
     data's once that is estimated too. Source: the null space of the Fisher information (Rothenberg 1971,
@@ -55,7 +58,7 @@ def unseen_directions(at: Parameters, normal: Normal) -> tuple[UnseenDirection, 
         factor = cho_factor(rest * np.outer(scale, scale))
         mixed = scale[:, None] * normal.data[n:, :n]
         own = own - mixed.T @ cho_solve(factor, mixed)
-    width = 1.0 / np.sqrt(np.diag(normal.prior)[:n])
+    width = 1.0 / np.sqrt(wide)
     values, vectors = np.linalg.eigh(own * np.outer(width, width))
     basis = vectors[:, values < SEEN].T * width
     slopes = np.concatenate([at.sizes.ravel(), [s.slope for s in at.scalars]])

@@ -35,3 +35,12 @@ def test_what_is_known_of_a_body_weighs_as_it_is_given():
 def test_what_is_no_prior_is_refused(wrong):
     with pytest.raises(DescriptionError, match="is no prior of a body"):
         Prior(Parameters.of(twin.model()), wrong)
+
+
+def test_one_relative_deviation_narrows_every_body():
+    at = Parameters.of(twin.model())
+    wide, narrow = Prior(at), Prior(at, 0.05)
+    np.testing.assert_allclose(narrow.sigma / wide.sigma, 0.05 / CAD)
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(DescriptionError, match="relative standard deviation"):
+            Prior(at, wrong)
