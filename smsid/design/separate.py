@@ -20,6 +20,7 @@ from smsid.description.schema import Description
 from smsid.design.limits import Limits
 from smsid.design.trials import Trials, families
 from smsid.design.watch import Progress, Watch
+from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.diagnose import RATE
@@ -28,7 +29,6 @@ from smsid.diagnose.fit import Fit, evaluate
 from smsid.diagnose.inputs import locked
 from smsid.diagnose.nominal import Nominal, nominal
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import Levels
 from smsid.diagnose.verdict import POWER
 from smsid.errors import ExperimentError, SmsidError
 from smsid.experiments import Experiment, LimitUse

@@ -1,5 +1,6 @@
 """Diagnosis: what the simulation gets wrong, the cause by name, the extended model and what it gains."""
 
+from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.diagnose import Diagnosed, diagnose
 from smsid.diagnose.filter import Noise
@@ -14,7 +15,6 @@ from smsid.diagnose.result import (
     load_diagnosis,
     save_diagnosis,
 )
-from smsid.diagnose.search import Levels
 
 __all__ = [
     "Alias",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 from scipy.stats import chi2
 
 from smsid.diagnose.candidates import EXCITED
@@ -33,9 +34,24 @@ class Block:
         """Chance of as much when nothing is left."""
         return float(chi2.sf(self.ratio, self.freedom)) if self.freedom else 1.0
 
+    @property
+    def order(self) -> tuple[bool, float]:
+        """What tests are sorted by: equations before mere correlation in time, the most significant first."""
+        return self.dependence == PAST, _log_chance(self.ratio, self.freedom)
+
+
+def _log_chance(ratio: float, freedom: int) -> float:
+    """Return the logarithm of chi2.sf; by the first term of its expansion where that underflows."""
+    if not freedom:
+        return 0.0
+    if ratio < 1000.0:
+        return float(chi2.logsf(ratio, freedom))
+    x, half = 0.5 * ratio, 0.5 * freedom
+    return float((half - 1.0) * np.log(x) - x - gammaln(half))
+
 
 def adequacy(found: Fit) -> list[Block]:
-    """Return all generic tests on a fit, the most significant first.
+    """Return all generic tests on a fit, the most significant first and correlation in time last: a symptom.
 
     Torque at every driven joint and wheel against angle, ripple, rate, load, acceleration and time; wrench on
     the bus against time; slosh and modes against their amplitude; every channel against time, its own value
@@ -62,7 +78,7 @@ def adequacy(found: Fit) -> list[Block]:
         scaled = (vectors[:, keep] / np.sqrt(values[keep])).T @ (slope[index] / size)
         blocks.append(Block(where, dependence, float(scaled @ scaled), int(keep.sum())))
     blocks += whiteness(found)
-    return sorted(blocks, key=lambda b: b.p_value)
+    return sorted(blocks, key=lambda b: b.order)
 
 
 def whiteness(found: Fit) -> list[Block]:

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.diagnose.blocks import adequacy
+from smsid.diagnose.accept import Levels
 from smsid.diagnose.channels import Measured, measured
 from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
@@ -21,11 +21,11 @@ from smsid.diagnose.noise import FOLLOWED, strayed
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
-from smsid.diagnose.search import Levels, Search, search
+from smsid.diagnose.result import Diagnosis, FoundCause, Value
+from smsid.diagnose.search import Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
-from smsid.diagnose.verdict import causes, limits, remaining, verdict
+from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
@@ -176,8 +176,11 @@ def _diagnose(
         partial=partial,
         gain=gained,
         gain_reason=reason,
-        remaining=remaining(found),
-        tests=_tests(found),
+        remaining=remaining(found, decided),
+        tests={
+            name: tested(blocks, len(blocks))
+            for name, blocks in (("nominal", found.before), ("extended", found.blocks))
+        },
         limits=limits(found),
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
@@ -185,18 +188,6 @@ def _diagnose(
         notes=tuple(n for n in (*known.notes, thinned, taken) if n),
     )
     return Diagnosed(result, extended, found)
-
-
-def _tests(found: Search) -> dict[str, tuple[Remaining, ...]]:
-    """All generic tests by model; the causes change nothing where there are none."""
-    before = adequacy(found.nominal) if found.causes else found.blocks
-    return {
-        name: tuple(
-            Remaining(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * len(blocks)))
-            for b in blocks
-        )
-        for name, blocks in (("nominal", before), ("extended", found.blocks))
-    }
 
 
 def timing_of(point: Point, problem: Problem) -> Timing:

@@ -20,9 +20,7 @@ from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
 WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
-EVEN = 1e-12  # [s^2] double integral below which a force is taken as even, times the largest force
 SUBSTEP = 0.025  # [s] longest step of the integration between samples
-RAMP = 0.01  # [s] the same where commands vary within it; they are taken as constant over a step
 
 
 @dataclass(frozen=True)
@@ -103,30 +101,28 @@ class Problem:
 @dataclass(frozen=True)
 class Applied:
     """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
-    between samples (N - 1, nv), and values at the samples (N, nv). ``uneven`` is what their course within a
-    substep adds to the double integral of its mean (N - 1, substeps, nv).
+    between samples (N - 1, nv), and values at the samples (N, nv). ``rise`` (N - 1, substeps, nv) is by how
+    much the line of equal mean and equal first moment rises over half a substep.
     """
 
     means: np.ndarray
     middle: np.ndarray
     at: np.ndarray
-    uneven: np.ndarray
+    rise: np.ndarray
 
 
 def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
     """Return the applied generalised forces on the clock of the samples."""
     times = problem.data.times
     signal = inputs.driven(plant.model).applied(plant.model)
-    longest = SUBSTEP if problem.timing.hold == "held" else RAMP
-    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / longest - 1e-9)))
+    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / SUBSTEP - 1e-9)))
     n += n % 2  # the middle of a sample interval is an end of a step
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
     edges = np.append((times[:-1, None] + np.diff(times)[:, None] * parts).ravel(), times[-1])
     shape = (len(times) - 1, n, plant.nv)
     mean = means(signal, edges).reshape(shape)
-    uneven = unevenness(signal, edges).reshape(shape)
-    uneven[np.abs(uneven) < EVEN * np.abs(mean).max(initial=0.0)] = 0.0
-    return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side), uneven)
+    rise = -6.0 * unevenness(signal, edges) / np.diff(edges)[:, None] ** 2
+    return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side), rise.reshape(shape))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
@@ -157,7 +153,6 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     for k in range(n):
         lin = plant.linear(times[k], q, v, drive.at[k])
         at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
-        near = lin.by_tau
         if late.any():
             h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v, drive.at[k]), lin.a, plant)
         else:
@@ -197,13 +192,10 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
                 tau = drive.middle[k]
                 mid_lin = plant.linear(times[k] + 0.5 * h_k, q, v, tau)
                 mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
-                near = mid_lin.by_tau
                 f, psi = plant.transition(h_k, v, mid_lin)
                 transition[k], forcing[k] = f, psi[:, nv:]
-            tau = drive.means[k, s_]
-            q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau)
-            if drive.uneven[k, s_].any():
-                q = pin.integrate(plant.pin, q, near @ drive.uneven[k, s_])
+            tau, rise = drive.means[k, s_], drive.rise[k, s_]
+            q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
         if not np.abs(v).max() < WILD:
             raise _lost(times[k])
         b = forcing[k] @ mid_lin.by_tau

@@ -124,11 +124,20 @@ class Plant:
         return dq / PROBE, dv / PROBE
 
     def step(
-        self, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+        self,
+        t: float,
+        h: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        tau: np.ndarray,
+        rise: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq,), v (nv,) a step h [s] later under constant forces tau (nv,): Runge and Kutta."""
+        """Return q (nq,), v (nv,) a step h [s] later: Runge and Kutta.
+
+        Generalised forces (nv,) go from ``tau - rise`` to ``tau + rise``, straight.
+        """
         half = 0.5 * h
-        x1, a1 = self._rate(np.zeros(self.nv), v), self.acceleration(t, q, v, tau)
+        x1, a1 = self._rate(np.zeros(self.nv), v), self.acceleration(t, q, v, tau - rise)
         v2 = v + half * a1
         xi = half * x1
         x2, a2 = self._rate(xi, v2), self.acceleration(t + half, self._at(q, xi), v2, tau)
@@ -137,7 +146,7 @@ class Plant:
         x3, a3 = self._rate(xi, v3), self.acceleration(t + half, self._at(q, xi), v3, tau)
         v4 = v + h * a3
         xi = h * x3
-        x4, a4 = self._rate(xi, v4), self.acceleration(t + h, self._at(q, xi), v4, tau)
+        x4, a4 = self._rate(xi, v4), self.acceleration(t + h, self._at(q, xi), v4, tau + rise)
         return self._at(q, h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4)), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
 
     def _at(self, q: np.ndarray, xi: np.ndarray) -> np.ndarray:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import norm
 
+from smsid.diagnose.accept import Cause
+from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.point import Unknown
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
-from smsid.diagnose.search import Cause, Search
+from smsid.diagnose.search import Search
 
 POWER = 0.95
 MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
@@ -114,12 +118,19 @@ def _own(candidate: Candidate) -> tuple[Unknown, ...]:
     return candidate.unknowns(()) if candidate.effect is not None else ()
 
 
-def remaining(found: Search) -> tuple[Remaining, ...]:
-    """Return the generic tests that are still significant."""
-    n = len(found.blocks)
+def remaining(found: Search, decided: Verdict) -> tuple[Remaining, ...]:
+    """Return the generic tests that are still significant in the description that the diagnosis hands back.
+
+    That is the given one where no cause is named: what explains a part takes the pattern apart.
+    """
+    left = found.left_before if decided == "unexplained" else found.left
+    return tested(left, len(found.blocks))
+
+
+def tested(blocks: Sequence[Block], tests: int) -> tuple[Remaining, ...]:
+    """Return generic tests as results, their p-values corrected for so many."""
     return tuple(
-        Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * n)))
-        for b in found.left
+        Remaining(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * tests)) for b in blocks
     )
 
 
@@ -130,7 +141,7 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     if found.misfit:
         return _with_misfit(found, words)
     if left:
-        worst = left[0]
+        worst = (*found.left_before, *left)[0]
         what = f"{worst.where} still depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
         return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")

@@ -48,6 +48,22 @@ def test_linearised_step_is_that_of_differences(known):
     np.testing.assert_allclose(transition, np.stack(columns, axis=1), atol=2e-5)
 
 
+def test_a_step_under_a_force_that_ramps_is_the_limit_of_many_short_ones(known):
+    model, rng = known.point.base, np.random.default_rng(2)
+    nv, h, n = model.nv, 0.02, 400
+    plant = Plant(model, np.array([], dtype=int))
+    q0 = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(nv))
+    v0, tau, rise = 0.3 * rng.standard_normal(nv), rng.standard_normal(nv), 5.0 * rng.standard_normal(nv)
+    q, v = q0, v0
+    for k in range(n):
+        q, v = plant.step(k * h / n, h / n, q, v, tau + (2.0 * (k + 0.5) / n - 1.0) * rise)
+    once, rate = plant.step(0.0, h, q0, v0, tau, rise)
+    level, rate_level = plant.step(0.0, h, q0, v0, tau)
+    away = np.abs(pin.difference(model.pin, level, q)).max(), np.abs(rate_level - v).max()
+    assert np.abs(pin.difference(model.pin, once, q)).max() < 1e-3 * away[0]
+    assert np.abs(rate - v).max() < 1e-2 * away[1]
+
+
 def test_innovations_of_the_true_model_are_white_and_of_unit_size(run):
     e = run.innovations[100:]
     n = len(e)

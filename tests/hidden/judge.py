@@ -44,7 +44,8 @@ class Injected:
 @dataclass(frozen=True)
 class Judgement:
     """Outcome of a run. alone: right without any alias. deviation: hidden parameter in reported sigmas, where
-    the diagnosis reports it under its name. equation: what remains names the place of what is hidden.
+    the diagnosis reports it under its name. equation: the first of what remains, or else a cause, is at the
+    place of what is hidden (its torque, its channel).
     """
 
     outcome: str
@@ -68,14 +69,18 @@ def judge(document: Mapping[str, Any], truth: Sequence[Injected], confirm: Confi
     if not truth:
         quiet = verdict == "adequate" and not causes
         return Judgement("right" if quiet else "false_alarm", alone=quiet, named=named)
-    equation = any(
-        _same_place(r.get("where", ""), i.effect) for r in document.get("remaining", ()) for i in truth
-    )
+    equation = _equation(document, truth)
     if verdict == "adequate" and not causes:
         return Judgement("missed", named=named)
     if truth[0].effect.kind is None:
         return Judgement(_outside(verdict, causes, truth[0]), equation=equation, named=named)
     return _catalogued(verdict, causes, truth, confirm, equation, named)
+
+
+def _equation(document: Mapping[str, Any], truth: Sequence[Injected]) -> bool:
+    remaining = document.get("remaining", ())
+    places = [remaining[0]["where"]] if remaining else [c["location"] for c in document.get("causes", ())]
+    return any(_same_place(p.removeprefix("torque of "), i.effect) for p in places for i in truth)
 
 
 def _outside(verdict: str, causes: Sequence[Mapping[str, Any]], truth: Injected) -> str:
