@@ -21,6 +21,7 @@ from smsid.identify.motion import Motion, prepare, raw_rates
 from smsid.identify.pose_point import PosePoint, refine_pose_point
 from smsid.identify.rest import check_at_rest
 from smsid.identify.shaken import shaken
+from smsid.identify.still import Still, not_seen
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
@@ -84,14 +85,17 @@ def identify_momentum(
 
     check_on_bus(model)
     _check_free(recording)
+    still = Still.of(model, recording)
+    recording = still.held(model, recording)
     motion = timed("filtering", lambda: _prepare_twice(model, recording, cutoff, rate))
-    _check_excited(model, recording, motion)
+    _check_excited(model, recording, motion, still)
     check_at_rest(recording.name, raw_rates(model, recording))
     notes = [
         f"{a.appendage.name} has no accelerometers: its bending follows from the base's motion alone"
         for a in model.appendages
         if a.appendage.name not in motion.panels
     ]
+    notes += still.notes(model) + _hardly_moving(model, motion, still)
     refined = None
     if refine:
         refined = timed("tracked point", lambda: refine_pose_point(model, motion, mass, modal=modal))
@@ -123,11 +127,16 @@ def identify_momentum(
             "errors carried over",
             lambda: with_carried_errors(steps, model, motion, mass, modal, perturbed),
         )
+    if b_printed is not None and steps.printed is None:
+        notes.append(
+            "Step B as printed: the combinations it identifies change with the noise; it is left out"
+        )
     parameters: list[ParameterEstimate] = []
     if refined:
         refined = replace(refined, sigma=steps.b.sigma[refined.chosen] / mass)
         parameters += of_pose_point(model, recording, refined)
     parameters += [*of_step_a(steps.a), *of_step_b(described or model, steps.b)]
+    parameters += not_seen(described or model, still.joints, steps.b.base)
     conditions = {"Exp. 2, Step A": a.moments.solution.condition, "Exp. 2, Step B": b.solution.condition}
     if steps.printed is not None:
         parameters += of_printed(model, motion, without, slosh_mass(model), steps.printed)
@@ -163,7 +172,17 @@ def _check_free(recording: Recording) -> None:
         )
 
 
-def _check_excited(model: SpacecraftModel, recording: Recording, motion: Motion) -> None:
+def _hardly_moving(model: SpacecraftModel, motion: Motion, still: Still) -> list[str]:
+    speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
+    slow = [k for k in range(len(speed)) if speed[k] < STILL and k not in still.joints]
+    return [
+        f"{model.arm_joints.names[k]} hardly moves (below {STILL:g} rad/s, but more than its noise): what it "
+        "tells of its link is little, and that makes the others' intervals wide; move it, or lock it"
+        for k in slow
+    ]
+
+
+def _check_excited(model: SpacecraftModel, recording: Recording, motion: Motion, still: Still) -> None:
     length = float(motion.time[-1] - motion.time[0])
     if length < SHORTEST:
         raise NotIdentifiableError(
@@ -173,14 +192,15 @@ def _check_excited(model: SpacecraftModel, recording: Recording, motion: Motion)
             length=length,
         )
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
-    if len(speed) and speed.max() < STILL:
+    if len(speed) and (speed.max() < STILL or len(still.joints) == len(speed)):
         raise NotIdentifiableError(
-            f"No joint moves in '{recording.name}' (all below {STILL:g} rad/s): link inertias cannot be "
-            "identified.",
+            f"No joint moves in '{recording.name}' (all below {STILL:g} rad/s, or within their noise): link "
+            "inertias cannot be identified.",
             advice="Excite every joint of the arm; `smsid simulate DESC exp2` shows how.",
             speed=speed,
         )
-    if np.abs(motion.wheel_rates).max(initial=0.0) < STILL:
+    turning = np.delete(motion.wheel_rates, still.wheels, axis=1)
+    if np.abs(turning).max(initial=0.0) < STILL:
         raise NotIdentifiableError(
             f"No wheel turns in '{recording.name}': without a known momentum, inertias are known only up to "
             "a factor.",

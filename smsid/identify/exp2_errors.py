@@ -94,8 +94,8 @@ def with_carried_errors(
     """Add to the covariances what errors of Exp. 1's results do, one direction at a time.
 
     ``perturbed``: model and M [kg] moved by one standard deviation along each. Step B as printed takes the CM
-    from Step A, so the CM's own errors are added there too. Raises `NotIdentifiableError` when the
-    identifiable combinations change within these errors.
+    from Step A, so the CM's own errors are added there too; it is left out where the combinations it
+    identifies change within these errors. Raises `NotIdentifiableError` when those of the other steps do.
     """
     coarse = motion.thinned(THINNED)
     like = hidden_states(model, coarse, modal)
@@ -103,9 +103,12 @@ def with_carried_errors(
     position = np.diag(found.a.position_sigma**2)
     moments, inertia = found.a.moments.solution.covariance.copy(), found.b.solution.covariance.copy()
     as_printed = found.printed.solution.covariance.copy() if found.printed else np.zeros((0, 0))
+    kept = True
 
     def check(other: Steps) -> Steps:
-        if other.names != found.names:
+        nonlocal kept
+        kept = kept and other.names[2] == found.names[2]
+        if other.names[:2] != found.names[:2]:
             raise NotIdentifiableError(
                 "The identifiable combinations change within the uncertainty of Exp. 1.",
                 advice="Fly a richer Exp. 2: some combination is excited only marginally.",
@@ -119,9 +122,9 @@ def with_carried_errors(
         position += _square(moved.a.position - basis.a.position)
         moments += _square(moved.a.moments.values - basis.a.moments.values)
         inertia += _square(moved.b.values - basis.b.values)
-        if moved.printed and basis.printed:
+        if kept and moved.printed and basis.printed:
             as_printed += _square(moved.printed.values - basis.printed.values)
-    if found.printed and basis.printed:
+    if kept and found.printed and basis.printed:
         modes = like.without_slosh()
         for k in range(3):
             centre = basis.a.position + found.a.position_sigma[k] * np.eye(3)[k]
@@ -132,7 +135,7 @@ def with_carried_errors(
         position_sigma=np.sqrt(np.diag(position)),
         moments=_with_covariance(found.a.moments, moments),
     )
-    printed = _with_covariance(found.printed, as_printed) if found.printed else None
+    printed = _with_covariance(found.printed, as_printed) if kept and found.printed else None
     return Steps(a, _with_covariance(found.b, inertia), printed)
 
 

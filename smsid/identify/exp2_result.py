@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.estimate import IDENTIFIABLE_BELOW, ParameterEstimate, judged
 from smsid.identify.momentum import HiddenStates, Regression, StepA
 from smsid.identify.momentum_printed import printed_parameters
 from smsid.identify.momentum_rows import carried_by_bus
@@ -69,7 +69,7 @@ def of_step_b(model: SpacecraftModel, b: Regression) -> list[ParameterEstimate]:
     return [
         judged(name, value, unit, sigma, "exp2.step_b", nominal=float(n), reference=ref)
         for name, value, unit, sigma, n, ref in zip(
-            b.base.names, b.values, b.base.units, b.sigma, nominal, references(b), strict=True
+            b.base.names, b.values, b.base.units, b.sigma, nominal, references(b, nominal), strict=True
         )
     ]
 
@@ -87,19 +87,24 @@ def of_printed(
     ]
 
 
-def references(b: Regression) -> list[float | None]:
+def references(b: Regression, nominal: np.ndarray | None = None) -> list[float | None]:
     """Return what a small parameter is judged against: the largest of its kind on its body, else None.
 
-    Small: ``share`` of the measured momentum (column norm times value) below 1 %.
+    Small: ``share`` of the measured momentum (column norm times value) below 1 %. What is not known itself
+    counts with its ``nominal`` value (b,), if that is smaller: no measure for others is what noise made of
+    it.
     """
     kinds = [_kind(name) for name in b.base.names]
+    sizes = np.abs(b.values)
+    if nominal is not None:
+        known = b.sigma < IDENTIFIABLE_BELOW * sizes
+        sizes = np.where(known, sizes, np.minimum(sizes, np.abs(nominal)))
     out: list[float | None] = []
     for i, kind in enumerate(kinds):
         if b.shares is None or b.shares[i] >= 0.01:
             out.append(None)
         else:
-            peers = [abs(v) for v, other in zip(b.values, kinds, strict=True) if other == kind]
-            out.append(float(max(peers)))
+            out.append(float(max(v for v, other in zip(sizes, kinds, strict=True) if other == kind)))
     return out
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,12 +14,14 @@ from smsid.identify.commanded import acting
 from smsid.identify.exp1 import excited_axes
 from smsid.identify.motion import Roles
 from smsid.identify.robust import white_sigma
+from smsid.identify.still import Still, resting
 from smsid.likelihood.spline import MeasuredMotion, Samples, fit_motion
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
 PROBES = 21
+QUIET = 1e-6  # of its noise that is left of a joint or wheel that stands still
 SHORTEST = 0.1  # [s] between knots of a measured motion
 
 
@@ -106,12 +109,13 @@ def measured_drive(
     if held:
         return Drive(free, home, True, thrust, None, None)
     joints, wheels = None, None
+    still = Still.of(model, recording)
     if len(model.arm_joints):
         roles_ = Roles.of(model, recording, joints=True)
         encoder = roles_.encoder
         assert encoder is not None
         samples = [
-            _samples(recording, encoder, quantity, order, described_noise)
+            _quieted(_samples(recording, encoder, quantity, order, described_noise), quantity, still.joints)
             for order, quantity in enumerate(("joint_position", "joint_velocity"))
         ]
         joints = fit_motion(samples, start, stop, _rate(recording, roles.imu), SHORTEST, encoder.name)
@@ -119,6 +123,7 @@ def measured_drive(
         tachometer = Roles.of(model, recording, joints=True).tachometer
         assert tachometer is not None
         sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
+        sample = _quieted(sample, "wheel_rate", still.wheels)
         wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST, tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
@@ -151,6 +156,17 @@ def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, de
     # noise-free data, or a quantised channel that stands still: what is left of it is rounding
     floor = 1e-9 * np.maximum(np.nanmax(np.abs(values), axis=0), 1e-6)
     return Samples(order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor))
+
+
+def _quieted(samples: Samples, quantity: str, still: Sequence[int]) -> Samples:
+    """Return the samples with little left of the noise of what stands still: it is held, and known to be."""
+    if not still:
+        return samples
+    values, sigma = np.array(samples.values), np.array(samples.sigma)
+    for k in still:
+        values[:, k] = (1.0 - QUIET) * resting(values[:, k], quantity) + QUIET * values[:, k]
+        sigma[k] *= QUIET
+    return replace(samples, values=values, sigma=sigma)
 
 
 def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> Thrust | None:

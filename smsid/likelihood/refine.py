@@ -16,6 +16,7 @@ from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
+from smsid.likelihood.held import not_seen, resting
 from smsid.likelihood.history import history_of
 from smsid.likelihood.local import Nuisance
 from smsid.likelihood.normal import Normal
@@ -209,6 +210,10 @@ def reported(
         notes.append(f"do not enter the motion, and stay as described: {', '.join(base.unseen)}")
     if at.layout.unseen:
         notes.append(f"without extent in three directions, taken as known: {', '.join(at.layout.unseen)}")
+    still = resting(at, predictions)
+    if base is not None and still.joints:
+        found += not_seen(at, described, still, base)
+    notes += still.notes(at.layout.model)
     return combinations + found, notes
 
 

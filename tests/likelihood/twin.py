@@ -81,8 +81,12 @@ def exp1(axes: tuple[int, int, int] = (1, 1, 1), duration: float = 120.0) -> Rec
 
 
 @cache
-def exp2(duration: float = 80.0) -> Recording:
-    """Fourier torques on wheels and arm, free floating, without noise."""
+def exp2(duration: float = 80.0, stiff: tuple[tuple[str, float], ...] = ()) -> Recording:
+    """Fourier torques on wheels and arm, free floating, without noise.
+
+    ``stiff``: joints and wheels with a rotor of so much inertia [kg m^2] behind a gear that nothing feels: at
+    1e12 they are locked, at less they give way a little.
+    """
     order = 2 * np.pi / 40.0 * np.arange(1, 6)
 
     def series(t: float, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
@@ -95,7 +99,11 @@ def exp2(duration: float = 80.0) -> Recording:
         return series(t, JOINT_COS, JOINT_SIN)
 
     drive = Drive(wheel_torque=wheels, joint_torque=joints)
-    data = MujocoTwin().simulate(drive, duration, initial=State(q=Q0_ARM.copy()), dt=5e-3)
+    engine = MujocoTwin()
+    velocities = (*model().wheels.names, *model().arm_joints.names)
+    for name, inertia in stiff:
+        engine.model.dof_armature[6 + velocities.index(name)] = inertia
+    data = engine.simulate(drive, duration, initial=State(q=Q0_ARM.copy()), dt=1e-2 if stiff else 5e-3)
     return recording(data, "exp2")
 
 
