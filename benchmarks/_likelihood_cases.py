@@ -21,7 +21,7 @@ from smsid._files import atomic_write
 from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
-from smsid.likelihood import fisher_information
+from smsid.likelihood import Nuisance, fisher_information
 from smsid.recording import Recording
 
 BUILD = ROOT / "build"
@@ -83,12 +83,17 @@ def wrong(description: Description, seed: int, off: float, folder: Path) -> Desc
 
 
 def bounds(case: str) -> dict[str, Any]:
-    """Truth, bound, and the prior's share of every parameter of a case."""
+    """Truth, bound, the prior's share, and the bound with clocks that agree, of every parameter of a case."""
     file = BUILD / f"bound_{case.replace(', ', '_').replace(' ', '_')}.json"
     if not file.is_file():
         bound = fisher_information(described(case), recordings(case))
+        synchronised = fisher_information(
+            described(case), recordings(case), nuisance=Nuisance(driving_clocks=False)
+        ).sigma
         rows = zip(bound.combinations, bound.prior_share, strict=True)
-        table = {c.name: [c.value, bound.sigma[c.name], float(share)] for c, share in rows}
+        table = {
+            c.name: [c.value, bound.sigma[c.name], float(share), synchronised[c.name]] for c, share in rows
+        }
         atomic_write(file, json.dumps(table))
     return json.loads(file.read_text())
 
