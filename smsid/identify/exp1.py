@@ -18,6 +18,7 @@ from smsid.identify.exp1_result import (
     participation_along,
     tank_marks,
 )
+from smsid.identify.exp1_unseen import FALLEN, UNTOLD, alone, doubted, impossible, left_as_described, period
 from smsid.identify.mode_noise import mode_sigmas
 from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import panel_modes
@@ -34,10 +35,6 @@ from smsid.simulate.truth import station_indices
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
-FALLEN = (
-    "from the regression as printed, over less than a period of the described slosh: what the tank's mass is "
-    "cannot be told from the rest, and the interval does not hold"
-)
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
 
 __all__ = ["TranslationResult", "excited_axes", "identify_translation"]
@@ -65,7 +62,8 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     notes: list[str] = []
     modes: dict[str, SeenModes] = {}
     wanted: set[str] = set()
-    fallen: set[str] = set()
+    fallen: dict[str, str] = {}  # why what an axis gave is not to be believed
+    reasons: dict[str, str] = {}  # why an axis gave nothing
     for recording in recordings:
         _check_attitude_held(model, recording)
         notes += _check_start(model, recording)
@@ -77,6 +75,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 data = axis_data(model, recording, axis)
             except NotIdentifiableError as error:
                 notes.append(f"axis {axis} of '{recording.name}': {error}")
+                reasons[axis] = str(error.message)
                 continue
             tanks, marks = len(model.slosh), _marks(model, "xyz".index(axis))
             for way, method, kept in (
@@ -87,50 +86,35 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                     kept[axis] = method(data, tanks, marks)
                 except NotIdentifiableError as error:
                     notes.append(f"axis {axis} of '{recording.name}'{way}: {error}")
+                    reasons[axis] = str(error.message)
             if axis not in axes and axis in printed:
                 axes[axis] = printed[axis]
                 notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
-                if data.time[-1] - data.time[0] < _period(model, "xyz".index(axis)):
-                    fallen.add(axis)
+                # several tanks that are alike do not settle either, and leave the total mass as it is
+                if tanks <= 1 or data.time[-1] - data.time[0] < period(model, "xyz".index(axis)):
+                    fallen[axis] = FALLEN
+            elif axis in axes and (why := impossible(axes[axis])):
+                fallen[axis] = f"{why}: {UNTOLD}"
         for name, found in _modes(model, recording, notes).items():
             modes.setdefault(name, found)
     missing = sorted(set("xyz") - wanted)
+    reasons = {a: r.rstrip(".") for a, r in reasons.items() if a not in axes}
+    reasons |= {a: f"no thrust along {a}" for a in missing} | fallen
     if missing:
         notes.append(f"no thrust along {', '.join(missing)}: stiffness and damping there stay as described")
     if not axes:
         raise NotIdentifiableError(
             "Exp. 1 identifies nothing: " + ("; ".join(notes) or "no recording has thrust") + ".",
             advice="Fly thrust along at least one body axis with the attitude held.",
+            reasons=reasons,
         )
-    if fallen < set(axes):  # what axes share, the others tell
-        axes |= {a: _alone(axes[a]) for a in fallen}
-        spoilt = [f".{a}" for a in fallen]
-    else:
-        spoilt = [""] if fallen else []
+    believed = len(fallen) < len(axes)
+    if believed:  # what axes share, the others tell
+        axes |= {a: alone(axes[a]) for a in fallen}
     found = assemble(model, list(axes.values()), modes, notes, tuple(printed.values()))
-    parameters = [
-        replace(p, status="not_identifiable", note=FALLEN)
-        if p.group == "exp1" and p.status == "identifiable" and any(p.name.endswith(x) for x in spoilt)
-        else p
-        for p in found.parameters
-    ]
-    return replace(found, parameters=tuple(parameters))
-
-
-def _period(model: SpacecraftModel, axis: int) -> float:
-    """Period [s] of the slowest slosh along an axis, as described; zero without tanks."""
-    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
-    softest = 1e-12  # [N/m], of a tank without springs
-    periods = [2 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[axis], softest))) for e in tanks]
-    return max(periods, default=0.0)
-
-
-def _alone(axis: AxisEstimate) -> AxisEstimate:
-    """Return the estimate of an axis without what axes share: its variance there is not known."""
-    covariance = axis.covariance.copy()
-    shared = [i for i, n in enumerate(axis.names) if n in ("M", "rho") or n.startswith("m_s")]
-    covariance[shared, :] = covariance[:, shared] = np.nan
-    return replace(axis, covariance=covariance)
+    parameters = [doubted(p, fallen, everything=not believed) for p in found.parameters]
+    parameters += left_as_described(model, {p.name for p in parameters}, reasons)
+    return replace(found, parameters=tuple(parameters), believed=believed)
 
 
 def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:

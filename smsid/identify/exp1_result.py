@@ -37,7 +37,8 @@ class TranslationResult:
 
     ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
     name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage. ``printed``: the axes by
-    the regression as printed, beside; an axis may be missing there.
+    the regression as printed, beside; an axis may be missing there. ``believed``: whether any axis gives a
+    total mass and tanks to go on from.
     """
 
     axes: tuple[AxisEstimate, ...]
@@ -48,6 +49,7 @@ class TranslationResult:
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
     printed: tuple[AxisEstimate, ...] = ()
+    believed: bool = True
 
     @property
     def mass(self) -> float:

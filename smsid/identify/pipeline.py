@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
@@ -14,6 +15,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.corrected import corrected
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
+from smsid.identify.exp1_unseen import check_moves
 from smsid.identify.exp2 import MomentumResult, identify_momentum
 from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
@@ -71,6 +73,8 @@ def _identify(
     check_on_bus(model)
     pushed = [m.recording for m in mends if excited_axes(m.recording)]
     floating = [m.recording for m in mends if not excited_axes(m.recording)]
+    for recording in floating:
+        check_moves(model, recording)
     if len(floating) > 1:
         raise NotIdentifiableError(
             f"{len(floating)} recordings of Exp. 2 were given ({', '.join(r.name for r in floating)}); the "
@@ -89,15 +93,16 @@ def _identify(
         parameters += translation.parameters
         notes += translation.notes
         conditions |= translation.conditions
-        description = with_translation(original, translation)
+    told = translation if translation and translation.believed else None
+    if told:
+        description = with_translation(original, told)
         model = build_model(description)
-    mass = translation.mass if translation else model.mass
+    mass = told.mass if told else model.mass
     if floating:
-        if not translation:
-            notes.append(
-                "no Exp. 1 was given: total mass, slosh and appendages are taken from the description"
-            )
-        perturbed = _perturbed(original, translation) if translation else []
+        if not told:
+            why = "Exp. 1 does not tell them" if translation else "no Exp. 1 was given"
+            notes.append(f"{why}: total mass, slosh and appendages are taken from the description")
+        perturbed = _perturbed(original, told) if told else []
         momentum = identify_momentum(
             model,
             floating[0],
@@ -147,10 +152,14 @@ def _doubted(
     if found[1] <= LONGEST:
         return list(parameters)
     note = f"{BRIDGED}: {found[1]:.3g} s of {found[0]}; maximum likelihood does without the bridge"
-    return [
-        replace(p, status="not_identifiable", note=note) if p.status == "identifiable" else p
-        for p in parameters
-    ]
+
+    def doubted(p: ParameterEstimate) -> ParameterEstimate:
+        if p.status == "identifiable":
+            return replace(p, status="not_identifiable", note=note)
+        said = BRIDGED in p.note or not np.isfinite(p.sigma)
+        return p if said or p.status != "not_identifiable" else replace(p, note=f"{p.note}; {note}")
+
+    return [doubted(p) for p in parameters]
 
 
 def _perturbed(original: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:

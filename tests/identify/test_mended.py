@@ -110,10 +110,11 @@ def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change
     found = identify(twin.description(), [changed(request.getfixturevalue(which), change)])
     assert not [p.name for p in found.estimate.parameters if p.status == "identifiable"]
     assert any("bridged" in note for note in found.estimate.notes)
-    spoilt = [p for p in found.estimate.parameters if p.note.startswith(BRIDGED)]
-    if change is not saturated:  # too little is left of Exp. 1 for anything to look identifiable
-        assert len(spoilt) >= 5
-        assert "maximum likelihood" in spoilt[0].note
+    lost = [p for p in found.estimate.parameters if np.isfinite(p.sigma) and p.status != "by_product"]
+    assert len(lost) >= 5
+    assert all(BRIDGED in p.note and "maximum likelihood" in p.note for p in lost)
+    if change is not saturated:  # of a saturated Exp. 1 nothing looks identifiable in the first place
+        assert sum(p.note.startswith(BRIDGED) for p in lost) >= 5
 
 
 def test_too_short_for_exp1(exp1: Recording):
@@ -131,8 +132,46 @@ def test_too_short_for_exp2(exp2: Recording):
 def test_an_axis_without_thrust():
     recording = twin.noisy(twin.exp1((1, 0, 0), 60.0), 0)
     estimate = identify(twin.description(), [recording]).estimate
-    assert not [p.name for p in estimate.parameters if p.name.endswith((".y", ".z"))]
+    inside(estimate, 3, true_values())
+    lost = [p for p in estimate.parameters if p.name.endswith((".y", ".z")) or p.name.startswith("panel.")]
+    assert len(lost) == 11
+    for p in lost:
+        assert p.status == "not_identifiable"
+        assert p.value == p.nominal
+        assert f"no thrust along {p.name[-1] if p.name.startswith('tank.') else 'z'}" in p.note
     assert any("no thrust along y, z" in note for note in estimate.notes)
+
+
+@pytest.mark.parametrize(
+    ("without", "match"),
+    [
+        (
+            (),
+            r"no thrust along x \('command.force' is zero there\); no thrust along y .* no joint or wheel",
+        ),
+        (("command.force",), r"no thrust along z \(there is no channel 'command.force'\)"),
+        (("encoder.joint_position",), "no thrust along x .* encoders and tachometers are not recorded"),
+    ],
+)
+def test_no_thrust_at_all(without: tuple[str, ...], match: str):
+    recording = twin.noisy(twin.exp1((0, 0, 0), 5.0), 0)
+    for name in without:
+        recording = recording.without(name)
+    with pytest.raises(NotIdentifiableError, match=f"'exp1' identifies nothing: .*{match}") as caught:
+        identify(twin.description(), [recording])
+    assert set(caught.value.evidence["reasons"]) == set("xyz")
+
+
+def test_thrust_that_noise_hides(exp1: Recording):
+    """A thousandth of the thrust moves less than the accelerometer's noise: nothing of that is known."""
+    weak = {
+        n: exp1[n] + (1e-3 - 1.0) * twin.exp1((1, 1, 1), 60.0)[n]
+        for n in exp1.channels
+        if n.startswith(("pose.pos", "pose.vel", "imu.acc", "panel.", "command."))
+    }
+    estimate = identify(twin.description(), [exp1.with_channels(weak)]).estimate
+    inside(estimate, 0, true_values())
+    assert estimate["total.mass"].status == estimate["panel.linear_density"].status == "not_identifiable"
 
 
 def test_a_recording_without_fault_comes_out_as_it_went_in(exp1: Recording):

@@ -266,7 +266,8 @@ def test_two_tanks_and_two_panels_in_exp1(axes: str):
     other = "yz" if axes == "x" else "xy"
     assert any(f"no thrust along {other[0]}, {other[1]}" in n for n in found.estimate.notes)
     doubtful = [p for p in found.estimate.parameters if p.status == "not_identifiable"]
-    assert {p.name.split(".")[0] for p in doubtful} == {"fuel", "oxidiser"}
+    panels = {"panel_a", "panel_b"} if axes == "x" else set()  # they bend along z
+    assert {p.name.split(".")[0] for p in doubtful} == {"fuel", "oxidiser"} | panels
     assert all(p.note for p in doubtful)
     if axes == "z":
         densities = [found.estimate[f"panel_{k}.linear_density"] for k in "ab"]

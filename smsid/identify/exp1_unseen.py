@@ -1,0 +1,129 @@
+"""What Exp. 1 leaves as described, parameter by parameter, with the reason; and recordings it is not in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.effects.appendage import BeamAppendage
+from smsid.effects.slosh import Slosh
+from smsid.errors import NotIdentifiableError
+from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.exp1_result import participates, participation_along
+from smsid.identify.motion import Roles
+from smsid.identify.still import Still
+from smsid.identify.translation import AxisEstimate
+from smsid.model.assembly import AppendageJoints
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+AXES = "xyz"
+UNTOLD = "what the tank's mass is cannot be told from the rest, and the interval does not hold"
+FALLEN = f"from the regression as printed, as noise or a short record hides the slosh: {UNTOLD}"
+SHARED = ("M", "rho")  # by all axes, beside the tanks' masses
+SEE_NOTES = "not found: the notes say more; stays as described"
+
+
+def period(model: SpacecraftModel, axis: int) -> float:
+    """Return the period [s] of the slowest slosh along an axis, as described; zero without tanks."""
+    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    softest = 1e-12  # [N/m], of a tank without springs
+    periods = [2 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[axis], softest))) for e in tanks]
+    return max(periods, default=0.0)
+
+
+def impossible(axis: AxisEstimate) -> str:
+    """Return why an axis' estimate is of nothing that can be, empty if it can.
+
+    Of one tank: several may share what they have in a way that cannot be, and the total mass be right.
+    """
+    for name, value in zip(axis.names, axis.values, strict=True):
+        if name in ("m_s", "k_s", "rho") and not value > 0.0:
+            return f"{name} along {axis.axis} comes out as {value:.3g}, which is impossible"
+    return ""
+
+
+def alone(axis: AxisEstimate) -> AxisEstimate:
+    """Return the estimate of an axis without what axes share: its variance there is not known."""
+    covariance = axis.covariance.copy()
+    shared = [i for i, n in enumerate(axis.names) if n in SHARED or n.startswith("m_s")]
+    covariance[shared, :] = covariance[:, shared] = np.nan
+    return replace(axis, covariance=covariance)
+
+
+def doubted(p: ParameterEstimate, fallen: Mapping[str, str], *, everything: bool) -> ParameterEstimate:
+    """Return a parameter of Exp. 1, not identifiable if it comes from a ``fallen`` axis, or with them all."""
+    if p.group != "exp1" or p.status != "identifiable":
+        return p
+    own = [why for axis, why in fallen.items() if everything or p.name.endswith(f".{axis}")]
+    return replace(p, status="not_identifiable", note=own[0]) if own else p
+
+
+def left_as_described(
+    model: SpacecraftModel, found: Collection[str], reasons: Mapping[str, str]
+) -> list[ParameterEstimate]:
+    """Return the parameters of tanks and appendages that are not among ``found`` names, none identifiable.
+
+    ``reasons`` says of an axis why it gave nothing.
+    """
+    out = []
+
+    def add(name: str, value: float, unit: str, group: str, axes: Sequence[str]) -> None:
+        if name not in found:
+            known = [reasons[a] for a in axes if a in reasons]
+            note = f"{'; '.join(known)}: stays as described" if known else SEE_NOTES
+            out.append(judged(name, value, unit, math.inf, group, nominal=value, note=note))
+
+    for tank in model.description.effect:
+        if isinstance(tank, Slosh):
+            add(f"{tank.name}.mass", tank.mass, "kg", "exp1", AXES)
+            for k, axis in enumerate(AXES):
+                add(f"{tank.name}.stiffness.{axis}", tank.stiffness[k], "N/m", "exp1", axis)
+                add(f"{tank.name}.damping.{axis}", tank.damping[k], "N s/m", "exp1", axis)
+    for joints in model.appendages:
+        part, bending = joints.appendage, [a for k, a in enumerate(AXES) if participates(joints, k)]
+        if isinstance(part, BeamAppendage):
+            add(f"{part.name}.linear_density", part.linear_density, "kg/m", "exp1", bending)
+        else:
+            add(f"{part.name}.participation_factor", 1.0, "1", "exp1", bending)
+        for k, mode in enumerate(part.modal_data(), start=1):
+            main = _main_axis(joints)
+            add(f"{part.name}.mode{k}.frequency", mode.frequency, "Hz", "modes", main)
+            add(f"{part.name}.mode{k}.damping", mode.damping, "1", "modes", main)
+    return out
+
+
+def _main_axis(joints: AppendageJoints) -> str:
+    """The axis that shakes an appendage most."""
+    return AXES[int(np.argmax([np.abs(participation_along(joints, k)).max(initial=0.0) for k in range(3)]))]
+
+
+def check_moves(model: SpacecraftModel, recording: Recording) -> None:
+    """Refuse a recording without thrust in which neither a joint nor a wheel moves: it tells nothing.
+
+    Raises `NotIdentifiableError` with the reason per axis.
+    """
+    roles = Roles.of(model, recording, joints=False)
+    expected = bool(len(model.arm_joints) or len(model.wheels))
+    missing = (len(model.arm_joints) and roles.encoder is None) or (
+        len(model.wheels) and roles.tachometer is None
+    )
+    commanded = "command.force" in recording
+    if missing and not commanded:
+        return  # what is missing is told by name
+    if not missing:
+        still = Still.of(model, recording)
+        if not expected or len(still.joints) < len(model.arm_joints) or len(still.wheels) < len(model.wheels):
+            return
+    why = "'command.force' is zero there" if commanded else "there is no channel 'command.force'"
+    moves = "encoders and tachometers are not recorded" if missing else "no joint or wheel moves"
+    reasons = {a: f"no thrust along {a} ({why})" for a in AXES}
+    raise NotIdentifiableError(
+        f"'{recording.name}' identifies nothing: {'; '.join(reasons.values())}. As Exp. 2 it tells nothing "
+        f"either: {moves}.",
+        advice="Fly Exp. 1 with thrust along at least one body axis, or Exp. 2 with wheels and arm.",
+        reasons=reasons,
+    )
