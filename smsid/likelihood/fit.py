@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.likelihood.history import Visit
 from smsid.likelihood.normal import Normal, normal_at
+from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece
 from smsid.likelihood.point import Point, Seen, moved
 from smsid.likelihood.prior import Prior
@@ -85,7 +86,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITE
     """
     pieces, here = tuple(pieces), Seen.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
-    found, spent = None, False
+    found, there, spent = None, start.parameters, False
     visits: list[Visit] = []
     walked: np.ndarray | None = None
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
@@ -103,12 +104,13 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITE
         cost = here.cost(pieces, prior)
         visits.append(Visit.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
-            found, past = normal_at(pieces, here, prior), gain
+            found, past, there = normal_at(pieces, here, prior), gain, here.point.parameters
             gain = float(found.gradient @ _solved(found.information, found.gradient, 0.0))
         logger.info(
             "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
         )
         if settled and (spent or gain < NEAR):
+            found = _by_steps_at(here.point.parameters, there, found)
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         try:
             step = _stepped(pieces, here, found, cost, prior, None, damping)
@@ -122,6 +124,18 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITE
         here, damping = step.seen, step.damping
         walked = step.step[: here.point.parameters.size]
     raise _stuck(cost, gain, patience).at(pieces, here, visits)
+
+
+def _by_steps_at(now: Parameters, before: Parameters, found: Normal) -> Normal:
+    """Return normal equations found a last step before by the units that steps have now.
+
+    A step in a logarithm is worth another amount there, and what the data see of a sum is told from what they
+    do not to many digits.
+    """
+    units = np.ones(len(found.gradient))
+    pairs = zip(now.scalars, before.scalars, strict=True)
+    units[now.inertias.size : now.size] = [a.slope / b.slope for a, b in pairs]
+    return found.scaled(units)
 
 
 def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:

@@ -28,6 +28,11 @@ class Normal:
         """Of data and prior together, (n, n)."""
         return self.data + self.prior
 
+    def scaled(self, units: np.ndarray) -> Normal:
+        """Return them by parameters whose units are so many of the present ones (n,)."""
+        both = np.outer(units, units)
+        return Normal(self.data * both, self.prior * both, self.gradient * units)
+
     def covariance(self) -> np.ndarray:
         """Return the covariance (n, n) of the posterior, Gaussian."""
         return inverse(self.information)

@@ -8,9 +8,11 @@ import pytest
 from smsid.errors import ExperimentError
 from smsid.experiments.excitation import thrust_experiment
 from smsid.likelihood import fisher_information, refine
+from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.sensing import Sensor
 
 from . import twin
+from .test_refine import off
 
 
 def only(*kinds: str) -> list[Sensor]:
@@ -114,3 +116,18 @@ def test_sensors_without_noise_have_no_bound():
     perfect = Sensor(name="imu", kind="imu", rate=100.0)
     with pytest.raises(ExperimentError, match="without noise"):
         fisher_information(twin.description(), thrust_experiment("x"), [perfect])
+
+
+def test_what_one_axis_does_not_show_does_not_widen_the_total_mass():
+    """Along x the panel is only a mass: the data see the sum, to the last digit, whatever step came last."""
+    flown = twin.exp1((1, 0, 0), 60.0)
+    sensors = only("imu", "pose")
+    start = refine(off(0.1).with_sensors(*sensors), [twin.noisy(flown, 0)])  # its panel is heavier
+    found = refine(off().with_sensors(*sensors), [twin.noisy(flown, 1)], start)
+    bound = fisher_information(twin.description(), flown, sensors).sigma["total.mass"]
+    assert found.estimate["total.mass"].sigma == pytest.approx(bound, rel=0.03)
+    at = found.fit.point.parameters
+    bus, panel = at.names.index("bus.m"), at.names.index("panel.density_factor")
+    masses = at.theta_jacobian()[::SIZE].sum(axis=0)
+    seen = found.fit.normal.data[bus, [bus, panel]]
+    assert seen[1] / seen[0] == pytest.approx(masses[panel] / masses[bus], rel=1e-9)
