@@ -13,8 +13,7 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.exp1_result import participates, participation_along
-from smsid.identify.motion import Roles
-from smsid.identify.still import Still
+from smsid.identify.still import constant
 from smsid.identify.translation import AxisEstimate
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
@@ -24,6 +23,7 @@ AXES = "xyz"
 UNTOLD = "what the tank's mass is cannot be told from the rest, and the interval does not hold"
 FALLEN = f"from the regression as printed, as noise or a short record hides the slosh: {UNTOLD}"
 SHARED = ("M", "rho")  # by all axes, beside the tanks' masses
+MOTION = ("encoder", "tachometer")
 SEE_NOTES = "not found: the notes say more; stays as described"
 
 
@@ -106,20 +106,15 @@ def check_moves(model: SpacecraftModel, recording: Recording) -> None:
 
     Raises `NotIdentifiableError` with the reason per axis.
     """
-    roles = Roles.of(model, recording, joints=False)
-    expected = bool(len(model.arm_joints) or len(model.wheels))
-    missing = (len(model.arm_joints) and roles.encoder is None) or (
-        len(model.wheels) and roles.tachometer is None
-    )
+    sensors = model.description.effective_sensors()
+    told = [c for s in sensors if s.kind in MOTION for c in s.channels if c in recording]
+    if any(not constant(x) for c in told for x in recording[c].T):
+        return
     commanded = "command.force" in recording
-    if missing and not commanded:
+    if not told and not commanded:
         return  # what is missing is told by name
-    if not missing:
-        still = Still.of(model, recording)
-        if not expected or len(still.joints) < len(model.arm_joints) or len(still.wheels) < len(model.wheels):
-            return
     why = "'command.force' is zero there" if commanded else "there is no channel 'command.force'"
-    moves = "encoders and tachometers are not recorded" if missing else "no joint or wheel moves"
+    moves = "no joint or wheel moves" if told else "encoders and tachometers are not recorded"
     reasons = {a: f"no thrust along {a} ({why})" for a in AXES}
     raise NotIdentifiableError(
         f"'{recording.name}' identifies nothing: {'; '.join(reasons.values())}. As Exp. 2 it tells nothing "

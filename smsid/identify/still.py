@@ -57,7 +57,7 @@ class Still:
                 continue
             values = recording[f"{sensor.name}.{quantity}"]
             for k in range(min(len(still), values.shape[1])):
-                still[k] &= _constant(values[:, k])
+                still[k] &= constant(values[:, k])
         return cls(tuple(np.flatnonzero(joints).tolist()), tuple(np.flatnonzero(wheels).tolist()))
 
     def __bool__(self) -> bool:
@@ -104,8 +104,8 @@ def resting(values: np.ndarray, quantity: str) -> float:
     return 0.0 if quantity == "joint_velocity" else float(np.nanmedian(values))
 
 
-def _constant(values: np.ndarray) -> bool:
-    """Whether readings (N,) stay at one value; a coarse encoder may go to and fro between two."""
+def constant(values: np.ndarray) -> bool:
+    """Return whether readings (N,) stay at one value; a coarse encoder may go to and fro between two."""
     good = values[np.isfinite(values)]
     if len(np.unique(good)) <= 2:
         return True

@@ -10,7 +10,7 @@ from likelihood import twin
 
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.pipeline import identify
-from smsid.identify.still import Still, _constant
+from smsid.identify.still import Still, constant
 from smsid.likelihood import refine
 
 LOCKED = 1e12  # [kg m^2]
@@ -103,7 +103,7 @@ def spoilt(values: np.ndarray) -> np.ndarray:
     ],
 )
 def test_what_stands_still(values: np.ndarray, still: bool):
-    assert _constant(values) is still
+    assert constant(values) is still
 
 
 def test_what_is_held_has_no_noise_left():
