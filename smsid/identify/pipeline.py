@@ -88,7 +88,10 @@ def _identify(
     translation, momentum = None, None
     if pushed:
         mark = time.perf_counter()
-        translation = identify_translation(model, pushed)
+        try:
+            translation = identify_translation(model, pushed)
+        except NotIdentifiableError as error:
+            raise _with_notes(error, notes) from error
         timing["Exp. 1"] = time.perf_counter() - mark
         parameters += translation.parameters
         notes += translation.notes
@@ -142,6 +145,12 @@ def _mended(description: Description, recordings: Sequence[Recording]) -> list[M
             )
     sensors = description.effective_sensors()
     return [mended(corrected(r, sensors), sensors) for r in recordings]
+
+
+def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentifiableError:
+    """Return the error with what was bridged in the recordings: that may be the reason."""
+    message = "; ".join([error.message.rstrip("."), *notes]) + "."
+    return NotIdentifiableError(message, advice=error.advice, **error.evidence)
 
 
 def _doubted(

@@ -1,44 +1,249 @@
-"""`smsid identify` on a recording with a hole: from the linear start to the refinement."""
+"""`smsid identify` on recordings as they should not be: inside its intervals, or it says why not."""
 
 from __future__ import annotations
 
+import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
+import xarray as xr
 from likelihood import twin
 
 from smsid.cli import main
 from smsid.identify import load_estimate
-from smsid.likelihood.combinations import effects_and_mass
-from smsid.likelihood.parameters import Parameters
-from smsid.recording import save_recording
+from smsid.identify.estimate import Estimate
+from smsid.recording import Recording, save_recording
+
+FAR = 4.0  # standard deviations
+SENSED = ("imu.", "pose.", "panel.", "encoder.", "tachometer.")
+OF_EXP1 = {"total.mass", "tank.mass", "tank.stiffness.x", "panel.linear_density", "panel.mode2.frequency"}
+OF_EXP2 = {"bus.mx", "bus.Izz", "link2.mx", "link3.mx", "link3.Iyy"}
+Change = Callable[[str, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Told = tuple[int, str, Estimate | None]
 
 
-def test_two_seconds_that_are_not_finite(tmp_path: Path, monkeypatch, capsys):
-    recording = twin.noisy(twin.exp1((1, 1, 1), 60.0), 0)
-    times = recording.time("imu.acceleration")
+@pytest.fixture
+def identify(tmp_path: Path, monkeypatch, capsys) -> Callable[..., Told]:
+    """Run the command on recordings, or files of them: exit code, all that it said, what it wrote."""
+
+    def run(*recordings: Recording | Path, method: str = "ml") -> Told:
+        out, words = tmp_path / "estimate.json", [str(twin.URDF / "paper_sms.toml")]
+        for k, recording in enumerate(recordings):
+            if isinstance(recording, Recording):
+                recording = save_recording(recording, tmp_path / f"{k}.nc")
+            words.append(str(recording))
+        monkeypatch.setattr(sys, "argv", ["smsid", "identify", *words, "-o", str(out), "--method", method])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        told = capsys.readouterr()
+        assert out.exists() is (code == 0)  # all or nothing
+        return code, " ".join(f"{told.out} {told.err}".split()), load_estimate(out) if code == 0 else None
+
+    return run
+
+
+def exp1(axes: tuple[int, int, int] = (1, 1, 1), duration: float = 60.0) -> Recording:
+    return twin.noisy(twin.exp1(axes, duration), 0)
+
+
+def exp2() -> Recording:
+    return twin.noisy(twin.exp2(40.0), 0)
+
+
+def changed(recording: Recording, change: Change) -> Recording:
+    """The recording with every sensor's channel (times, values) replaced by what ``change`` makes of it."""
     channels = {}
-    for name in ("imu.acceleration", "imu.angular_rate"):
-        values = np.array(recording[name])
+    for name in recording.channels:
+        times, values = recording.time(name), np.array(recording[name])
+        channels[name] = change(name, times, values) if name.startswith(SENSED) else (times, values)
+    return Recording.from_arrays(
+        None, channels, labels=recording.labels, role="estimation", name=recording.name
+    )
+
+
+def outliers(name: str, times: np.ndarray, values: np.ndarray):
+    rng = np.random.default_rng(len(name))
+    if name != "pose.attitude":
+        rows = rng.random(len(values)) < 0.01
+        size = 50.0 * np.std(np.diff(values, axis=0), axis=0)
+        values[rows] += size * rng.choice([-1.0, 1.0], size=values[rows].shape)
+    return times, values
+
+
+def not_finite(name: str, times: np.ndarray, values: np.ndarray):
+    if not name.startswith("tachometer."):  # nothing else tells what the wheels do: below
         values[(times >= 25.0) & (times <= 27.0)] = np.nan
-        channels[name] = values
-    file, out = tmp_path / "exp1.nc", tmp_path / "estimate.json"
-    save_recording(recording.with_channels(channels), file)
-    arguments = ["identify", str(twin.URDF / "paper_sms.toml"), str(file), "-o", str(out)]
-    monkeypatch.setattr(sys, "argv", ["smsid", *arguments])
-    try:
-        main()
-    except SystemExit as end:
-        assert not end.code, capsys.readouterr().err
-    text = " ".join(capsys.readouterr().out.split())
-    assert "imu.acceleration bridged" in text
-    assert "left out" in text
-    at = Parameters.of(twin.model())
-    truth = {c.name: c.value for c in effects_and_mass(at, at)}
-    found = load_estimate(out)
-    assert found.method == "maximum_likelihood"
-    good = [p for p in found.parameters if p.name in truth and p.status == "identifiable"]
-    assert {"total.mass", "tank.mass", "tank.stiffness.x", "panel.mode2.frequency"} <= {p.name for p in good}
+    return times, values
+
+
+def missing(name: str, times: np.ndarray, values: np.ndarray):
+    kept = (times < 25.0) | (times > 27.0) | name.startswith("tachometer.")
+    return times[kept], values[kept]
+
+
+def saturated(*quantities: str) -> Change:
+    def change(name: str, times: np.ndarray, values: np.ndarray):
+        if name in quantities:
+            limit = 0.8 * np.abs(values).max()
+            values = np.clip(values, -limit, limit)
+        return times, values
+
+    return change
+
+
+def late(sensor: str) -> Change:
+    def change(name: str, times: np.ndarray, values: np.ndarray):
+        return (times * (1.0 + 1e-3) + 0.03 if name.startswith(sensor) else times), values
+
+    return change
+
+
+def inside(estimate: Estimate | None, least: set[str]) -> None:
+    """Those are identifiable, and every identifiable one is within its interval: the description is true."""
+    assert estimate is not None and estimate.method == "maximum_likelihood"
+    good = [p for p in estimate.group("maximum_likelihood") if p.status == "identifiable"]
+    assert least <= {p.name.split(" ")[0] for p in good}
     for p in good:
-        assert abs(p.value - truth[p.name]) < 4.5 * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+        assert p.nominal is not None
+        assert abs(p.value - p.nominal) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (outliers, "imu.acceleration left out"),
+        (not_finite, "of imu.acceleration bridged"),
+        (missing, "of imu.acceleration bridged"),
+        (late("panel."), "clocks that do not agree with the rest, estimated too: panel"),
+    ],
+    ids=["outliers", "not finite", "missing", "clock"],
+)
+def test_exp1_is_inside_its_intervals(identify, change: Change, said: str):
+    code, text, estimate = identify(changed(exp1(), change))
+    assert code == 0, text
+    assert said in text
+    inside(estimate, OF_EXP1)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (outliers, "tachometer.wheel_rate bridged"),
+        (not_finite, "of encoder.joint_position bridged"),
+        (saturated("imu.angular_rate"), "imu.angular_rate left out"),
+    ],
+    ids=["outliers", "not finite", "saturated"],
+)
+def test_exp2_is_inside_its_intervals(identify, change: Change, said: str):
+    code, text, estimate = identify(exp1(), changed(exp2(), change))
+    assert code == 0, text
+    assert said in text
+    inside(estimate, OF_EXP1 | OF_EXP2)
+
+
+def test_exp1_too_short(identify):
+    code, text, estimate = identify(exp1().window(0.0, 2.0))
+    assert code == 0, text
+    inside(estimate, set())
+    for name in ("tank.mass", "tank.stiffness.x", "tank.damping.x"):
+        assert estimate[name].status == "not_identifiable"
+        assert "the data do not see it" in estimate[name].note
+
+
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_an_axis_without_thrust(identify, method: str):
+    code, text, estimate = identify(exp1((1, 0, 0)), method=method)
+    assert code == 0, text
+    assert "no thrust along y, z" in text
+    assert estimate["total.mass"].status == "identifiable"
+    for name in ("stiffness.y", "damping.y", "stiffness.z", "damping.z"):
+        p = estimate[f"tank.{name}"]
+        assert p.status == "not_identifiable"
+        assert ("the data do not see it" if method == "ml" else f"no thrust along {name[-1]}") in p.note
+    if method == "ml":
+        inside(estimate, {"total.mass", "tank.mass", "tank.stiffness.x"})
+
+
+def test_a_joint_that_stands_still(identify):
+    locked = twin.noisy(twin.exp2(40.0, (("joint3", 1e12),)), 0, biased=False)
+    code, text, estimate = identify(locked, method="paper")
+    assert code == 0, text
+    assert "joint3 stands still" in text
+    own = [p for p in estimate.parameters if p.name.startswith("link3.")]
+    assert len(own) == 7
+    assert all(p.status == "not_identifiable" and "joint3 stands still" in p.note for p in own)
+
+
+def gap(name: str, times: np.ndarray, values: np.ndarray):
+    kept = (times < 20.0) | (times > 22.0) | (name != "tachometer.wheel_rate")
+    return times[kept], values[kept]
+
+
+def dead(name: str, times: np.ndarray, values: np.ndarray):
+    if name == "imu.angular_rate":
+        values[: 2 * len(values) // 3] = np.nan
+    return times, values
+
+
+def still_wheels(name: str, times: np.ndarray, values: np.ndarray):
+    return times, 1e-4 * np.sin(values) if name == "tachometer.wheel_rate" else values
+
+
+def never_commanded(recording: Recording) -> Recording:
+    force = np.array(recording["command.force"])
+    force[7] = np.nan
+    return recording.with_channels({"command.force": force})
+
+
+REFUSED = {
+    "exp1: no thrust": (lambda: exp1((0, 0, 0), 5.0), "no thrust along x .* along y .* along z"),
+    "exp1: no channel": (lambda: exp1().without("imu.acceleration"), r"channels imu\.acceleration"),
+    "exp1: command not finite": (lambda: never_commanded(exp1()), r"'command\.force' is not finite"),
+    "exp1: saturated": (
+        lambda: changed(exp1(), saturated("imu.acceleration")),
+        r"axis x of 'exp1': No slosh .* of imu\.acceleration bridged \(.* at the sensor's limit",
+    ),
+    "exp1: dead": (lambda: changed(exp1(), dead), r"'imu\.angular_rate' \(33 %\)"),
+    "exp1: much too short": (lambda: exp1().window(0.0, 0.05), r"few|short"),
+    "exp2: too short": (lambda: exp2().window(0.0, 10.0), "lasts 10 s: too short"),
+    "exp2: no channel": (lambda: exp2().without("encoder.joint_velocity"), r"encoder\.joint_velocity"),
+    "exp2: a gap of the tachometers": (lambda: changed(exp2(), gap), "wheels' rates are missing from"),
+    "exp2: still wheels": (lambda: changed(exp2(), still_wheels), "No wheel turns"),
+    "exp2: cut out": (lambda: exp2().window(5.0, 40.0), "does not start at rest"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_used_is_refused_with_the_reason(identify, case: str):
+    make, match = REFUSED[case]
+    code, text, _ = identify(make())
+    assert code != 0
+    assert re.search(match, text), text
+
+
+@pytest.mark.parametrize("how", ["time goes back", "time not finite", "unit"])
+def test_files_that_are_wrong_are_refused(identify, tmp_path: Path, how: str):
+    file = save_recording(exp1(duration=60.0), tmp_path / "wrong.nc")
+    with xr.open_dataset(file, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
+        dataset = opened.load()
+    clock = next(str(c) for c in dataset.coords if str(c).endswith("time"))
+    times = np.array(dataset[clock].values)
+    if how == "time goes back":
+        times[3000:] -= 0.5
+    elif how == "time not finite":
+        times[3000] = np.nan
+    else:
+        dataset["imu.angular_rate"].attrs["unit"] = "deg/s"
+    attributes = dataset[clock].attrs
+    dataset = dataset.assign_coords({clock: (clock, times)})
+    dataset[clock].attrs = attributes
+    dataset.to_netcdf(file, engine="h5netcdf")
+    code, text, _ = identify(file)
+    assert code != 0
+    assert {"time goes back": "time", "time not finite": "time", "unit": "imu.angular_rate"}[how] in text
