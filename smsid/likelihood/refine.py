@@ -25,7 +25,15 @@ from smsid.likelihood.piece import Piece, piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Cad, Prior
-from smsid.likelihood.report import METHOD, fit_notes, judged_by_share, nuisances, prior_notes, with_profiles
+from smsid.likelihood.report import (
+    METHOD,
+    clock_notes,
+    fit_notes,
+    judged_by_share,
+    nuisances,
+    prior_notes,
+    with_profiles,
+)
 from smsid.likelihood.search import search
 from smsid.likelihood.starting import best_start, candidates
 from smsid.likelihood.unseen import UnseenDirection, unseen_directions
@@ -138,6 +146,7 @@ def _refine(
     ]
     parameters = with_profiles(parameters, found, prior, covariance)
     parameters += nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
+    notes += clock_notes(parameters)
     n = at.inertias.size
     wide = np.sum(Prior(described).residual(at)[1] ** 2, axis=0)
     unseen = unseen_directions(at, found.normal, wide)

@@ -17,6 +17,7 @@ from smsid.likelihood.profile import not_gaussian, profile_of
 METHOD = "maximum_likelihood"
 UNSEEN = "the data do not see it"
 WIDE = 0.05  # relative standard deviation above which the Gaussian interval is put to the test
+CERTAIN = 5.0  # standard deviations beyond which a clock is said to be off
 HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
 
 
@@ -77,6 +78,16 @@ def nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
                 )
             )
     return out
+
+
+def clock_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:
+    """Return which clocks were found to be off, and by how much, beyond `CERTAIN` standard deviations."""
+    clocks = [p for p in parameters if p.name.endswith((".clock_offset", ".clock_drift"))]
+    return [
+        f"{p.name} is {p.value:.3g} +- {p.sigma:.2g} {p.unit}: this clock does not agree with the rest"
+        for p in clocks
+        if abs(p.value) > CERTAIN * p.sigma
+    ]
 
 
 def prior_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:

@@ -137,8 +137,9 @@ def test_exp1_is_inside_its_intervals(identify, change: Change, said: str):
         (outliers, "tachometer.wheel_rate bridged"),
         (not_finite, "of encoder.joint_position bridged"),
         (saturated("imu.angular_rate"), "imu.angular_rate left out"),
+        (late("encoder."), "encoder.clock_offset is 0.03 +-"),
     ],
-    ids=["outliers", "not finite", "saturated"],
+    ids=["outliers", "not finite", "saturated", "clock"],
 )
 def test_exp2_is_inside_its_intervals(identify, change: Change, said: str):
     code, text, estimate = identify(exp1(), changed(exp2(), change))
