@@ -336,16 +336,32 @@ class Outputs:
             for i in stations
         ]
 
+        axis, drawn = panel.placement.rotation[:, 0], None
+        if panel.drawn is not None:  # by joint coordinates, which are modal ones over the scale
+            drawn = np.outer(panel.scale, panel.scale) * panel.drawn[stations]
+
         def part(base, q, v, a, h, cq, cv, ca):
+            bent, rate, acceleration = q[kq], v[kv], a[kv]
             for k, (r0, shape) in enumerate(zip(rest, shapes, strict=True)):
                 rows = slice(block.rows.start + 3 * k, block.rows.start + 3 * k + 3)
-                moving = shape @ v[kv]
-                base.force(rows, r0 + shape @ q[kq], h, cq, cv, ca)
-                h[rows] += shape @ a[kv] + 2.0 * _cross(base.omega, moving)
-                cq[rows, kv] += base.turning() @ shape
-                cv[rows, kv] += 2.0 * pin.skew(base.omega) @ shape
+                place, leads = r0 + shape @ bent, shape
+                if drawn is not None:
+                    pull = drawn[k] @ bent
+                    place = place - 0.5 * (pull @ bent) * axis
+                    leads = shape - np.outer(axis, pull)
+                moving = leads @ rate
+                base.force(rows, place, h, cq, cv, ca)
+                h[rows] += leads @ acceleration + 2.0 * _cross(base.omega, moving)
+                cq[rows, kv] += base.turning() @ leads
+                cv[rows, kv] += 2.0 * pin.skew(base.omega) @ leads
                 cv[rows, 3:6] -= 2.0 * pin.skew(moving)
-                ca[rows, kv] += shape
+                ca[rows, kv] += leads
+                if drawn is not None:
+                    swing = np.outer(axis, drawn[k] @ rate)
+                    h[rows] -= swing @ rate
+                    cq[rows, kv] -= np.outer(axis, drawn[k] @ acceleration)
+                    cq[rows, kv] -= 2.0 * pin.skew(base.omega) @ swing
+                    cv[rows, kv] -= 2.0 * swing
 
         return part
 

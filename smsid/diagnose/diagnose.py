@@ -26,7 +26,7 @@ from smsid.diagnose.search import Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
-from smsid.errors import RecordingError, SmsidError
+from smsid.errors import RecordingError, SimulationError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
@@ -224,7 +224,10 @@ def _gain(
     if not recordings:
         return None, "no validation recording was given"
     last = found.last
-    return gain(given, found.nominal.point, last.point, recordings[0], last.problem, rate), ""
+    try:
+        return gain(given, found.nominal.point, last.point, recordings[0], last.problem, rate), ""
+    except SimulationError as error:
+        return None, f"not on '{recordings[0].name}': {error.message}"
 
 
 def _foreign(found: Search) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from smsid.diagnose.filter import run_filter
 from smsid.diagnose.fit import Fit
+from smsid.errors import SimulationError
 
 SETTLE = 5.0  # [s] corrected before the model runs by itself
 MOVES = 20.0  # times its noise that a channel is to move to be asked
@@ -18,12 +19,15 @@ def motion_left(fit: Fit, noise: dict[str, float]) -> float:
     """Return the share of the motion that a model does not follow, open loop: the median of all rates.
 
     ``noise`` are noise levels over the stated ones by channel, as the fit has them. Not a number where
-    nothing moves.
+    nothing moves, or where the model runs away.
     """
     problem, data = fit.problem, fit.problem.data
     until = float(data.times[0]) + SETTLE
     here = replace(problem, data=data.with_blocks(fit.point.sensors()))
-    run = run_filter(fit.point.model(), here, until=until)
+    try:
+        run = run_filter(fit.point.model(), here, until=until)
+    except SimulationError:  # it runs away by itself: that says nothing of what it follows when corrected
+        return float("nan")
     later = data.times > until
     left: list[float] = []
     for block in data.blocks:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.description.schema import Description
+from smsid.diagnose.beams import with_beams
 from smsid.diagnose.point import Combination, Point, Unknown
 from smsid.effects.appendage import Appendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.export.bodies import GROUPS, identified_bodies, parse_combination, urdf_bodies
-from smsid.export.estimate_values import with_estimate
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -60,18 +60,20 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
 
     With an estimate, values are the estimate's: effects directly, bodies as the nearest physical ones that
     agree with the identified combinations. Standard deviations are the estimate's, else the description's
-    priors, else the stated defaults; of a body known only in combinations each single parameter has the wide
+    priors, else the stated defaults; a single parameter that is known in combinations only has the wide
     default `BEYOND`. Sensor biases are nuisances where the description states their standard deviation.
 
     Raises `SmsidError` for an estimate that belongs to another spacecraft.
     """
     notes: list[str] = []
     known: dict[str, ParameterEstimate] = {}
+    told: set[str] = set()
     if estimate is not None:
         known = {p.name: p for p in estimate.parameters}
-        description, notes = with_estimate(description, estimate)
+        description, notes, told = with_beams(description, estimate)
     point = Point.of(description)
     single, combinations = _inertial_knowledge(point, estimate)
+    combined = {name for c in combinations for name in c.factors}
     if combinations:
         point = _moved_to(point, estimate, notes)
     found: list[Unknown] = []
@@ -84,9 +86,9 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
         if np.isfinite(stated) and stated > 0.0:
             source, sigma = "estimate", float(stated)
         elif prior is not None:
-            source, sigma = "description", prior
+            source, sigma = "estimate" if name in told else "description", prior
         else:
-            share = DEFAULT_EFFECT if kind == "effect" else BEYOND if combinations else DEFAULT_INERTIAL
+            share = DEFAULT_EFFECT if kind == "effect" else BEYOND if name in combined else DEFAULT_INERTIAL
             source, sigma = "default", scale * share
         sources[source] += 1
         found.append(Unknown(name, kind, unit, value, sigma, min(scale, sigma), **more))  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.diagnose.channels import Outputs, measured
-from smsid.effects import GearCompliance, SensorBias
+from smsid.effects import GearCompliance, GeometricStiffness, SensorBias
 from smsid.errors import RecordingError
 from smsid.recording import Recording
 from smsid.simulate.trajectory import States
@@ -13,9 +13,13 @@ from smsid.simulate.trajectory import States
 STEP = 1e-6
 
 
-@pytest.fixture(scope="module")
-def place(known, problem):
-    model, rng = known.point.base, np.random.default_rng(0)
+@pytest.fixture(scope="module", params=["as described", "drawn in"])
+def place(known, problem, request):
+    """A state; with ``drawn in`` the panel shortens as it bends, and its accelerometers see that."""
+    point = known.point
+    if request.param == "drawn in":
+        point = point.with_effect(GeometricStiffness(name="soft", appendage="panel", factor=0.7))
+    model, rng = point.model(), np.random.default_rng(0)
     q = pin.integrate(model.pin, model.home, 0.2 * rng.standard_normal(model.nv))
     return Outputs(model, problem.data), q, *(0.2 * rng.standard_normal((2, model.nv)))
 

@@ -1,4 +1,4 @@
-"""A light spacecraft turns a lot under its arm: what is integrated coarsely shows as a torque that is not there."""
+"""A light spacecraft turns a lot under its arm: what is integrated coarsely shows as a torque."""
 
 import numpy as np
 
