@@ -18,6 +18,7 @@ LOGGER = logging.getLogger(__name__)
 ONSETS = 9  # times an effect may begin at, a round
 ROUNDS, MORE = 3, 2  # each finer; more where the effect is strong enough to show the very sample
 STRONG = 400.0
+POOR = 10.0  # standard deviations of a sum of squares
 COARSE = 5  # times at which all candidates are tried
 
 
@@ -75,6 +76,12 @@ def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
         best[i] = max(x.ratio for x in scored(current, [s.candidate] * len(marks), parts))
     chosen = sorted(best, key=lambda i: -best[i])[:count]
     return [tried[i] for i in chosen if best[i] > tried[i].ratio]
+
+
+def poor(found: Fit) -> bool:
+    """Whether a fit leaves so much that the curvature of its parameters may hide what it could reach."""
+    samples = found.run.samples
+    return float((found.run.innovations**2).sum()) - samples > POOR * np.sqrt(2.0 * samples)
 
 
 def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:

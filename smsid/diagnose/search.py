@@ -16,7 +16,7 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
-from smsid.diagnose.onset import always, beginning, with_onset
+from smsid.diagnose.onset import always, beginning, poor, with_onset
 from smsid.diagnose.point import Point, Unknown
 from smsid.errors import RecordingError
 
@@ -113,6 +113,9 @@ def search(
             rest = [c for c in rest if c.key != best.candidate.key]
             continue
         cause, found = accepted
+        if poor(found):  # perhaps as the cause was there all the time
+            still, found = always(found, cause.score, levels.alias)
+            cause = replace(cause, score=still)
         causes.append(cause)
         strong = cause.ratio > levels.linear
         fitted = refitted(replace(fitted, fit=found), strong=strong)
@@ -120,12 +123,12 @@ def search(
         if strong or fitted.misfit:
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
+    for i, cause in enumerate(causes):
+        still, current = always(current, cause.score, levels.alias)
+        causes[i] = replace(cause, score=still)
     blocks = tuple(adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
-        for i, cause in enumerate(causes):
-            still, current = always(current, cause.score, levels.alias)
-            causes[i] = replace(cause, score=still)
         causes, current = pruned(causes, current, nominal, levels, len(candidates))
         blocks = blocks if current is reached else tuple(adequacy(current))
     clock["tests"] = time.process_time()
