@@ -87,7 +87,7 @@ def markdown(document: dict[str, Any]) -> str:
         "By `python benchmarks/likelihood.py`; how, is said there. Spread, predicted standard deviation and",
         "bias in units of the bound; *chance* is the band that an estimator exactly at the bound would keep",
         "to for all parameters at once with 99 % probability, for this many runs. *Clocks* is what it costs",
-        "that encoders' and tachometers' clocks are estimated: the bound over the bound with clocks that agree.",
+        "that encoders' and tachometers' clocks are estimated: the bound over that with clocks that agree.",
         "",
         "| case, method | runs | failed | rms spread | largest spread (chance) | largest bias (chance) "
         "| mean coverage | coverage from - to (chance) | CPU s |",
@@ -115,7 +115,8 @@ def markdown(document: dict[str, Any]) -> str:
             "",
             f"## {case}",
             "",
-            "| parameter | truth | bound | clocks | spread | predicted | bias | coverage % | linear: spread | bias |",
+            "| parameter | truth | bound | clocks | spread | predicted | bias | coverage % "
+            "| linear: spread | bias |",
             "|---|---|---|---|---|---|---|---|---|---|",
         ]
         for name, p in methods["ml"]["parameters"].items():
