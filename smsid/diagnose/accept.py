@@ -129,7 +129,8 @@ def _refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            return _with_more(fit(at, unknowns, current.problem, iterations=8), candidate)
+            found = fit(at, unknowns, current.problem, iterations=8, at_most=current.objective)
+            return _with_more(found, candidate) if found.objective < current.objective else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None

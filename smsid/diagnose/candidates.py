@@ -119,13 +119,26 @@ class Score:
         return self.ratio - self.freedom * float(np.log(samples)) - 2.0 * float(np.log(self.candidate.grid))
 
 
+def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
+    """Return the changes by a candidate's parameters at a fit; those that are there all the time are kept.
+
+    Raises `SmsidError` where it cannot be there.
+    """
+    if getattr(candidate.effect, "start", None) is not None:
+        return candidate.columns(found.changes, found.unknowns)
+    known = found.changes.by_candidate
+    if candidate.key not in known:
+        known[candidate.key] = candidate.columns(found.changes, found.unknowns)
+    return known[candidate.key]
+
+
 def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any, by its place in the list."""
     changes: list[Change] = []
     where: list[tuple[int, int]] = []
     for i, candidate in enumerate(candidates):
         try:
-            own = candidate.columns(found.changes, found.unknowns)
+            own = changes_of(found, candidate)
         except SmsidError:
             continue
         where += [(i, len(changes) + j) for j in range(len(own))]

@@ -158,30 +158,36 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         else:
             h, cq, cv, ca = outputs.predict(q, v, lin.a)
         outputs.twisted(h, drive.at[k], lin.a)
-        big_h = np.hstack([cq + ca @ lin.by_q, cv + ca @ lin.by_v])
+        big_h = sensitivity[k]
+        np.matmul(ca, lin.by_q, out=big_h[:, :nv])
+        np.matmul(ca, lin.by_v, out=big_h[:, nv:])
+        big_h[:, :nv] += cq
+        big_h[:, nv:] += cv
         predicted[k] = h
         residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
-        sensitivity[k], by_a[k], errors[k] = big_h, ca, residual
+        by_a[k], errors[k] = ca, residual
         there = np.flatnonzero(present[k]) if times[k] <= until else ()
         if len(there):
             hk = big_h[there]
             ph = p @ hk.T
             s = hk @ ph
-            s[np.diag_indices(len(there))] += variance[there]
-            normalised[k, there] = residual[there] / np.sqrt(np.diag(s))
+            s.flat[:: len(there) + 1] += variance[there]
+            normalised[k, there] = residual[there] / np.sqrt(s.diagonal())
             low, info = lapack.dpotrf(s, lower=1, clean=1)
             if info != 0 or not np.isfinite(residual[there]).all():
                 raise _lost(times[k])
             inverse, _ = lapack.dtrtri(low, lower=1)
-            kk = ph @ inverse.T @ inverse
+            root = ph @ inverse.T
             white = inverse @ residual[there]
             e[k, there] = white
-            log_likelihood -= 0.5 * float(white @ white) + float(np.log(np.diag(low)).sum())
-            whitening[k][np.ix_(there, there)] = inverse
-            gain[k][:, there] = kk
-            p = p - kk @ ph.T
-            p = 0.5 * (p + p.T)
-            dx = kk @ residual[there]
+            log_likelihood -= 0.5 * float(white @ white) + float(np.log(low.diagonal()).sum())
+            if len(there) == rows:
+                whitening[k], gain[k] = inverse, root @ inverse
+            else:
+                whitening[k][np.ix_(there, there)] = inverse
+                gain[k][:, there] = root @ inverse
+            p = p - root @ root.T
+            dx = root @ white
             q, v = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv:]
         if k == n - 1:
             break

@@ -19,7 +19,8 @@ from smsid.model.regressor import dynamic_parameters
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 LITTLE = 1e-4  # share of a step by which its first order is found
-HALVINGS = 6
+HALVINGS = 6  # times a step is cut at most, each time to between a twentieth and a half of it
+CUT = (0.05, 0.5)
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
@@ -131,25 +132,30 @@ def fit(
     *,
     iterations: int = 6,
     enough: float = ENOUGH,
+    at_most: float = np.inf,
 ) -> Fit:
     """Return the point that maximises likelihood times prior, from a start.
 
-    ``enough`` is the gain of the log-posterior below which a step is the last. Raises `SimulationError` when
+    ``enough`` is the gain of the log-posterior below which a step is the last; a fit that after one step is
+    not in reach of the objective ``at_most`` is given up. Raises `SimulationError` when
     the start itself cannot be filtered.
     """
-    return continued(evaluate(point, unknowns, problem), iterations=iterations, enough=enough)
+    start = evaluate(point, unknowns, problem)
+    return continued(start, iterations=iterations, enough=enough, at_most=at_most)
 
 
-def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH) -> Fit:
+def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf) -> Fit:
     """Return a fit some iterations on.
 
-    Steps are halved until the objective falls and every body can exist.
+    Steps are cut until the objective falls and every body can exist.
     """
     unknowns, problem = found.unknowns, found.problem
     stalled = 0
-    for _ in range(iterations):
+    for i in range(iterations):
         step = bounded_step(found)
         gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
+        if i and found.objective - gain > at_most:
+            break
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
             return _last_step(found, last, step, gain) if last.physical() else found
@@ -203,18 +209,22 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
 
 
 def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
-    for halving in range(HALVINGS):
+    """Return the fit a step on, the step cut to where a parabola through what it reached has its lowest."""
+    share, slope = 1.0, float(found.slope @ step)
+    for _ in range(HALVINGS):
+        reached = np.inf
         try:
-            point = _straight(found.point, unknowns, 0.5**halving * step * found.scales)
-            if not point.physical():
-                continue
-            model = point.model()
-            run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
+            point = _straight(found.point, unknowns, share * step * found.scales)
+            if point.physical():
+                model = point.model()
+                run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
+                reached = objective(point, unknowns, problem, run)
+                if reached < found.objective:
+                    return _normal(point, unknowns, problem, run, model)
         except SmsidError as error:
             LOGGER.info("step refused: %s", error)
-            continue
-        if objective(point, unknowns, problem, run) < found.objective:
-            return _normal(point, unknowns, problem, run, model)
+        bend = reached - found.objective + share * slope
+        share *= float(np.clip(0.5 * share * slope / bend, *CUT)) if np.isfinite(bend) else 0.5
     return None
 
 

@@ -11,8 +11,9 @@ from scipy.signal import welch
 
 from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Noise, Problem, Run
-from smsid.diagnose.fit import Fit, continued, fit
+from smsid.diagnose.fit import ENOUGH, Fit, continued, fit
 from smsid.diagnose.point import Point, Unknown
+from smsid.errors import SimulationError
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
@@ -66,15 +67,31 @@ def refitted(found: Fitted, *, strong: bool = False) -> Fitted:
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
+    if strong:
+        exact = _exact(found)
+        if exact is not None:
+            return exact
     again = _with_misfit(found)
-    stated = again.fit.problem.data.scaled(1.0 / again.factors)
     if strayed(again.fit.run, again.factors) > FOLLOWED:
         return again
-    LOGGER.info("what is left can be fitted to the noise")
-    problem = replace(again.fit.problem, data=stated)
-    exact = fit(again.fit.point, again.fit.unknowns, problem, iterations=8)
+    return _exact(again) or again
+
+
+def _exact(found: Fitted) -> Fitted | None:
+    """Return the fit to the noise as it is stated, where the model follows the recording that far."""
+    stated = found.fit.problem.data.scaled(1.0 / found.factors)
+    problem = replace(found.fit.problem, data=stated)
+    try:
+        first = fit(found.fit.point, found.fit.unknowns, problem, iterations=2)
+    except SimulationError as error:
+        LOGGER.info("not to the noise: %s", error)
+        return None
+    if strayed(first.run) > MISFIT:
+        return None
+    exact = continued(first, iterations=6)
     if strayed(exact.run) > FOLLOWED:
-        return again
+        return None
+    LOGGER.info("what is left can be fitted to the noise")
     return _with_noise(Fitted(exact, np.ones(stated.rows)))
 
 
@@ -101,15 +118,16 @@ def _with_misfit(found: Fitted) -> Fitted:
         factor = misfit_factors(found.fit.problem.data, found.fit.run)
         factor = np.maximum(found.factors * factor, 1.0) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
-        found = replace(_scaled(found, factor), misfit=True)
+        # what candidates are scored on is linear anyway: no need to be nearer than that
+        found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
         if np.abs(np.log(factor)).max() < 0.1:
             break
     return found
 
 
-def _scaled(found: Fitted, factor: np.ndarray) -> Fitted:
+def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
     problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
-    fitted = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
+    fitted = fit(found.fit.point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 

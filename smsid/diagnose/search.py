@@ -16,7 +16,7 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
-from smsid.diagnose.onset import always, beginning, poor, with_onset
+from smsid.diagnose.onset import always, beginning, poor, with_onsets
 from smsid.diagnose.point import Point, Unknown
 from smsid.errors import RecordingError
 
@@ -95,8 +95,8 @@ def search(
     clock["search"] = time.process_time()
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}
+    scores = _scores(current, rest, columns)
     while True:
-        scores = _scores(current, rest, columns)
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
         best = _best([s for s in scores if s.ratio > least], len(candidates), current.run.samples, levels)
         if best is None or len(causes) == levels.causes:
@@ -106,11 +106,12 @@ def search(
             known = {s.candidate.key for s in leading}
             more = beginning(current, scores, levels.contenders)
             leading += [s for s in more if s.candidate.key not in known]
-        leading = [with_onset(current, s, levels.alias) for s in leading]
+        leading = with_onsets(current, leading, levels.alias)
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         accepted = accept(current, best, scores, levels)
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
+            scores = [s for s in scores if s.candidate.key != best.candidate.key]
             continue
         cause, found = accepted
         if poor(found):  # perhaps as the cause was there all the time
@@ -123,6 +124,7 @@ def search(
         if strong or fitted.misfit:
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
+        scores = _scores(current, rest, columns)
     for i, cause in enumerate(causes):
         still, current = always(current, cause.score, levels.alias)
         causes[i] = replace(cause, score=still)

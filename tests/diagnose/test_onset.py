@@ -7,7 +7,7 @@ import pytest
 
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.onset import always, beginning, price, with_onset
+from smsid.diagnose.onset import always, beginning, price, with_onsets
 from smsid.diagnose.proposals import propose
 
 ALIAS = 9.2
@@ -44,7 +44,7 @@ KEY = ("torque_gain", "joint2", "torque constant")
 def test_the_time_is_found_where_there_is_one(fitted, start):
     found, scores = hidden(fitted, KEY, 60.0, start)
     own = next(s for s in scores if s.candidate.key == KEY)
-    begun = with_onset(found, own, ALIAS)
+    (begun,) = with_onsets(found, [own], ALIAS)
     if start is None:
         assert begun is own
     else:
