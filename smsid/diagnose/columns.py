@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.diagnose.channels import Outputs
 from smsid.diagnose.filter import Applied, Problem, Run, applied
+from smsid.diagnose.outputs import Outputs
 from smsid.diagnose.plant import Plant
 from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Effect

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.diagnose.channels import Measured, Outputs
+from smsid.diagnose.channels import Measured
 from smsid.diagnose.inputs import Hold, commanded, limits, means, unevenness
+from smsid.diagnose.outputs import Outputs
 from smsid.diagnose.plant import Plant
 from smsid.diagnose.point import Combination
 from smsid.errors import SimulationError

@@ -22,6 +22,8 @@ LITTLE = 1e-4  # share of a step by which its first order is found
 HALVINGS = 6  # times a step is cut at most, each time to between a twentieth and a half of it
 CUT = (0.05, 0.5)
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
+AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
+PATIENCE = 4  # steps after which it has to be there
 TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
 
@@ -136,8 +138,8 @@ def fit(
 ) -> Fit:
     """Return the point that maximises likelihood times prior, from a start.
 
-    ``enough`` is the gain of the log-posterior below which a step is the last; a fit that after one step is
-    not in reach of the objective ``at_most`` is given up. Raises `SimulationError` when
+    ``enough`` is the gain of the log-posterior below which a step is the last; a fit that does not come
+    to the objective ``at_most`` is given up early. Raises `SimulationError` when
     the start itself cannot be filtered.
     """
     start = evaluate(point, unknowns, problem)
@@ -154,7 +156,8 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
     for i in range(iterations):
         step = bounded_step(found)
         gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
-        if i and found.objective - gain > at_most:
+        if found.objective - (AMPLE if i < PATIENCE else 0.0) * gain > at_most and i:
+            LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.diagnose.channels import Outputs
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import _delayed, run_filter
 from smsid.diagnose.fit import columns_of
+from smsid.diagnose.outputs import Outputs
 from smsid.diagnose.plant import Plant
 
 STEP = 1e-6

@@ -6,7 +6,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose.plant import Plant
-from smsid.effects import JointFriction, MassLoss, WheelImbalance, catalogue
+from smsid.effects import GravityGradient, JointFriction, MassLoss, WheelImbalance, catalogue
 from smsid.model import build_model
 from tests.effects.test_catalogue import example
 
@@ -67,3 +67,16 @@ def test_every_effect_is_linearised_whole(kind, urdf):
     for own, ends in ((found.by_q, by_q), (found.by_v, by_v)):
         expected = (np.array(ends[: plant.nv]) - np.array(ends[plant.nv :])).T / (2 * STEP)
         np.testing.assert_allclose(own, expected, atol=3e-6 * np.abs(expected).max())
+
+
+def test_a_slow_force_is_held_over_a_step_and_nothing_shows(known):
+    tide = GravityGradient(name="tide", gradient=1.2e-6, nadir=(1.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    model, rng = known.point.with_effect(tide).model(), np.random.default_rng(1)
+    q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
+    v, tau = 0.1 * rng.standard_normal((2, model.nv))
+    held, exact, free = (Plant(m, np.zeros(0, dtype=int)) for m in (model, model, known.point.model()))
+    exact.model, exact._slow = model, []
+    ends = [p.step(0.0, 0.025, q, v, tau)[1] for p in (held, exact, free)]
+    by_hold, by_tide = ends[0] - ends[2], ends[1] - ends[2]
+    assert np.abs(by_tide).max() > 1e-10
+    np.testing.assert_allclose(by_hold, by_tide, rtol=0.0, atol=0.02 * np.abs(by_tide).max())

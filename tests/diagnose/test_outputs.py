@@ -1,0 +1,60 @@
+"""Predicted readings: derivatives against differences, one sample against the simulator's sensors."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.diagnose.outputs import Outputs
+from smsid.effects import GearCompliance, GeometricStiffness
+from smsid.simulate.trajectory import States
+
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module", params=["as described", "drawn in"])
+def place(known, problem, request):
+    """A state; with ``drawn in`` the panel shortens as it bends, and its accelerometers see that."""
+    point = known.point
+    if request.param == "drawn in":
+        point = point.with_effect(GeometricStiffness(name="soft", appendage="panel", factor=0.7))
+    model, rng = point.model(), np.random.default_rng(0)
+    q = pin.integrate(model.pin, model.home, 0.2 * rng.standard_normal(model.nv))
+    return Outputs(model, problem.data), q, *(0.2 * rng.standard_normal((2, model.nv)))
+
+
+def test_one_sample_reads_what_the_simulator_reads(place):
+    outputs, q, v, a = place
+    nothing = np.zeros((1, len(v)))
+    states = States(np.zeros(1), q[None], v[None], a[None], nothing, nothing)
+    np.testing.assert_allclose(outputs.predict(q, v, a)[0], outputs.all(states)[0], atol=1e-13)
+
+
+@pytest.mark.parametrize("by", ["q", "v", "a"])
+def test_derivatives_are_those_of_central_differences(place, by):
+    outputs, q, v, a = place
+    model = outputs.model.pin
+
+    def reading(step):
+        if by == "q":
+            return outputs.predict(pin.integrate(model, q, step), v, a)[0]
+        return outputs.predict(q, v + step, a)[0] if by == "v" else outputs.predict(q, v, a + step)[0]
+
+    found = dict(zip("qva", outputs.predict(q, v, a)[1:], strict=True))[by]
+    steps = STEP * np.eye(len(v))
+    expected = np.stack([(reading(s) - reading(-s)) / (2 * STEP) for s in steps], axis=1)
+    rows = [i for i, name in enumerate(outputs.data.names) if "attitude" not in name]
+    np.testing.assert_allclose(found[rows], expected[rows], atol=2e-9)
+
+
+def test_encoder_sees_a_gear_that_gives_at_once(known, problem):
+    gear = GearCompliance(name="g", joint="joint2", compliance=1e-3, motor_inertia=0.5, quasistatic=True)
+    model = known.point.with_effect(gear).model()
+    rng = np.random.default_rng(3)
+    tau, a = rng.standard_normal((2, model.nv))
+    h = np.zeros(problem.data.rows)
+    Outputs(model, problem.data).twisted(h, tau, a)
+    rows = next(b.rows for b in problem.data.blocks if b.channel == "encoder.joint_position")
+    v = int(model.arm_joints.v[1])
+    expected = np.zeros(problem.data.rows)
+    expected[rows.start + 1] = 1e-3 * (tau[v] - 0.5 * a[v])
+    np.testing.assert_allclose(h, expected, atol=1e-18)
