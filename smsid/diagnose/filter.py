@@ -21,7 +21,7 @@ from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
 WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
-SUBSTEP = 0.025  # [s] longest step of the integration between samples
+SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless the motion needs shorter ones
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,10 @@ class Run:
 
 @dataclass(frozen=True)
 class Problem:
-    """A recording to be explained: samples, commands, how they are taken, and combinations known before."""
+    """A recording to be explained: samples, commands, how they are taken, and combinations known before.
+
+    ``substep`` is the longest step of the integration between samples [s].
+    """
 
     recording: Recording
     data: Measured
@@ -93,6 +96,7 @@ class Problem:
     timing: Timing
     noise: Noise
     combinations: tuple[Combination, ...] = ()
+    substep: float = SUBSTEP
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
@@ -116,7 +120,7 @@ def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
     """Return the applied generalised forces on the clock of the samples."""
     times = problem.data.times
     signal = inputs.driven(plant.model).applied(plant.model)
-    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / SUBSTEP - 1e-9)))
+    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / problem.substep - 1e-9)))
     n += n % 2  # the middle of a sample interval is an end of a step
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
     edges = np.append((times[:-1, None] + np.diff(times)[:, None] * parts).ravel(), times[-1])

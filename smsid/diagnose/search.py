@@ -18,6 +18,7 @@ from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.onset import always, beginning, poor, with_onsets
 from smsid.diagnose.point import Point, Unknown
+from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
 
 LOGGER = logging.getLogger(__name__)
@@ -120,6 +121,8 @@ def search(
         causes.append(cause)
         strong = cause.ratio > levels.linear
         fitted = refitted(replace(fitted, fit=found), strong=strong)
+        if strong:
+            fitted = replace(fitted, fit=finely_stepped(fitted.fit))
         current = fitted.fit
         if strong or fitted.misfit:
             columns.clear()

@@ -1,0 +1,72 @@
+"""Does the filter integrate finely enough for the motion it predicts? If not, its errors pass for causes."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.diagnose.filter import Applied, applied
+from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.plant import Plant
+from smsid.errors import SmsidError
+
+LOGGER = logging.getLogger(__name__)
+SEEN = 4.0  # squared size of the steps' errors in the innovations, beside the fitted parameters, that shows
+FINER = 3  # times that the steps are halved
+
+
+def finely_stepped(found: Fit) -> Fit:
+    """Return a fit with steps as short as its motion needs, or the same where they are short enough.
+
+    A strong cause may make an arm swing far faster than anybody has reckoned with.
+    """
+    for _ in range(FINER):
+        size = left_by_steps(found)
+        if not size > SEEN:
+            break
+        problem = replace(found.problem, substep=0.5 * found.problem.substep)
+        LOGGER.info("errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep)
+        try:
+            found = fit(found.point, found.unknowns, problem, iterations=8)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("no shorter steps: %s", error)
+            break
+    return found
+
+
+def left_by_steps(found: Fit) -> float:
+    """Return what errors of integration add to the sum of squares of innovations, beside the parameters.
+
+    By the difference to steps of half the length, taken through the filter as it ran.
+    """
+    run, model = found.run, found.changes.model
+    problem, inputs = found.changes.problem, found.changes.inputs
+    plant = Plant(model, problem.locked)
+    coarse = found.changes.applied
+    fine = applied(plant, replace(problem, substep=0.5 * problem.substep), inputs)
+    shift = np.empty_like(run.innovations)
+    delta = np.zeros(2 * model.nv)
+    for k in range(len(shift)):
+        predicted = run.sensitivity[k] @ delta
+        shift[k] = run.whitening[k] @ predicted
+        if k == len(shift) - 1:
+            break
+        far, near = (_stepped(plant, found, drive, k) for drive in (coarse, fine))
+        error = np.concatenate([pin.difference(model.pin, far[0], near[0]), near[1] - far[1]])
+        delta = run.transition[k] @ (delta - run.gain[k] @ predicted) + error
+    left = found.left(shift.reshape(-1, 1))
+    return float(np.vdot(left, left))
+
+
+def _stepped(plant: Plant, found: Fit, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return q and v a sample on from the prediction at sample k."""
+    states = found.run.states
+    q, v, t = states.q[k], states.v[k], float(states.time[k])
+    substeps = drive.means.shape[1]
+    h = float(states.time[k + 1] - t) / substeps
+    for s in range(substeps):
+        q, v = plant.step(t + s * h, h, q, v, drive.means[k, s], drive.rise[k, s])
+    return q, v

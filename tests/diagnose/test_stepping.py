@@ -1,0 +1,29 @@
+"""Steps of the filter's integration: short enough for the motion, or halved until they are."""
+
+from dataclasses import replace
+
+import pytest
+
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.stepping import SEEN, finely_stepped, left_by_steps
+
+
+def test_steps_that_are_short_enough_stay(known, problem):
+    found = evaluate(known.point, known.unknowns, problem)
+    assert left_by_steps(found) < 0.1
+    assert finely_stepped(found) is found
+
+
+@pytest.fixture
+def coarse(known, problem):
+    return evaluate(
+        known.point, known.unknowns, replace(problem, data=problem.data.thinned(2.0), substep=0.25)
+    )
+
+
+def test_steps_that_are_too_long_are_halved(coarse):
+    assert left_by_steps(coarse) > SEEN
+    finer = finely_stepped(coarse)
+    assert finer.problem.substep < coarse.problem.substep
+    assert left_by_steps(finer) < SEEN
+    assert finer.objective < coarse.objective
