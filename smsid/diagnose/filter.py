@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.diagnose.channels import Measured
-from smsid.diagnose.inputs import Hold, commanded, limits, means, unevenness
+from smsid.diagnose.inputs import Hold, commanded, jumps_in, limits, means, unevenness
 from smsid.diagnose.outputs import Outputs
 from smsid.diagnose.plant import Plant
 from smsid.diagnose.point import Combination
@@ -22,6 +22,7 @@ from smsid.simulate.trajectory import States
 
 WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
 SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless the motion needs shorter ones
+AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     outputs = Outputs(model, data)
     drive = applied(plant, problem, problem.inputs(model))
     times, n, nv, rows = data.times, len(data.times), model.nv, data.rows
-    present = np.isfinite(data.values)
+    present = _readable(problem)
     q, v = first_state(model, problem)
     p = _first_covariance(model, problem)
     input_noise = _input_covariance(model, problem)
@@ -217,6 +218,19 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised,
         used,
     )  # fmt: skip
+
+
+def _readable(problem: Problem) -> np.ndarray:
+    """Return which readings count (N, rows): those that are there.
+
+    Of the first sample none that shows at once what acts, where that is a command from before the recording.
+    """
+    present, timing = np.isfinite(problem.data.values), problem.timing
+    if timing.hold == "held" and timing.side == "left" and jumps_in(problem.recording):
+        for block in problem.data.blocks:
+            if block.quantity in AT_ONCE:
+                present[0, block.rows] = False
+    return present
 
 
 class _Store:

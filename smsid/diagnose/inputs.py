@@ -46,6 +46,11 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
     return Inputs(**signals)  # type: ignore[arg-type]
 
 
+def jumps_in(recording: Recording) -> bool:
+    """Whether held commands are not zero when a recording begins: what was held until then is not known."""
+    return any(bool(np.any(np.asarray(recording[c])[0])) for c in COMMANDS.values() if c in recording)
+
+
 def locked(model: SpacecraftModel, recording: Recording) -> np.ndarray:
     """Return the degrees of freedom (k,) held still: arms and wheels without a commanded torque."""
     found: list[int] = []

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.filter import _delayed, run_filter
+from smsid.diagnose.filter import Timing, _delayed, _readable, run_filter
 from smsid.diagnose.fit import columns_of
 from smsid.diagnose.outputs import Outputs
 from smsid.diagnose.plant import Plant
@@ -121,3 +121,20 @@ def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem):
             expected[block.rows] = pin.log3(here.T @ there)
         off = np.abs(found[block.rows] - expected[block.rows]).max()
         assert off < 0.05 * np.abs(now[block.rows] - expected[block.rows]).max() + 1e-12, block.channel
+
+
+@pytest.mark.parametrize(
+    ("side", "begins", "counts"), [("left", 1.0, False), ("left", 0.0, True), ("right", 1.0, True)]
+)
+def test_what_acted_before_the_first_sample_is_not_believed(problem, side, begins, counts):
+    """An encoder behind a gear that gives, an accelerometer: they show a command that nobody has recorded."""
+    commands = {c: np.array(problem.recording[c]) for c in problem.recording.channels if "command." in c}
+    for values in commands.values():
+        values[0] = begins
+    recording = problem.recording.with_channels(commands)
+    present = _readable(replace(problem, recording=recording, timing=Timing("held", side)))
+    for block in problem.data.blocks:
+        at_once = block.quantity in ("joint_position", "acceleration")
+        there = np.isfinite(problem.data.values[:, block.rows])
+        assert (present[1:, block.rows] == there[1:]).all()
+        assert (present[0, block.rows] == (there[0] & (counts or not at_once))).all()
