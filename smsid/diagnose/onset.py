@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from smsid.diagnose.candidates import Candidate, Score, changes_of, scored, signatures
 from smsid.diagnose.columns import Change, propagate
 from smsid.diagnose.filter import Run
-from smsid.diagnose.fit import Fit, continued, evaluate, within_reach
+from smsid.diagnose.fit import Fit, continued, evaluate, fit, within_reach
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
@@ -21,77 +21,55 @@ ROUNDS, MORE = 3, 2  # each finer; more where the effect is strong enough to sho
 STRONG = 400.0
 POOR = 10.0  # standard deviations of a sum of squares
 COARSE = 5  # times at which all candidates are tried
-BATCH = (
-    24  # candidates whose beginnings are propagated together: as fast as all of them, and they fit in memory
-)
+BATCH = 24  # candidates whose beginnings are propagated together: any more do not fit in memory
+DENSE = 160  # times a strong one may begin at: where its torque changes sign, the ratio has many maxima
+AGAIN = 16  # times a fitted effect's beginning may move to, before finer ones
+MOVED = 4.0  # likelihood ratio a move has to gain, to first order
+MOVES = 4  # times it moves at most
 
 
-def price(alias: float) -> float:
+def price(alias: float, tried: int = (ROUNDS + MORE) * ONSETS) -> float:
     """Return what an onset has to gain in likelihood ratio: the grid it was searched on, and ``alias``."""
-    return 2.0 * float(np.log((ROUNDS + MORE) * ONSETS)) + alias
+    return 2.0 * float(np.log(tried)) + alias
 
 
-@dataclass
-class _Scan:
-    """The search for the time one candidate's effect begins: the best so far, and where to look next.
-
-    ``own`` are its changes, to be cut off, or ``None`` where another beginning is another change.
-    """
-
-    plain: Score
-    best: Score
-    centre: float
-    width: float
-    own: list[Change] | None
-
-    def tried(self, first: float, last: float) -> list[Candidate]:
-        """Return the candidate with the beginnings of a round, between the first and the last sample."""
-        about = self.centre + self.width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
-        return [_from(self.plain.candidate, float(t)) for t in about if first < t < last]
-
-    def next(self, scores: Sequence[Score]) -> None:
-        """Take the best of a round; look closer about it."""
-        self.best = max([self.best, *scores], key=lambda x: x.ratio)
-        self.centre = _start(self.best.candidate) or self.centre
-        self.width *= 2.0 / ONSETS
-
-
-def with_onsets(current: Fit, scores: Sequence[Score], alias: float) -> list[Score]:
-    """Return scores with the times their effects begin, where beginning midway explains clearly more.
+def with_onset(current: Fit, s: Score, alias: float) -> Score:
+    """Return the score with the time its effect begins, where beginning midway explains clearly more.
 
     A grid over the recording, then finer ones about its best; what the grid costs is paid in the criterion.
     """
+    if not _may_begin(s.candidate):
+        return s
     times = current.run.states.time
+    own = changes_of(current, s.candidate) if _may_be_cut(s.candidate) else None
+
+    def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
+        tried = [_from(s.candidate, float(t), grid) for t in about if times[0] < t < times[-1]]
+        if own is None:
+            columns = signatures(current, tried)
+            scores = scored(current, [tried[i] for i in columns], list(columns.values()))
+        else:
+            starts = [t.effect.start or 0.0 for t in tried if isinstance(t.effect, Starting)]
+            parts = _responses(current.run, [[_cut(c, t, current.run) for c in own] for t in starts])
+            scores = scored(current, tried, parts)
+        return max([known, *scores], key=lambda x: x.ratio)
+
     first, last = float(times[0]), float(times[-1])
-    width = (last - first) / (ONSETS + 1)
-    scans = {
-        i: _Scan(s, s, 0.5 * (first + last), width, _changes(current, s.candidate))
-        for i, s in enumerate(scores)
-        if _may_begin(s.candidate)
-    }
-    for finer in range(ROUNDS + MORE):
-        going = [
-            x
-            for x in scans.values()
-            if (finer == 0 or x.best is not x.plain) and (finer < ROUNDS or x.best.ratio >= STRONG)
-        ]
-        cut = [(x, x.tried(first, last)) for x in going if x.own is not None]
-        parts = _responses(
-            current.run,
-            [[_cut(c, _start(t) or 0.0, current.run) for c in x.own or ()] for x, ts in cut for t in ts],
-        )
-        every = iter(scored(current, [t for _, ts in cut for t in ts], parts))
-        for x, ts in cut:
-            x.next([next(every) for _ in ts])
-        for x in going:
-            if x.own is None:
-                tried = x.tried(first, last)
-                columns = signatures(current, tried)
-                x.next(scored(current, [tried[i] for i in columns], list(columns.values())))
-    return [
-        scans[i].best if i in scans and scans[i].best.ratio - s.ratio > price(alias) else s
-        for i, s in enumerate(scores)
-    ]
+    count, grid = ONSETS, (ROUNDS + MORE) * ONSETS
+    best = best_of(s, _within(first, last, count), grid)
+    if own is not None and best.ratio > STRONG:  # sharp, and cheap
+        count, grid = DENSE, grid + DENSE
+        best = best_of(best, _within(first, last, count), grid)
+    width = (last - first) / (count + 1)
+    for finer in range(1, ROUNDS + MORE):
+        begun = getattr(best.candidate.effect, "start", None)
+        if begun is None:
+            return s
+        if finer >= ROUNDS and best.ratio < STRONG:
+            break
+        width *= 2.0 / ONSETS
+        best = best_of(best, _about(begun, width), grid)
+    return best if best.ratio - s.ratio > price(alias, grid) else s
 
 
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
@@ -145,6 +123,77 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
     return replace(score, candidate=candidate), found
 
 
+def settled(current: Fit, score: Score) -> tuple[Score, Fit]:
+    """Return a cause's score and the fit with its beginning moved to where the fit is best.
+
+    The score that found it is linear about the motion without the cause, where a large effect is curved.
+    """
+    if not isinstance(score.candidate.effect, Starting) or score.candidate.effect.start is None:
+        return score, current
+    name = score.candidate.effect.name
+    for _ in range(MOVES):
+        mine = current.point.description.get_effect(name)
+        assert isinstance(mine, Starting) and mine.start is not None
+        start, gain = moved_start(current, mine)
+        if gain < MOVED:
+            break
+        try:
+            point = current.point.with_effect(mine.model_copy(update={"start": start}))
+            found = fit(point, current.unknowns, current.problem, iterations=8)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s does not begin at %.4g s: %s", score.candidate.key, start, error)
+            break
+        gained = 2.0 * (current.objective - found.objective)
+        LOGGER.info("%s begins at %.4g s: %.1f gained", score.candidate.key, start, gained)
+        if gained <= 0.0:
+            break
+        effect = score.candidate.effect.model_copy(update={"start": start})
+        score = replace(score, candidate=replace(score.candidate, effect=effect))
+        current = found
+    return score, current
+
+
+def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
+    """Return when a fitted effect begins best, and the likelihood ratio that gains, to first order.
+
+    The effect is taken out of the fit and put back from another time on, as large as it then explains most.
+    """
+    assert mine.start is not None
+    strength = [
+        u.name.startswith(f"{mine.name}.") and u.name.split(".")[1] in mine.strength for u in current.unknowns
+    ]
+    size = np.array([current.point.value(u) / u.scale for u in current.unknowns]) * strength
+    whole = np.vstack([current.whitened.reshape(-1, len(size)), current.prior.rows])
+    q, _ = np.linalg.qr(whole[:, ~np.array(strength)])
+    now = whole @ size
+    there = current.residual + now
+
+    def ratios(changed: np.ndarray) -> np.ndarray:
+        columns = changed + now[:, None]
+        left = columns - q @ (q.T @ columns)
+        own = np.einsum("ij,ij->j", left, left)
+        return np.where(own > 0.0, (left.T @ there) ** 2 / np.where(own > 0.0, own, 1.0), 0.0)
+
+    times = current.run.states.time
+    first, last = float(times[0]), float(times[-1])
+    start, before = mine.start, float(ratios(np.zeros((len(whole), 1)))[0])
+    best, width, about = before, (last - first) / (AGAIN + 1), _within(first, last, AGAIN)
+    for finer in range(ROUNDS + MORE):
+        tried = [float(t) for t in about if first < t < last and t != mine.start]
+        changes = [current.changes.effect(mine, mine.model_copy(update={"start": t}), 1.0) for t in tried]
+        columns = propagate(current.run, changes).reshape(-1, len(changes))
+        found = ratios(np.vstack([columns, np.zeros((len(whole) - len(columns), len(changes)))]))
+        k = int(np.argmax(found))
+        more = float(found[k]) - best
+        if more > 0.0:
+            start, best = tried[k], float(found[k])
+        if finer and more < 1.0:
+            break
+        width *= 2.0 / ONSETS
+        about = _about(start, width)
+    return start, best - before
+
+
 def _may_begin(candidate: Candidate) -> bool:
     return isinstance(candidate.effect, Starting) and candidate.effect.start is None
 
@@ -154,18 +203,20 @@ def _may_be_cut(candidate: Candidate) -> bool:
     return type(candidate) is Candidate and isinstance(effect, Starting) and not effect.grows
 
 
-def _from(candidate: Candidate, start: float) -> Candidate:
+def _from(candidate: Candidate, start: float, grid: int) -> Candidate:
     assert candidate.effect is not None
     effect = candidate.effect.model_copy(update={"start": start})
-    return replace(candidate, effect=effect, grid=(ROUNDS + MORE) * ONSETS)
+    return replace(candidate, effect=effect, grid=grid)
 
 
-def _start(candidate: Candidate) -> float | None:
-    return candidate.effect.start if isinstance(candidate.effect, Starting) else None
+def _within(first: float, last: float, count: int) -> np.ndarray:
+    """Return so many times evenly between two."""
+    return np.linspace(first, last, count + 2)[1:-1]
 
 
-def _changes(current: Fit, candidate: Candidate) -> list[Change] | None:
-    return changes_of(current, candidate) if _may_be_cut(candidate) else None
+def _about(start: float, width: float) -> np.ndarray:
+    """Return times about one, ``width`` apart."""
+    return start + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
 
 
 def _cut(change: Change, start: float, run: Run) -> Change:

@@ -16,7 +16,7 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
-from smsid.diagnose.onset import always, beginning, poor, with_onsets
+from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
@@ -107,7 +107,7 @@ def search(
             known = {s.candidate.key for s in leading}
             more = beginning(current, scores, levels.contenders)
             leading += [s for s in more if s.candidate.key not in known]
-        leading = with_onsets(current, leading, levels.alias)
+        leading = [with_onset(current, s, levels.alias) for s in leading]
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         accepted = accept(current, best, scores, levels)
         if accepted is None:
@@ -115,6 +115,8 @@ def search(
             scores = [s for s in scores if s.candidate.key != best.candidate.key]
             continue
         cause, found = accepted
+        begun, found = settled(found, cause.score)
+        cause = replace(cause, score=begun)
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.alias)
             cause = replace(cause, score=still)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.onset import always, beginning, price, with_onsets
+from smsid.diagnose.onset import always, beginning, moved_start, price, with_onset
 from smsid.diagnose.proposals import propose
 
 ALIAS = 9.2
@@ -44,7 +45,7 @@ KEY = ("torque_gain", "joint2", "torque constant")
 def test_the_time_is_found_where_there_is_one(fitted, start):
     found, scores = hidden(fitted, KEY, 60.0, start)
     own = next(s for s in scores if s.candidate.key == KEY)
-    (begun,) = with_onsets(found, [own], ALIAS)
+    begun = with_onset(found, own, ALIAS)
     if start is None:
         assert begun is own
     else:
@@ -66,3 +67,18 @@ def test_an_onset_that_does_not_pay_is_dropped(fitted):
     score, fit = always(with_it, replace(own, candidate=late), ALIAS)
     assert score.candidate.effect.start is None
     assert fit.point.description.get_effect(late.effect.name).start is None
+
+
+def test_a_fitted_effect_moves_to_where_it_begins(fitted):
+    point, problem, unknowns = fitted
+    own = next(c for c in propose(point, problem, unknowns) if c.key == KEY)
+    late = own.effect.model_copy(update={"start": 4.5, "error": 0.02})
+    found = evaluate(point.with_effect(late), (*unknowns, *own.unknowns(unknowns)), problem)
+    true = late.model_copy(update={"start": 3.3})
+    moved = propagate(found.run, [found.changes.effect(late, true, 1.0)])[:, :, 0]
+    noise = np.random.default_rng(7).standard_normal(moved.shape) * found.run.used
+    for size, expected in ((0.0, 4.5), (1.0, 3.3)):
+        there = replace(found, run=replace(found.run, innovations=noise + size * moved))
+        start, gained = moved_start(there, late)
+        assert (gained > 100.0) == bool(size)
+        assert gained < 9.0 or start == pytest.approx(expected, abs=0.05)

@@ -79,3 +79,13 @@ def test_when_it_began(tmp_path):
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     (cause,) = document["causes"]
     assert abs(cause["onset"] - 35.0) < 2.0
+
+
+def test_when_a_strong_one_began_among_many_maxima(tmp_path):
+    effect = hidden_effects("arm")["torque_gain:error@joint1"]
+    rng = np.random.default_rng([18, 80])
+    hidden = inject("arm", effect, 30.0, rng, 24.6235)
+    row = run_and_judge(Run(18, "onset", "arm", (hidden,)), tmp_path)
+    assert row["outcome"] in RIGHT, row["sentence"]
+    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
+    assert abs(cause["onset"] - 24.6235) < 0.1
