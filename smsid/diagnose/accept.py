@@ -69,7 +69,7 @@ def accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -
         contenders += close[: levels.contenders - 1]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
-        found = _refit(current, s)
+        found = refit(current, s)
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
@@ -78,12 +78,12 @@ def accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -
             current = _without(current, found, s.candidate)
             ratio = 2.0 * (current.objective - found.objective)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
-        fitted.append((ratio - (s.ratio - s.information_gain(samples)), s, found))
+        fitted.append((ratio - cost(current, s, found), s, found))
     if not fitted:
         return None
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
-    value = ratio - (winner.ratio - winner.information_gain(samples))
+    value = ratio - cost(current, winner, found)
     if value <= 0.0 or chi2.sf(ratio, max(winner.freedom, 1)) * len(scores) > levels.candidate:
         return None
     if best.ratio > levels.linear:
@@ -95,6 +95,13 @@ def accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -
     aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     beside = tuple(u.name for u in current.unknowns)
     return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio, beside), found
+
+
+def cost(current: Fit, s: Score, found: Fit) -> float:
+    """Return what a refitted candidate costs in Bayes's criterion, the further parameters it freed too."""
+    samples = found.run.samples
+    more = {u.name for u in found.unknowns} & set(s.candidate.also) - {u.name for u in current.unknowns}
+    return s.ratio - s.information_gain(samples) + len(more) * float(np.log(samples))
 
 
 def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
@@ -113,7 +120,7 @@ def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def _refit(current: Fit, s: Score) -> Fit | None:
+def refit(current: Fit, s: Score) -> Fit | None:
     """Return the fit with a candidate's parameters free, started from its linear estimate."""
     candidate = s.candidate
     own = candidate.unknowns(current.unknowns)
@@ -177,7 +184,7 @@ def pruned(
         causes = [c for c in causes if c is not worst]
         current = replace(nominal, problem=last.problem)  # its noise levels may be finer
         for cause in causes:
-            again = _refit(current, cause.score_beside([u.name for u in current.unknowns]))
+            again = refit(current, cause.score_beside([u.name for u in current.unknowns]))
             current = again if again is not None else current
         last = current
     return causes, last

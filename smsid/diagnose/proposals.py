@@ -122,7 +122,9 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             varying = {"position_cos": 1e-3, "position_sin": 1e-3}
             yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
             with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
-            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck)
+            yield from _one(
+                "joint_friction", name, "friction", "stribeck", at, with_stribeck, ["stribeck_rate"]
+            )
             none = at | {"inertia": 0.0}
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
             gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}

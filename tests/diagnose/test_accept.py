@@ -1,0 +1,37 @@
+"""A candidate refitted: what its effect frees beyond its strength is fitted where it pays, and paid for."""
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.accept import cost, refit
+from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.channels import measured
+from smsid.diagnose.filter import Noise, Problem, Timing
+from smsid.diagnose.fit import fit
+from smsid.diagnose.proposals import propose
+from smsid.effects import JointFriction
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+
+RATE = "joint_friction_joint2.stribeck_rate"
+
+
+def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(description, known):
+    friction = {"joint": "joint2", "coulomb": 0.1, "stribeck": 0.1, "stribeck_rate": 0.15}
+    truth = description.with_effects(JointFriction(kind="joint_friction", name="rub", **friction))
+    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+    recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
+    data = measured(known.point.base, recording, known.point.description.effective_sensors()).thinned(25.0)
+    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    current = fit(known.point, known.unknowns[:1], problem)
+    candidates = propose(known.point, problem, known.unknowns[:1])
+    one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "stribeck"))
+    (score,) = scored(current, [one], list(signatures(current, [one]).values()))
+    found = refit(current, score)
+    names = [u.name for u in found.unknowns]
+    assert RATE in names
+    paid = (score.freedom + 1) * np.log(current.run.samples)
+    assert cost(current, score, found) == pytest.approx(paid)
+    start = next(p.value for p in one.effect.parameters() if p.name == RATE)
+    value = found.point.value(found.unknowns[names.index(RATE)])
+    assert abs(value - 0.15) < abs(start - 0.15)
