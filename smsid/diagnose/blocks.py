@@ -22,17 +22,25 @@ SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 @dataclass(frozen=True)
 class Block:
-    """One test: an equation or channel against what it may depend on, by ``freedom`` columns."""
+    """One test: an equation or channel against what it may depend on, by ``freedom`` columns.
+
+    ``grid`` counts the variants of which the best is taken.
+    """
 
     where: str
     dependence: str
     ratio: float
     freedom: int
+    grid: int = 1
 
     @property
     def p_value(self) -> float:
         """Chance of as much when nothing is left."""
-        return float(chi2.sf(self.ratio, self.freedom)) if self.freedom else 1.0
+        return min(1.0, self.grid * float(chi2.sf(self.ratio, self.freedom))) if self.freedom else 1.0
+
+    def information_gain(self, samples: int) -> float:
+        """Return the gain in Bayes's information criterion if its columns were fitted."""
+        return self.ratio - self.freedom * float(np.log(samples)) - 2.0 * float(np.log(self.grid))
 
     @property
     def order(self) -> tuple[bool, float]:
@@ -106,8 +114,8 @@ def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
     return [np.cos(np.pi * k * x) for k in range(terms)]
 
 
-def _force(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Change]:
-    """Changes by forces on one degree of freedom, given at the samples and between them."""
+def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Change]:
+    """Return changes by forces on one degree of freedom, given at the samples and between them."""
     changes = []
     run = found.run
     for at, middle in zip(of, of_mid, strict=True):
@@ -139,7 +147,7 @@ def _torques(found: Fit) -> list[tuple[str, str, list[Change]]]:
                 return found_
 
             at, middle = terms(found.run.states), terms(found.run.middle)
-            out += [(f"torque of {name}", key, _force(found, int(kv), at[key], middle[key])) for key in at]
+            out += [(f"torque of {name}", key, force_on(found, int(kv), at[key], middle[key])) for key in at]
     return out
 
 
@@ -148,7 +156,7 @@ def _bus(found: Fit) -> list[tuple[str, str, list[Change]]]:
         return []
     at, middle = _times(found.run.states.time), _times(found.run.middle.time)
     names = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
-    return [(name, "time", _force(found, i, at, middle)) for i, name in enumerate(names)]
+    return [(name, "time", force_on(found, i, at, middle)) for i, name in enumerate(names)]
 
 
 def _hidden(found: Fit) -> list[tuple[str, str, list[Change]]]:
@@ -173,7 +181,7 @@ def _hidden(found: Fit) -> list[tuple[str, str, list[Change]]]:
     for name, dofs in groups:
         own: list[Change] = []
         for kq, kv in dofs:
-            own += _force(found, kv, terms(found.run.states, kq, kv), terms(found.run.middle, kq, kv))
+            own += force_on(found, kv, terms(found.run.states, kq, kv), terms(found.run.middle, kq, kv))
         out.append((name, "amplitude", own))
     return out
 

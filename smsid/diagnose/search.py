@@ -15,6 +15,7 @@ from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
+from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
@@ -97,6 +98,7 @@ def search(
     rest = list(candidates)
     columns: dict[tuple[str, str, str], np.ndarray] = {}
     scores = _scores(current, rest, columns)
+    held: tuple[Block, ...] = ()
     while True:
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
         best = _best([s for s in scores if s.ratio > least], len(candidates), current.run.samples, levels)
@@ -109,6 +111,11 @@ def search(
             leading += [s for s in more if s.candidate.key not in known]
         leading = [with_onset(current, s, levels.alias) for s in leading]
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
+        gain = best.information_gain(current.run.samples)
+        if not fitted.misfit:  # else the tests do not decide
+            held = _held(current, causes, gain, levels.block / len(candidates))
+        if held:  # the next would stand in for a piece of it
+            break
         accepted = accept(current, best, scores, levels)
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
@@ -133,11 +140,11 @@ def search(
     for i, cause in enumerate(causes):
         still, current = always(current, cause.score, levels.alias)
         causes[i] = replace(cause, score=still)
-    blocks = tuple(adequacy(current))
+    blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
         causes, current = pruned(causes, current, nominal, levels, len(candidates))
-        blocks = blocks if current is reached else tuple(adequacy(current))
+        blocks = blocks if current is reached else (*held, *adequacy(current))
     clock["tests"] = time.process_time()
     before_causes = tuple(adequacy(nominal)) if causes else blocks
     end = time.process_time()
@@ -171,6 +178,13 @@ def _significant(
         and b.ratio > least
         and (b.dependence != PAST or (white and b.where not in coarse))
     )
+
+
+def _held(current: Fit, causes: Sequence[Cause], gain: float, level: float) -> tuple[Block, ...]:
+    """Return the tests for memory at the joints of causes that gain more than the next candidate does."""
+    tests = memory(current, [c.score.candidate.location for c in causes])
+    samples = current.run.samples
+    return tuple(t for t in tests if t.information_gain(samples) > gain and t.p_value < level)
 
 
 def _scores(

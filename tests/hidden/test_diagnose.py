@@ -48,6 +48,7 @@ SLOW = [
     (hide(13, "single", "sms", ("sensor_bias:bias.z@imu.angular_rate", 10.0)), RIGHT),
     (hide(14, "single", "arm", ("joint_friction:coulomb@joint2", 10.0)), RIGHT),
     (hide(15, "outside", "sms", ("outside:torque_ripple@joint2", 10.0)), OPEN),
+    (hide(22, "outside", "rigid", ("outside:dahl@joint2", 10.0)), OPEN),
     (hide(16, "pair", "sms", ("torque_gain:error@wheel_y", 20.0), ("lever_arm:offset.x@imu", 20.0)), RIGHT),
 ]
 
