@@ -84,7 +84,15 @@ class Candidate:
         if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
             ratio = 0.0
         freedom = int((values > EXCITED).sum())
-        return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken)
+        sides = 1 if freedom == 1 and self._bound() else 2
+        return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken, sides)
+
+    def _bound(self) -> bool:
+        """Whether where it does nothing is as far as its only parameter goes."""
+        if self.effect is None or len(self.free) != 1:
+            return False
+        (p,) = (p for p in self.effect.parameters() if p.name == self.free[0])
+        return p.value in (p.lower, p.upper)
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,8 @@ class Score:
 
     ``estimate`` and ``covariance`` are in units of the candidate's steps. ``excited`` is the smallest share
     of a column's information left beside the nominal parameters; ``columns`` (N rows + m, d) are what
-    the fitted parameters leave of the whitened columns, ``taken`` (m, d) what they stand in for.
+    the fitted parameters leave of the whitened columns, ``taken`` (m, d) what they stand in for. ``sides`` is
+    1 where its only parameter has a sign: estimates of the other count for nothing.
     """
 
     candidate: Candidate
@@ -104,15 +113,16 @@ class Score:
     excited: float
     columns: np.ndarray
     taken: np.ndarray
+    sides: int = 2
 
     @property
     def p_value(self) -> float:
         """Chance of a ratio as large when the candidate is not there; variants are corrected for, other
         candidates are not.
         """
-        return (
-            min(1.0, self.candidate.grid * float(chi2.sf(self.ratio, self.freedom))) if self.freedom else 1.0
-        )
+        if not self.freedom:
+            return 1.0
+        return min(1.0, 0.5 * self.sides * self.candidate.grid * float(chi2.sf(self.ratio, self.freedom)))
 
     def information_gain(self, samples: int) -> float:
         """Return the gain in Bayes's information criterion, searched variants paid for."""

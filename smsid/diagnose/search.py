@@ -101,7 +101,7 @@ def search(
     held: tuple[Block, ...] = ()
     while True:
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
-        best = _best([s for s in scores if s.ratio > least], len(candidates), current.run.samples, levels)
+        best = _best([s for s in scores if s.ratio > least], len(candidates), levels)
         if best is None or len(causes) == levels.causes:
             break
         leading = list(scores[: levels.contenders])
@@ -109,7 +109,7 @@ def search(
             known = {s.candidate.key for s in leading}
             more = beginning(current, scores, levels.contenders)
             leading += [s for s in more if s.candidate.key not in known]
-        leading = [with_onset(current, s, levels.alias) for s in leading]
+        leading = [with_onset(current, s, levels.onset) for s in leading]
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         gain = best.information_gain(current.run.samples)
         if not fitted.misfit:  # else the tests do not decide
@@ -125,7 +125,7 @@ def search(
         begun, found = settled(found, cause.score)
         cause = replace(cause, score=begun)
         if poor(found):  # perhaps as the cause was there all the time
-            still, found = always(found, cause.score, levels.alias)
+            still, found = always(found, cause.score, levels.onset)
             cause = replace(cause, score=still)
         causes.append(cause)
         strong = cause.ratio > levels.linear
@@ -138,7 +138,7 @@ def search(
         rest = [c for c in rest if c.key != cause.score.candidate.key]
         scores = _scores(current, rest, columns)
     for i, cause in enumerate(causes):
-        still, current = always(current, cause.score, levels.alias)
+        still, current = always(current, cause.score, levels.onset)
         causes[i] = replace(cause, score=still)
     blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
@@ -201,8 +201,6 @@ def _scores(
     )
 
 
-def _best(scores: Sequence[Score], tried: int, samples: int, levels: Levels) -> Score | None:
-    for s in scores:
-        if s.freedom and s.p_value * tried < levels.candidate and s.information_gain(samples) > 0.0:
-            return s
-    return None
+def _best(scores: Sequence[Score], tried: int, levels: Levels) -> Score | None:
+    """Return the first of the scores that is significant; Bayes's criterion orders them, it does not decide."""
+    return next((s for s in scores if s.freedom and s.p_value * tried < levels.candidate), None)
