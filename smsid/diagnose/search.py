@@ -12,6 +12,7 @@ import numpy as np
 from smsid.diagnose.accept import Cause, Levels, accept, pruned
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
+from smsid.diagnose.exchange import judged_again
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
@@ -140,6 +141,8 @@ def search(
     for i, cause in enumerate(causes):
         still, current = always(current, cause.score, levels.onset)
         causes[i] = replace(cause, score=still)
+    if len(causes) > 1 and not fitted.misfit:
+        causes, current = judged_again(causes, current, nominal, candidates, columns, levels)
     blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current

@@ -36,7 +36,7 @@ SEPARATION = 3.29
 """Distance in sigmas at which two hypotheses are told apart, 5 % errors of either kind."""
 
 CACHE = Path(__file__).resolve().parents[2] / "build" / "hidden"
-STEP = 0.05  # of a nominal sigma, for central differences
+STEP = 0.002  # of a nominal sigma, for central differences: an effect that is all but a nuisance shows their errors
 FLAT = 1e3  # prior of the start [m, rad, m/s, rad/s]: none to speak of
 LINEAR = 30.0  # raw distance of a step that counts as small
 SEED = 20  # of the chance in an effect, for its limit
@@ -95,6 +95,7 @@ class Experiment:
         for name, x in self.nominal.items():
             # to a thousandth of the noise, which another build of MuJoCo does not reach
             digest.update(np.round(x / (1e-3 * NOISE[name])).astype(np.int64).tobytes())
+        digest.update(repr(STEP).encode())
         return f"{self.world}-{self.number}-{self.duration:g}-{digest.hexdigest()[:12]}"
 
     def distance_vector(self, other: Mapping[str, Array]) -> Array:

@@ -1,0 +1,130 @@
+"""Causes judged again beside the others: one chosen while another was still hidden may be the wrong one."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.accept import Cause, Levels, cost, refit
+from smsid.diagnose.candidates import Candidate, Score, correlation, scored
+from smsid.diagnose.columns import propagate
+from smsid.diagnose.fit import Fit, prior_of
+from smsid.errors import SmsidError
+
+LOGGER = logging.getLogger(__name__)
+NEAR = 0.5  # least correlation of two candidates that are taken for each other
+
+
+def judged_again(
+    causes: Sequence[Cause],
+    last: Fit,
+    nominal: Fit,
+    candidates: Sequence[Candidate],
+    columns: Mapping[tuple[str, str, str], np.ndarray],
+    levels: Levels,
+) -> tuple[list[Cause], Fit]:
+    """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
+
+    Each is taken out of the fit to first order, and the candidates are scored on what it leaves, beside the
+    other causes. ``columns`` are the candidates' whitened ones (N rows, d). The last cause was chosen so.
+    """
+    causes = list(causes)
+    for i, cause in enumerate(causes[:-1]):
+        taken = {c.score.candidate.key for c in causes}
+        rivals = [c for c in candidates if c.key in columns and c.key not in taken]
+        try:
+            less = without(last, cause.score.candidate, nominal)
+        except SmsidError as error:
+            LOGGER.info("%s is not judged again: %s", cause.score.candidate.key, error)
+            continue
+        if less.point.model().nv != last.changes.model.nv:
+            continue  # how a body hung up moves is not of first order
+        own = _own(last, less, cause)
+        scores = scored(less, rivals, [columns[c.key] for c in rivals])
+        better = _refitted(less, last, own, scores, levels)
+        if better is not None:
+            LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
+            own, last = better
+        samples = last.run.samples
+        gain = own.information_gain(samples)
+        near = [s for s in scores if gain - s.information_gain(samples) < levels.alias]
+        near = [s for s in near if s.candidate.key != own.candidate.key]
+        near.sort(key=lambda s: -s.information_gain(samples))
+        aliases = [(s, correlation(own, s)) for s in near]
+        close = tuple(a for a in aliases if a[1] > NEAR)
+        if better is not None:
+            beside = tuple(u.name for u in less.unknowns)
+            cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
+        causes[i] = replace(cause, aliases=close)
+    return causes, last
+
+
+def without(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:
+    """Return a fit less a cause, to first order: what its effect does along the motion is left again.
+
+    Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
+    but do not yet. Raises `SmsidError` where what it does has no derivative.
+    """
+    own = {*candidate.free, *candidate.also}
+    point, run, effect = found.point, found.run, candidate.effect
+    if effect is None:
+        bound = {u.name: u for u in nominal.unknowns}
+        unknowns, whitened = tuple(bound.get(u.name, u) for u in found.unknowns), found.whitened
+        unknowns = tuple(b if b.name in own else u for b, u in zip(unknowns, found.unknowns, strict=True))
+    else:
+        kept = [i for i, u in enumerate(found.unknowns) if u.name not in own]
+        unknowns, whitened = tuple(found.unknowns[i] for i in kept), found.whitened[:, :, kept]
+        mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
+        plain = mine.with_values({n: stated[n] for n in candidate.free})
+        done = propagate(run, [found.changes.effect(plain, mine, 1.0)])[:, :, 0]
+        run = replace(run, innovations=run.innovations + done)
+        point = point.with_effect(plain)
+        known = {e.name for e in nominal.point.description.effect}
+        if effect.name not in known and not any(u.name.startswith(f"{effect.name}.") for u in unknowns):
+            others = tuple(e for e in point.description.effect if e.name != effect.name)
+            point = replace(point, description=point.description.model_copy(update={"effect": others}))
+    flat, prior = whitened.reshape(-1, len(unknowns)), prior_of(point, unknowns, found.problem)
+    gram = flat.T @ flat + prior.rows.T @ prior.rows
+    slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
+    less = Fit(point, unknowns, found.problem, run, whitened, gram, slope, 0.0, found.changes, prior)
+    more = float(less.residual @ less.residual - found.residual @ found.residual)
+    return replace(less, objective=found.objective + 0.5 * more)
+
+
+def _own(last: Fit, less: Fit, cause: Cause) -> Score:
+    """Return the score of a cause beside the others: what the fit loses without it."""
+    index = [i for i, u in enumerate(last.unknowns) if u.name in cause.score.candidate.free]
+    columns = last.whitened[:, :, index].reshape(-1, len(index))
+    (beside,) = less.projected([columns])
+    return replace(
+        cause.score, ratio=_unexplained(less) - _unexplained(last), columns=beside.left, taken=beside.taken
+    )
+
+
+def _unexplained(found: Fit) -> float:
+    """Return the sum of squares that no step of the fitted parameters takes away."""
+    q, _ = found.factors
+    within = q.T @ found.residual
+    return float(found.residual @ found.residual - within @ within)
+
+
+def _refitted(
+    less: Fit, last: Fit, own: Score, scores: Sequence[Score], levels: Levels
+) -> tuple[Score, Fit] | None:
+    """Return the best rival and its fit where it gains clearly more than the cause, refitted too."""
+    samples = last.run.samples
+    best = max(scores, key=lambda s: s.information_gain(samples), default=None)
+    if best is None or best.information_gain(samples) - own.information_gain(samples) < levels.alias:
+        return None
+    found = refit(less, best)
+    if found is None:
+        return None
+    gained = 2.0 * (last.objective - found.objective)
+    paid = cost(less, best, found) - cost(less, own, last)
+    LOGGER.info("%s for %s: gains %.1f", best.candidate.key, own.candidate.key, gained - paid)
+    if gained - paid < levels.alias:
+        return None
+    return replace(best, ratio=own.ratio + gained), found

@@ -1,0 +1,70 @@
+"""Causes judged again beside the others: a wrong one found first gives way, a right one stays."""
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.accept import Cause, Levels, refit
+from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.channels import measured
+from smsid.diagnose.exchange import judged_again, without
+from smsid.diagnose.filter import Noise, Problem, Timing
+from smsid.diagnose.fit import evaluate, fit
+from smsid.diagnose.proposals import propose
+from smsid.effects import JointFriction, TorqueGain
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+
+FRICTION, GAIN = ("joint_friction", "joint2"), ("torque_gain", "joint1", "torque constant")
+KINDS = ("joint_friction", "torque_gain")
+
+
+@pytest.fixture(scope="module")
+def pair(description, known):
+    """Six seconds with Coulomb friction and a motor that is too strong: the nominal fit, candidates."""
+    truth = description.with_effects(
+        JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=0.01),
+        TorqueGain(kind="torque_gain", name="strong", joint="joint1", error=0.02),
+    )
+    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+    recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
+    data = measured(known.point.base, recording, known.point.description.effective_sensors()).thinned(25.0)
+    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    candidates = [c for c in propose(known.point, problem, known.unknowns) if c.kind in KINDS]
+    return fit(known.point, known.unknowns, problem), candidates
+
+
+def with_causes(nominal, candidates, keys):
+    """The causes of these keys and the fit with them, one after the other."""
+    current, causes = nominal, []
+    for key in keys:
+        one = next(c for c in candidates if c.key == key)
+        (score,) = scored(current, [one], list(signatures(current, [one]).values()))
+        names = tuple(u.name for u in current.unknowns)
+        current = refit(current, score)
+        causes.append(Cause(score, (), score.ratio, names))
+    return causes, current
+
+
+@pytest.mark.parametrize("first", ["viscous", "coulomb"])
+def test_the_right_shape_takes_the_place_of_the_wrong_one(pair, first):
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, first), GAIN])
+    columns = {candidates[i].key: c for i, c in signatures(current, candidates).items()}
+    found, last = judged_again(causes, current, nominal, candidates, columns, Levels())
+    assert [c.score.candidate.key for c in found] == [(*FRICTION, "coulomb"), GAIN]
+    assert last.objective <= current.objective
+    assert (last is current) == (first == "coulomb")
+    assert last.point.description.get_effect("joint_friction_joint2").viscous == 0.0
+    assert not {"viscous", "coulomb"} & {s.candidate.shape for s, _ in found[0].aliases}
+
+
+def test_a_cause_is_taken_out_as_the_filter_runs_without_it(pair):
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "coulomb"), GAIN])
+    less = without(current, causes[0].score.candidate, nominal)
+    again = evaluate(less.point, less.unknowns, less.problem)
+    assert less.unknowns == again.unknowns
+    moved = again.run.innovations - current.run.innovations
+    off = np.linalg.norm(less.run.innovations - again.run.innovations)
+    assert off < 0.05 * np.linalg.norm(moved)
+    assert less.objective == pytest.approx(again.objective, rel=0.01)
