@@ -22,10 +22,10 @@ SURPLUS = 3.0  # how much more than its linear score a refitted candidate may ga
 class Levels:
     """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
 
-    ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (6.6: what is
-    there is beaten by that in half a percent of the cases at most, however like it the other is); ``onset`` is
-    what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as likely);
-    ``linear`` the likelihood ratio up to which the linear score is believed
+    ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (6.6: what
+    is there is beaten by that in half a percent of the cases at most, however like it the other is);
+    ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
+    likely); ``linear`` the likelihood ratio up to which the linear score is believed
     without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
     what is left beside it may be how finely the model follows that cause (1.7 % of its size): no cause.
     """

@@ -205,5 +205,5 @@ def _scores(
 
 
 def _best(scores: Sequence[Score], tried: int, levels: Levels) -> Score | None:
-    """Return the first of the scores that is significant; Bayes's criterion orders them, it does not decide."""
+    """Return the first of the scores that is significant: Bayes's criterion orders them, no more."""
     return next((s for s in scores if s.freedom and s.p_value * tried < levels.candidate), None)

@@ -36,9 +36,10 @@ SEPARATION = 3.29
 """Distance in sigmas at which two hypotheses are told apart, 5 % errors of either kind."""
 
 CACHE = Path(__file__).resolve().parents[2] / "build" / "hidden"
-STEP = 0.002  # of a nominal sigma, for central differences: an effect that is all but a nuisance shows their errors
+STEP = 0.002  # of a nominal sigma, for central differences; what is all but a nuisance shows their errors
 FLAT = 1e3  # prior of the start [m, rad, m/s, rad/s]: none to speak of
-LINEAR = 30.0  # raw distance of a step that counts as small
+LONG = 500.0  # raw distance beyond which what is projected out may not be linear
+LINEAR = 0.3  # raw distance of a step that counts as small
 SEED = 20  # of the chance in an effect, for its limit
 
 
@@ -123,8 +124,14 @@ class Experiment:
         return vector - q @ _root(q, vector)
 
     def signal(self, effect: Hidden, value: float) -> Array:
-        """What a hidden value changes, projected, (rows,)."""
-        return self.project(self._raw(effect, value))
+        """What a hidden value changes, projected, (rows,); by its derivative where its trace is long."""
+        vector = self._raw(effect, value)
+        raw = float(np.linalg.norm(vector))
+        if (
+            raw > LONG and effect.rule is None and effect.power == 1
+        ):  # how it bends is none
+            vector = self._raw(effect, value * LINEAR / raw) * (raw / LINEAR)
+        return self.project(vector)
 
     def _raw(self, effect: Hidden, value: float) -> Array:
         change = effect.make(value, None, np.random.default_rng(SEED))
@@ -160,7 +167,7 @@ class Experiment:
             if not left > 0.0:
                 return Limit(effect.name, np.inf, np.inf, effect.unit, 0.0, runs, "no trace")
             # what is projected out must stay linear: the nearer to all of it, the smaller the step
-            if runs == 2 or (raw < 500.0 and left > 0.02 * raw):
+            if runs == 2 or (raw < LONG and left > 0.02 * raw):
                 found = value * (DETECTION / left) ** (1 / effect.power)
                 share = raw * DETECTION / left
                 return Limit(effect.name, found, found / DETECTION, effect.unit, share, runs, "distance")
