@@ -15,6 +15,7 @@ from .fisher import cannot_separate, experiment
 from .flight import Files, write_run
 from .judge import Injected, Judgement, judge
 from .plan import Run
+from .truth import against_truth
 
 FAST = 3.0  # [rad/s] rate of a joint that no recording of an arm in space goes beyond
 
@@ -45,6 +46,11 @@ def tamed(run: Run, folder: Path) -> tuple[Run, Files]:
 
 def diagnosis_of(files: Files, folder: Path) -> dict[str, Any]:
     """Diagnose the files; the document is what stands in diagnosis.json."""
+    return diagnosed(files, folder)[1]
+
+
+def diagnosed(files: Files, folder: Path) -> tuple[Any, dict[str, Any]]:
+    """Diagnose the files; return what was made, and the document as it stands in diagnosis.json."""
     from smsid.description import load_description
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import load_estimate
@@ -58,7 +64,7 @@ def diagnosis_of(files: Files, folder: Path) -> dict[str, Any]:
     )
     path = folder / "diagnosis.json"
     save_diagnosis(found.diagnosis, path)
-    return json.loads(path.read_text(encoding="utf-8"))
+    return found, json.loads(path.read_text(encoding="utf-8"))
 
 
 def judged(run: Run, document: dict[str, Any]) -> Judgement:
@@ -75,14 +81,16 @@ def run_and_judge(run: Run, folder: Path) -> dict[str, Any]:
     marks = [time.process_time()]
     run, files = tamed(run, folder)
     marks.append(time.process_time())
+    made = None
     try:
-        document = diagnosis_of(files, folder)
+        made, document = diagnosed(files, folder)
     except Exception:  # it is to go on, and a diagnosis that crashed is one that failed
         document = {"verdict": "not_evaluated", "sentence": f"crashed: {traceback.format_exc()}"}
     marks.append(time.process_time())
     found = judged(run, document)
     gain = document.get("gain") or {}
     explained = gain.get("explained")
+    truth = None if made is None else against_truth(run, files, folder, made, document, found)
     return {
         "seed": run.seed,
         "category": run.category,
@@ -108,6 +116,7 @@ def run_and_judge(run: Run, folder: Path) -> dict[str, Any]:
         "families": sorted({c["family"] for c in document.get("causes", ())}),
         "notes": list(found.notes),
         "gain_explained": explained,
+        "gain_of_true": truth,
         "sentence": document.get("sentence", ""),
         "seconds": {"simulate": marks[1] - marks[0], "diagnose": marks[2] - marks[1]},
     }
