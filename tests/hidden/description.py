@@ -50,18 +50,18 @@ def write_description(n: Numbers, folder: Path, noise: dict[str, float] | None =
     if n.wheel_inertia is not None:
         for name, axis, spin in zip(WHEELS, np.eye(3).tolist(), n.wheel_inertia, strict=True):
             lines += ["", "[[wheel]]", f'name = "{name}"', f"axis = {axis}"]
-            lines += [f"position = {list(n.wheel_position)}", f"inertia = {spin!r}"]
+            lines += [f"position = {list(n.wheel_position)}", f"inertia = {float(spin)!r}"]
     for tank in n.tanks:
         lines += ["", "[[effect]]", 'kind = "slosh"', f'name = "{tank.name}"']
-        lines += [f"position = {list(tank.position)}", f"mass = {tank.mass!r}"]
-        lines += [f"stiffness = {list(tank.stiffness)}", f"damping = {list(tank.damping)}"]
+        lines += [f"position = {_list(tank.position)}", f"mass = {float(tank.mass)!r}"]
+        lines += [f"stiffness = {_list(tank.stiffness)}", f"damping = {_list(tank.damping)}"]
     if n.plate is not None:
         p = n.plate
         lines += ["", "[[effect]]", 'kind = "beam_appendage"', 'name = "panel"']
         lines += [f"position = {list(n.plate_root)}", f"stations = {list(n.stations)}"]
-        lines += [f"length = {p.length!r}", f"width = {p.width!r}", f"thickness = {p.thickness!r}"]
-        lines += [f"density = {p.density!r}", f"youngs_modulus = {p.young!r}"]
-        lines += [f"damping = {p.damping_ratio!r}", f"modes = {p.modes}"]
+        lines += [f"length = {float(p.length)!r}", f"width = {float(p.width)!r}", f"thickness = {float(p.thickness)!r}"]
+        lines += [f"density = {float(p.density)!r}", f"youngs_modulus = {float(p.young)!r}"]
+        lines += [f"damping = {float(p.damping_ratio)!r}", f"modes = {p.modes}"]
     kinds = {"panel": "accelerometers"}
     for source in dict.fromkeys(c.split(".")[0] for c in channel_names(n)):
         lines += ["", "[[sensor]]", f'name = "{source}"', f'kind = "{kinds.get(source, source)}"']
@@ -115,6 +115,10 @@ def write_estimate(n: Numbers, path: Path) -> Path:
     }
     path.write_text(json.dumps(document, indent=1))
     return path
+
+
+def _list(values: ArrayLike) -> str:
+    return repr([float(v) for v in np.ravel(values)])
 
 
 def _text(values: ArrayLike) -> str:
