@@ -59,7 +59,11 @@ def write_description(n: Numbers, folder: Path, noise: dict[str, float] | None =
         p = n.plate
         lines += ["", "[[effect]]", 'kind = "beam_appendage"', 'name = "panel"']
         lines += [f"position = {list(n.plate_root)}", f"stations = {list(n.stations)}"]
-        lines += [f"length = {float(p.length)!r}", f"width = {float(p.width)!r}", f"thickness = {float(p.thickness)!r}"]
+        lines += [
+            f"length = {float(p.length)!r}",
+            f"width = {float(p.width)!r}",
+            f"thickness = {float(p.thickness)!r}",
+        ]
         lines += [f"density = {float(p.density)!r}", f"youngs_modulus = {float(p.young)!r}"]
         lines += [f"damping = {float(p.damping_ratio)!r}", f"modes = {p.modes}"]
     kinds = {"panel": "accelerometers"}
