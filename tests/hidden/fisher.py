@@ -127,9 +127,7 @@ class Experiment:
         """What a hidden value changes, projected, (rows,); by its derivative where its trace is long."""
         vector = self._raw(effect, value)
         raw = float(np.linalg.norm(vector))
-        if (
-            raw > LONG and effect.rule is None and effect.power == 1
-        ):  # how it bends is none
+        if raw > LONG and effect.rule is None and effect.power == 1:  # how it bends is none
             vector = self._raw(effect, value * LINEAR / raw) * (raw / LINEAR)
         return self.project(vector)
 
