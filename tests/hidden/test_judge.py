@@ -100,3 +100,10 @@ def test_component_of_a_sensor():
     stuck = hidden("stuck:duration@imu.angular_rate")
     assert outcome(document(cause("stuck", "imu.angular_rate.x", "sensor", "stuck")), stuck) == "right"
     assert outcome(document(cause("stuck", "imu.acceleration.x", "sensor", "stuck")), stuck) == "right_family"
+
+
+@pytest.mark.parametrize(("where", "right"), [("torque of joint2", True), ("torque of joint3", False)])
+def test_the_torque_of_a_joint_is_the_equation_of_the_joint(where, right):
+    doc = document(verdict="unexplained", remaining=[{"where": where, "dependence": "angle"}])
+    found = judge(doc, [hidden("outside:torque_ripple@joint2")], lambda *_: True)
+    assert (found.outcome, found.equation) == ("unexplained", right)
