@@ -11,6 +11,19 @@ import numpy as np
 import pytest
 import xarray as xr
 from likelihood import twin
+from likelihood.faulty import (
+    SENSED,
+    Change,
+    changed,
+    dead,
+    late,
+    missing,
+    never_commanded,
+    not_finite,
+    of,
+    outliers,
+    saturated,
+)
 
 from smsid.cli import main
 from smsid.identify import load_estimate
@@ -18,10 +31,10 @@ from smsid.identify.estimate import Estimate
 from smsid.recording import Recording, save_recording
 
 FAR = 4.0  # standard deviations
-SENSED = ("imu.", "pose.", "panel.", "encoder.", "tachometer.")
+HOLE = (25.0, 27.0)  # [s]
+REST = tuple(s for s in SENSED if s != "tachometer.")  # nothing else tells what the wheels do
 OF_EXP1 = {"total.mass", "tank.mass", "tank.stiffness.x", "panel.linear_density", "panel.mode2.frequency"}
 OF_EXP2 = {"bus.mx", "bus.Izz", "link2.mx", "link3.mx", "link3.Iyy"}
-Change = Callable[[str, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 Told = tuple[int, str, Estimate | None]
 
 
@@ -56,54 +69,6 @@ def exp2() -> Recording:
     return twin.noisy(twin.exp2(40.0), 0)
 
 
-def changed(recording: Recording, change: Change) -> Recording:
-    """The recording with every sensor's channel (times, values) replaced by what ``change`` makes of it."""
-    channels = {}
-    for name in recording.channels:
-        times, values = recording.time(name), np.array(recording[name])
-        channels[name] = change(name, times, values) if name.startswith(SENSED) else (times, values)
-    return Recording.from_arrays(
-        None, channels, labels=recording.labels, role="estimation", name=recording.name
-    )
-
-
-def outliers(name: str, times: np.ndarray, values: np.ndarray):
-    rng = np.random.default_rng(len(name))
-    if name != "pose.attitude":
-        rows = rng.random(len(values)) < 0.01
-        size = 50.0 * np.std(np.diff(values, axis=0), axis=0)
-        values[rows] += size * rng.choice([-1.0, 1.0], size=values[rows].shape)
-    return times, values
-
-
-def not_finite(name: str, times: np.ndarray, values: np.ndarray):
-    if not name.startswith("tachometer."):  # nothing else tells what the wheels do: below
-        values[(times >= 25.0) & (times <= 27.0)] = np.nan
-    return times, values
-
-
-def missing(name: str, times: np.ndarray, values: np.ndarray):
-    kept = (times < 25.0) | (times > 27.0) | name.startswith("tachometer.")
-    return times[kept], values[kept]
-
-
-def saturated(*quantities: str) -> Change:
-    def change(name: str, times: np.ndarray, values: np.ndarray):
-        if name in quantities:
-            limit = 0.8 * np.abs(values).max()
-            values = np.clip(values, -limit, limit)
-        return times, values
-
-    return change
-
-
-def late(sensor: str) -> Change:
-    def change(name: str, times: np.ndarray, values: np.ndarray):
-        return (times * (1.0 + 1e-3) + 0.03 if name.startswith(sensor) else times), values
-
-    return change
-
-
 def inside(estimate: Estimate | None, least: set[str]) -> None:
     """Those are identifiable, and every identifiable one is within its interval: the description is true."""
     assert estimate is not None and estimate.method == "maximum_likelihood"
@@ -118,9 +83,9 @@ def inside(estimate: Estimate | None, least: set[str]) -> None:
     ("change", "said"),
     [
         (outliers, "imu.acceleration left out"),
-        (not_finite, "of imu.acceleration bridged"),
-        (missing, "of imu.acceleration bridged"),
-        (late("panel."), "clocks that do not agree with the rest, estimated too: panel"),
+        (of(REST, not_finite(*HOLE)), "of imu.acceleration bridged"),
+        (of(REST, missing(*HOLE)), "of imu.acceleration bridged"),
+        (late("panel"), "clocks that do not agree with the rest, estimated too: panel"),
     ],
     ids=["outliers", "not finite", "missing", "clock"],
 )
@@ -135,9 +100,9 @@ def test_exp1_is_inside_its_intervals(identify, change: Change, said: str):
     ("change", "said"),
     [
         (outliers, "tachometer.wheel_rate bridged"),
-        (not_finite, "of encoder.joint_position bridged"),
+        (of(REST, not_finite(*HOLE)), "of encoder.joint_position bridged"),
         (saturated("imu.angular_rate"), "imu.angular_rate left out"),
-        (late("encoder."), "encoder.clock_offset is 0.03 +-"),
+        (late("encoder"), "encoder.clock_offset is 0.03 +-"),
     ],
     ids=["outliers", "not finite", "saturated", "clock"],
 )
@@ -181,25 +146,8 @@ def test_a_joint_that_stands_still(identify):
     assert all(p.status == "not_identifiable" and "joint3 stands still" in p.note for p in own)
 
 
-def gap(name: str, times: np.ndarray, values: np.ndarray):
-    kept = (times < 20.0) | (times > 22.0) | (name != "tachometer.wheel_rate")
-    return times[kept], values[kept]
-
-
-def dead(name: str, times: np.ndarray, values: np.ndarray):
-    if name == "imu.angular_rate":
-        values[: 2 * len(values) // 3] = np.nan
-    return times, values
-
-
 def still_wheels(name: str, times: np.ndarray, values: np.ndarray):
     return times, 1e-4 * np.sin(values) if name == "tachometer.wheel_rate" else values
-
-
-def never_commanded(recording: Recording) -> Recording:
-    force = np.array(recording["command.force"])
-    force[7] = np.nan
-    return recording.with_channels({"command.force": force})
 
 
 REFUSED = {
@@ -210,11 +158,14 @@ REFUSED = {
         lambda: changed(exp1(), saturated("imu.acceleration")),
         r"axis x of 'exp1': No slosh .* of imu\.acceleration bridged \(.* at the sensor's limit",
     ),
-    "exp1: dead": (lambda: changed(exp1(), dead), r"'imu\.angular_rate' \(33 %\)"),
+    "exp1: dead": (lambda: changed(exp1(), dead("imu.angular_rate")), r"'imu\.angular_rate' \(33 %\)"),
     "exp1: much too short": (lambda: exp1().window(0.0, 0.05), r"few|short"),
     "exp2: too short": (lambda: exp2().window(0.0, 10.0), "lasts 10 s: too short"),
     "exp2: no channel": (lambda: exp2().without("encoder.joint_velocity"), r"encoder\.joint_velocity"),
-    "exp2: a gap of the tachometers": (lambda: changed(exp2(), gap), "wheels' rates are missing from"),
+    "exp2: a gap of the tachometers": (
+        lambda: changed(exp2(), of(("tachometer.",), missing(20.0, 22.0))),
+        "wheels' rates are missing from",
+    ),
     "exp2: still wheels": (lambda: changed(exp2(), still_wheels), "No wheel turns"),
     "exp2: cut out": (lambda: exp2().window(5.0, 40.0), "does not start at rest"),
 }

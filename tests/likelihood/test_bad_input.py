@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from smsid.likelihood.piece import piece_of
 from smsid.likelihood.spline import Samples, fit_motion
 from smsid.recording import Recording
 
-from . import twin
+from . import faulty, twin
 from .test_refine import FAR, TRUTH, off
 
 OUTPUTS = ("imu.acceleration", "imu.angular_rate", "pose.position", "pose.velocity", "panel.acceleration")
@@ -23,13 +21,6 @@ OUTPUTS = ("imu.acceleration", "imu.angular_rate", "pose.position", "pose.veloci
 
 def flown() -> Recording:
     return twin.noisy(twin.exp1((1, 1, 1), 60.0), 0)
-
-
-def changed(recording: Recording, channels: dict[str, Any]) -> Recording:
-    """The recording with channels (times, values) replaced."""
-    all_ = {n: (recording.time(n), recording[n]) for n in recording.channels} | channels
-    labels = {"joint": list(twin.model().arm_joints.names), "wheel": list(twin.model().wheels.names)}
-    return Recording.from_arrays(None, all_, labels=labels, role="estimation", name=recording.name)
 
 
 def inside(found: Refinement) -> None:
@@ -40,40 +31,20 @@ def inside(found: Refinement) -> None:
 
 
 def test_one_sample_in_a_hundred_is_an_outlier():
-    recording, rng = flown(), np.random.default_rng(0)
-    channels = {}
-    for name in OUTPUTS:
-        values = np.array(recording[name])
-        rows = rng.random(len(values)) < 0.01
-        size = 50.0 * np.std(np.diff(values, axis=0), axis=0)
-        values[rows] += size * rng.choice([-1.0, 1.0], size=values[rows].shape)
-        channels[name] = (recording.time(name), values)
-    found = refine(off(), [changed(recording, channels)])
+    found = refine(off(), [faulty.changed(flown(), faulty.of(OUTPUTS, faulty.outliers))])
     inside(found)
     assert sum("far outside of their noise" in note for note in found.estimate.notes) == len(OUTPUTS)
 
 
-@pytest.mark.parametrize("how", ["missing", "not finite"])
-def test_two_seconds_dropped_out(how: str):
-    recording = flown()
-    channels = {}
-    for name in ("imu.acceleration", "imu.angular_rate"):
-        times, values = recording.time(name), np.array(recording[name])
-        if how == "missing":
-            kept = (times < 20.0) | (times > 22.0)
-            times, values = times[kept], values[kept]
-        else:
-            values[(times >= 20.0) & (times <= 22.0)] = np.nan
-        channels[name] = (times, values)
-    inside(refine(off(), [changed(recording, channels)]))
+@pytest.mark.parametrize(
+    "dropped", [faulty.missing(20.0, 22.0), faulty.not_finite(20.0, 22.0)], ids=["missing", "not finite"]
+)
+def test_two_seconds_dropped_out(dropped: faulty.Change):
+    inside(refine(off(), [faulty.changed(flown(), faulty.of(("imu.",), dropped))]))
 
 
 def test_saturated_accelerometer():
-    recording = flown()
-    values = recording["imu.acceleration"]
-    limit = 0.8 * np.abs(values).max()
-    clipped = {"imu.acceleration": (recording.time("imu.acceleration"), np.clip(values, -limit, limit))}
-    found = refine(off(), [changed(recording, clipped)])
+    found = refine(off(), [faulty.changed(flown(), faulty.saturated("imu.acceleration"))])
     inside(found)
     assert any("imu.acceleration left out" in note for note in found.estimate.notes)
 
@@ -81,19 +52,13 @@ def test_saturated_accelerometer():
 @pytest.mark.parametrize("sensor", ["pose", "panel"])
 def test_a_clock_that_is_late_and_drifts(sensor: str):
     """The panel's accelerations jump with thrust: late by a sample they look like outliers."""
-    recording = flown()
-    channels = {
-        name: (recording.time(name) * (1.0 + 1e-3) + 0.03, recording[name])
-        for name in recording.channels
-        if name.startswith(f"{sensor}.")
-    }
-    found = refine(off(), [changed(recording, channels)])
+    found = refine(off(), [faulty.changed(flown(), faulty.late(sensor))])
     inside(found)
     own = {p.name: p for p in found.estimate.group("nuisance") if ".clock" in p.name}
     assert all(name.startswith(f"exp1: {sensor}.") for name in own)  # no other clock is blamed
     offset, drift = own[f"exp1: {sensor}.clock_offset"], own[f"exp1: {sensor}.clock_drift"]
-    assert abs(offset.value - 0.03) < FAR * offset.sigma
-    assert abs(drift.value - 1e-3 / (1.0 + 1e-3)) < FAR * drift.sigma
+    assert abs(offset.value - faulty.LATE) < FAR * offset.sigma
+    assert abs(drift.value - faulty.DRIFT / (1.0 + faulty.DRIFT)) < FAR * drift.sigma
     assert any("clocks that do not agree" in note for note in found.estimate.notes)
 
 
@@ -107,10 +72,7 @@ def test_too_short_to_say_anything():
 
 def test_wheels_whose_rates_are_missing_are_refused():
     recording = twin.noisy(twin.exp2(10.0), 0)
-    name = "tachometer.wheel_rate"
-    times = recording.time(name)
-    kept = (times < 4.0) | (times > 6.0)
-    cut = changed(recording, {name: (times[kept], recording[name][kept])})
+    cut = faulty.changed(recording, faulty.of(("tachometer.",), faulty.missing(4.0, 6.0)))
     with pytest.raises(RecordingError, match="wheels' rates are missing"):
         piece_of(twin.model(), cut, Nuisance())
 
