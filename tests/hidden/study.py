@@ -30,15 +30,21 @@ def files_of(run: Run, folder: Path) -> Files:
 def tamed(run: Run, folder: Path) -> tuple[Run, Files]:
     """Simulate a run; where the arm flies away, what is hidden is halved until it stays below `FAST`.
 
-    An arm whose torques fit it so badly that it tumbles is no experiment that anybody would record.
+    An arm whose torques fit it so badly that it tumbles is no experiment that anybody would record; nor is
+    one with a body that cannot exist, which MuJoCo refuses.
     """
     from smsid.recording import load_recording
 
     for _ in range(8):
-        files = files_of(run, folder)
-        flown = [load_recording(path) for path in (files.recording, files.validation)]
-        if all(np.nanmax(np.abs(np.asarray(r["encoder.joint_velocity"]))) < FAST for r in flown):
-            break
+        try:
+            files = files_of(run, folder)
+        except ValueError as error:
+            if "inertia must satisfy" not in str(error):
+                raise
+        else:
+            flown = [load_recording(path) for path in (files.recording, files.validation)]
+            if all(np.nanmax(np.abs(np.asarray(r["encoder.joint_velocity"]))) < FAST for r in flown):
+                break
         weaker = [replace(i, value=i.value / 2.0, strength=i.strength / 2.0) for i in run.hidden]
         run = replace(run, hidden=tuple(weaker))
     return run, files
