@@ -10,11 +10,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.candidates import Candidate, Score, correlation
-from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.fit import Fit, evaluate, fit
 from smsid.diagnose.point import Unknown
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
+NEAR = 0.5  # least correlation of two candidates that are taken for each other
+NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -23,7 +25,8 @@ class Levels:
     """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
 
     ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (6.6: what
-    is there is beaten by that in half a percent of the cases at most, however like it the other is);
+    is there is beaten by that in half a percent of the cases at most, however like it another is that has as
+    many parameters; siblings with more are another matter, `told_apart`);
     ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
     likely); ``linear`` the likelihood ratio up to which the linear score is believed
     without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
@@ -60,12 +63,16 @@ class Cause:
         return replace(self.score, taken=np.array([rows.get(n, nothing) for n in names]))
 
 
-def accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -> tuple[Cause, Fit] | None:
-    """Refit the best candidate, and its contenders where the linear score may be off; return the winner."""
+def accept(
+    current: Fit, best: Score, scores: Sequence[Score], levels: Levels, tried: int
+) -> tuple[Cause, Fit] | None:
+    """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
+
+    ``tried`` is the number of candidates, which chances are corrected for.
+    """
     samples = current.run.samples
-    gain = best.information_gain(samples)
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
-    near = [s for s in rivals if gain - s.information_gain(samples) < levels.alias]
+    near = [s for s in rivals if not told_apart(best, s, samples, levels)]
     contenders = [best]
     if best.ratio > levels.linear:
         close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
@@ -87,17 +94,28 @@ def accept(current: Fit, best: Score, scores: Sequence[Score], levels: Levels) -
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
     value = ratio - cost(current, winner, found)
-    if replace(winner, ratio=ratio).p_value * len(scores) > levels.candidate:
+    if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
         return None
     if best.ratio > levels.linear:
         reached = {id(s): v for v, s, _ in fitted}
         near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
-        near += [
-            s for s in rivals if s not in contenders and gain - s.information_gain(samples) < levels.alias
-        ]
+        near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
     aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     beside = tuple(u.name for u in current.unknowns)
-    return Cause(winner, tuple(a for a in aliases if a[1] > 0.5), ratio, beside), found
+    return Cause(winner, tuple(a for a in aliases if a[1] > NEAR), ratio, beside), found
+
+
+def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> bool:
+    """Whether a rival is rejected beside the winner.
+
+    A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
+    nothing then, but that what it has more explains no more than chance does.
+    """
+    a, b = winner.candidate, rival.candidate
+    more = rival.freedom - winner.freedom
+    if more > 0 and (a.location, a.family) == (b.location, b.family):
+        return rival.ratio - winner.ratio < float(chi2.isf(NESTED, more))
+    return winner.information_gain(samples) - rival.information_gain(samples) >= levels.alias
 
 
 def cost(current: Fit, s: Score, found: Fit) -> float:
@@ -179,13 +197,13 @@ def pruned(
             sigma = np.sqrt(np.diag(covariance)[index])  # units differ by more than pinv takes for nothing
             own = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
             wald = float((shift / sigma) @ np.linalg.pinv(own) @ (shift / sigma))
-            p = chi2.sf(wald, len(index)) * tried
+            p = 0.5 * cause.score.sides * chi2.sf(wald, len(index)) * tried
             if p > levels.candidate and wald < least:
                 worst, least = cause, wald
         if worst is None:
             break
         causes = [c for c in causes if c is not worst]
-        current = replace(nominal, problem=last.problem)  # its noise levels may be finer
+        current = evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise levels may be finer
         for cause in causes:
             again = refit(current, cause.score_beside([u.name for u in current.unknowns]))
             current = again if again is not None else current

@@ -13,7 +13,7 @@ from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.channels import Measured, measured
 from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels
-from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
+from smsid.diagnose.filter import Noise, Problem, Run, Timing, run_filter
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
 from smsid.diagnose.inputs import locked
@@ -111,7 +111,7 @@ def _by_torques(
     cutoff: float | None,
 ) -> Diagnosed:
     asked = levels or Levels()
-    own = TorqueLevels(asked.candidate, asked.block, asked.alias)
+    own = TorqueLevels() if levels is None else TorqueLevels(asked.candidate, asked.block, asked.alias)
     result, extended, found = diagnose_torques(
         description, recordings, estimate=estimate, validation=validation, levels=own, cutoff=cutoff
     )
@@ -204,7 +204,14 @@ def timing_of(point: Point, problem: Problem) -> Timing:
     if len(choices) == 1:
         return choices[0]
     model = point.model()
-    return max(choices, key=lambda t: run_filter(model, replace(problem, timing=t)).log_likelihood)
+    return max(choices, key=lambda t: _after_the_first(run_filter(model, replace(problem, timing=t))))
+
+
+def _after_the_first(run: Run) -> float:
+    """Return the log-likelihood of all samples but the first, of which not every timing takes as much."""
+    first, used = run.innovations[0], run.used[0]
+    taken = float(np.log(run.whitening[0].diagonal()[used]).sum()) - 0.5 * float(first @ first)
+    return run.log_likelihood - taken
 
 
 def extended_description(found: Search) -> Description:

@@ -8,14 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.accept import Cause, Levels, cost, refit
+from smsid.diagnose.accept import NEAR, Cause, Levels, cost, refit, told_apart
 from smsid.diagnose.candidates import Candidate, Score, correlation, scored
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import Fit, prior_of
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
-NEAR = 0.5  # least correlation of two candidates that are taken for each other
 
 
 def judged_again(
@@ -49,9 +48,9 @@ def judged_again(
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
             own, last = better
         samples = last.run.samples
-        gain = own.information_gain(samples)
-        near = [s for s in scores if gain - s.information_gain(samples) < levels.alias]
-        near = [s for s in near if s.candidate.key != own.candidate.key]
+        paid = replace(own, ratio=own.ratio - _more(less, own, last))
+        near = [s for s in scores if s.candidate.key != own.candidate.key]
+        near = [s for s in near if not told_apart(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.information_gain(samples))
         aliases = [(s, correlation(own, s)) for s in near]
         close = tuple(a for a in aliases if a[1] > NEAR)
@@ -111,13 +110,18 @@ def _unexplained(found: Fit) -> float:
     return float(found.residual @ found.residual - within @ within)
 
 
+def _more(less: Fit, own: Score, last: Fit) -> float:
+    """Return what the parameters cost that a cause freed beside those it was scored with."""
+    return cost(less, own, last) - (own.ratio - own.information_gain(last.run.samples))
+
+
 def _refitted(
     less: Fit, last: Fit, own: Score, scores: Sequence[Score], levels: Levels
 ) -> tuple[Score, Fit] | None:
     """Return the best rival and its fit where it gains clearly more than the cause, refitted too."""
     samples = last.run.samples
     best = max(scores, key=lambda s: s.information_gain(samples), default=None)
-    if best is None or best.information_gain(samples) - own.information_gain(samples) < levels.alias:
+    if best is None or best.information_gain(samples) - own.ratio + cost(less, own, last) < levels.alias:
         return None
     found = refit(less, best)
     if found is None:

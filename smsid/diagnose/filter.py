@@ -212,6 +212,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
             raise _lost(times[k])
         b = forcing[k] @ mid_lin.by_tau
         p = f @ p @ f.T + (b * input_noise) @ b.T
+        p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     middle_times = 0.5 * (times[1:] + times[:-1])
     return Run(
         e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,

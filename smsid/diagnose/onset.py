@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -21,7 +22,7 @@ ROUNDS, MORE = 3, 2  # each finer; more where the effect is strong enough to sho
 STRONG = 400.0
 POOR = 10.0  # standard deviations of a sum of squares
 COARSE = 5  # times at which all candidates are tried
-BATCH = 24  # candidates whose beginnings are propagated together: any more do not fit in memory
+ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 DENSE = 160  # times a strong one may begin at: where its torque changes sign, the ratio has many maxima
 AGAIN = 16  # times a fitted effect's beginning may move to, before finer ones
 MOVED = 4.0  # likelihood ratio a move has to gain, to first order
@@ -47,12 +48,10 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
         tried = [_from(s.candidate, float(t), grid) for t in about if times[0] < t < times[-1]]
         if own is None:
             columns = signatures(current, tried)
-            scores = scored(current, [tried[i] for i in columns], list(columns.values()))
+            scores = iter(scored(current, [tried[i] for i in columns], list(columns.values())))
         else:
-            starts = [t.effect.start or 0.0 for t in tried if isinstance(t.effect, Starting)]
-            parts = _responses(current.run, [[_cut(c, t, current.run) for c in own] for t in starts])
-            scores = scored(current, tried, parts)
-        return max([known, *scores], key=lambda x: x.ratio)
+            scores = _cut_scores(current, [(t, own, _start(t)) for t in tried])
+        return max(chain((known,), scores), key=lambda x: x.ratio)
 
     first, last = float(times[0]), float(times[-1])
     count, grid = ONSETS, (ROUNDS + MORE) * ONSETS
@@ -78,16 +77,11 @@ def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
     Over a coarse grid: what a candidate does from a time on is what it does all the time, cut off before.
     """
     tried = [s for s in scores if s.freedom and _may_begin(s.candidate) and _may_be_cut(s.candidate)]
-    run = current.run
-    marks = np.linspace(run.states.time[0], run.states.time[-1], COARSE + 2)[1:-1].tolist()
-    best: list[float] = []
-    for i in range(0, len(tried), BATCH):
-        some = [s.candidate for s in tried[i : i + BATCH]]
-        every = [(c, t) for c in some for t in marks]
-        own = {c.key: changes_of(current, c) for c in some}
-        parts = _responses(run, [[_cut(x, t, run) for x in own[c.key]] for c, t in every])
-        ratios = np.array([x.ratio for x in scored(current, [c for c, _ in every], parts)])
-        best += ratios.reshape(len(some), len(marks)).max(axis=1).tolist()
+    times = current.run.states.time
+    marks = np.linspace(times[0], times[-1], COARSE + 2)[1:-1].tolist()
+    every = [(s.candidate, changes_of(current, s.candidate), t) for s in tried for t in marks]
+    ratios = np.array([x.ratio for x in _cut_scores(current, every)])
+    best = ratios.reshape(len(tried), len(marks)).max(axis=1, initial=0.0)
     chosen = sorted(range(len(tried)), key=lambda i: -best[i])[:count]
     return [tried[i] for i in chosen if best[i] > tried[i].ratio]
 
@@ -128,9 +122,10 @@ def settled(current: Fit, score: Score) -> tuple[Score, Fit]:
 
     The score that found it is linear about the motion without the cause, where a large effect is curved.
     """
-    if not isinstance(score.candidate.effect, Starting) or score.candidate.effect.start is None:
+    effect = score.candidate.effect
+    if not isinstance(effect, Starting) or effect.start is None:
         return score, current
-    name = score.candidate.effect.name
+    name = effect.name
     for _ in range(MOVES):
         mine = current.point.description.get_effect(name)
         assert isinstance(mine, Starting) and mine.start is not None
@@ -147,7 +142,7 @@ def settled(current: Fit, score: Score) -> tuple[Score, Fit]:
         LOGGER.info("%s begins at %.4g s: %.1f gained", score.candidate.key, start, gained)
         if gained <= 0.0:
             break
-        effect = score.candidate.effect.model_copy(update={"start": start})
+        effect = effect.model_copy(update={"start": start})
         score = replace(score, candidate=replace(score.candidate, effect=effect))
         current = found
     return score, current
@@ -228,10 +223,21 @@ def _cut(change: Change, start: float, run: Run) -> Change:
     )
 
 
-def _responses(run: Run, groups: Sequence[Sequence[Change]]) -> list[np.ndarray]:
-    """Return the whitened columns (N rows, d) of groups of changes, propagated together."""
-    changes = [c for own in groups for c in own]
-    if not changes:
-        return []
-    whole = propagate(run, changes).reshape(-1, len(changes))
-    return np.split(whole, np.cumsum([len(own) for own in groups])[:-1], axis=1)
+def _start(candidate: Candidate) -> float:
+    assert isinstance(candidate.effect, Starting) and candidate.effect.start is not None
+    return candidate.effect.start
+
+
+def _cut_scores(current: Fit, tried: Sequence[tuple[Candidate, Sequence[Change], float]]) -> Iterator[Score]:
+    """Give the scores of candidates whose changes begin at times, as many at once as there is room for."""
+    run, first = current.run, 0
+    room = max(1, int(ROOM / run.innovations.size))
+    widths = np.cumsum([0, *(len(own) for _, own, _ in tried)])
+    while first < len(tried):
+        last = max(first + 1, int(np.searchsorted(widths, widths[first] + room, side="right")) - 1)
+        some = tried[first:last]
+        changes = [_cut(c, start, run) for _, own, start in some for c in own]
+        whole = propagate(run, changes).reshape(-1, len(changes))
+        parts = np.split(whole, (widths[first + 1 : last] - widths[first]).tolist(), axis=1)
+        yield from scored(current, [c for c, _, _ in some], parts)
+        first = last

@@ -100,31 +100,37 @@ def search(
     columns: dict[tuple[str, str, str], np.ndarray] = {}
     scores = _scores(current, rest, columns)
     held: tuple[Block, ...] = ()
+
+    def counts(s: Score) -> bool:
+        """Whether there is something; Bayes's criterion orders what counts, it does not decide."""
+        return bool(s.freedom) and s.p_value * len(candidates) < levels.candidate
+
     while True:
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
-        best = _best([s for s in scores if s.ratio > least], len(candidates), levels)
+        best = next((s for s in scores if s.ratio > least and counts(s)), None)
         if best is None or len(causes) == levels.causes:
             break
-        leading = list(scores[: levels.contenders])
+        leading = [best, *(s for s in scores if s is not best)][: levels.contenders]
         if best.ratio > levels.linear:  # strong enough for something that is there in part to pass as another
             known = {s.candidate.key for s in leading}
             more = beginning(current, scores, levels.contenders)
             leading += [s for s in more if s.candidate.key not in known]
-        leading = [with_onset(current, s, levels.onset) for s in leading]
+        begun = [with_onset(current, s, levels.onset) for s in leading]
+        leading = [s for s in begun if counts(s)] or [best]
         best = max(leading, key=lambda s: s.information_gain(current.run.samples))
         gain = best.information_gain(current.run.samples)
         if not fitted.misfit:  # else the tests do not decide
             held = _held(current, causes, gain, levels.block / len(candidates))
         if held:  # the next would stand in for a piece of it
             break
-        accepted = accept(current, best, scores, levels)
+        accepted = accept(current, best, scores, levels, len(candidates))
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
             scores = [s for s in scores if s.candidate.key != best.candidate.key]
             continue
         cause, found = accepted
-        begun, found = settled(found, cause.score)
-        cause = replace(cause, score=begun)
+        moved, found = settled(found, cause.score)
+        cause = replace(cause, score=moved)
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.onset)
             cause = replace(cause, score=still)
@@ -133,6 +139,7 @@ def search(
         fitted = refitted(replace(fitted, fit=found), strong=strong)
         if strong:
             fitted = replace(fitted, fit=finely_stepped(fitted.fit))
+        current.changes.by_candidate.clear()
         current = fitted.fit
         if strong or fitted.misfit:
             columns.clear()
@@ -202,8 +209,3 @@ def _scores(
         scored(found, seen, [known[c.key] for c in seen]),
         key=lambda s: -s.information_gain(found.run.samples),
     )
-
-
-def _best(scores: Sequence[Score], tried: int, levels: Levels) -> Score | None:
-    """Return the first of the scores that is significant: Bayes's criterion orders them, no more."""
-    return next((s for s in scores if s.freedom and s.p_value * tried < levels.candidate), None)

@@ -27,7 +27,7 @@ def finely_stepped(found: Fit) -> Fit:
         size = left_by_steps(found)
         if not size > SEEN:
             break
-        problem = replace(found.problem, substep=0.5 * found.problem.substep)
+        problem = replace(found.problem, substep=0.5 * _substep(found))
         LOGGER.info("errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep)
         try:
             found = fit(found.point, found.unknowns, problem, iterations=8)
@@ -46,7 +46,7 @@ def left_by_steps(found: Fit) -> float:
     problem, inputs = found.changes.problem, found.changes.inputs
     plant = Plant(model, problem.locked)
     coarse = found.changes.applied
-    fine = applied(plant, replace(problem, substep=0.5 * problem.substep), inputs)
+    fine = applied(plant, replace(problem, substep=0.5 * _substep(found)), inputs)
     shift = np.empty_like(run.innovations)
     delta = np.zeros(2 * model.nv)
     for k in range(len(shift)):
@@ -59,6 +59,11 @@ def left_by_steps(found: Fit) -> float:
         delta = run.transition[k] @ (delta - run.gain[k] @ predicted) + error
     left = found.left(shift.reshape(-1, 1))
     return float(np.vdot(left, left))
+
+
+def _substep(found: Fit) -> float:
+    """Return the step that is taken [s]: an even number of them fills the time between samples."""
+    return float(np.median(np.diff(found.run.states.time))) / found.changes.applied.means.shape[1]
 
 
 def _stepped(plant: Plant, found: Fit, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:

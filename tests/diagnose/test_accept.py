@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from smsid.diagnose.accept import cost, refit
-from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.accept import Levels, cost, refit, told_apart
+from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import fit
@@ -35,3 +35,32 @@ def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(description,
     start = next(p.value for p in one.effect.parameters() if p.name == RATE)
     value = found.point.value(found.unknowns[names.index(RATE)])
     assert abs(value - 0.15) < abs(start - 0.15)
+
+
+def score(ratio, freedom, location="joint1", sides=2):
+    """A score without columns."""
+    own = Candidate(
+        "joint_friction", location, "friction", f"{freedom}", None, ("a",) * freedom, (1.0,) * freedom
+    )
+    nothing = np.zeros((0, freedom))
+    return Score(own, ratio, freedom, nothing[0:0], nothing, 1.0, nothing, nothing, sides)
+
+
+@pytest.mark.parametrize(
+    ("more", "extra", "rejected"), [(1, 3.5, True), (1, 4.5, False), (2, 5.5, True), (2, 6.5, False)]
+)
+def test_a_sibling_with_more_parameters_is_rejected_by_what_they_explain(more, extra, rejected):
+    """Not by their price: two parameters cost 18 at 10000 samples."""
+    winner, rival = score(100.0, 1), score(100.0 + extra, 1 + more)
+    assert told_apart(winner, rival, 10_000, Levels()) is rejected
+
+
+def test_one_as_large_elsewhere_is_rejected_by_the_criterion():
+    winner = score(100.0, 1)
+    for ratio, rejected in ((95.0, False), (92.0, True)):
+        assert told_apart(winner, score(ratio, 1, "joint2"), 10_000, Levels()) is rejected
+    assert told_apart(winner, score(106.0, 3, "joint2"), 10_000, Levels())
+
+
+def test_a_parameter_with_a_sign_is_tested_on_one_side():
+    assert score(16.0, 1, sides=1).p_value == pytest.approx(0.5 * score(16.0, 1).p_value)

@@ -27,3 +27,10 @@ def test_steps_that_are_too_long_are_halved(coarse):
     assert finer.problem.substep < coarse.problem.substep
     assert left_by_steps(finer) < SEEN
     assert finer.objective < coarse.objective
+
+
+def test_the_steps_that_are_taken_are_halved_not_the_longest_allowed(known, problem):
+    """Two fill the time between samples however long they may be."""
+    found = evaluate(known.point, known.unknowns, replace(problem, substep=1.0))
+    assert found.changes.applied.means.shape[1] == 2
+    assert left_by_steps(found) > 0.0

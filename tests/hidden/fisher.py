@@ -96,7 +96,7 @@ class Experiment:
         for name, x in self.nominal.items():
             # to a thousandth of the noise, which another build of MuJoCo does not reach
             digest.update(np.round(x / (1e-3 * NOISE[name])).astype(np.int64).tobytes())
-        digest.update(repr(STEP).encode())
+        digest.update(repr((STEP, LINEAR, LONG)).encode())
         return f"{self.world}-{self.number}-{self.duration:g}-{digest.hexdigest()[:12]}"
 
     def distance_vector(self, other: Mapping[str, Array]) -> Array:
