@@ -143,21 +143,51 @@ def test_what_the_estimate_says_of_itself(first):
     assert all(p.unit and p.group for p in e.parameters)
 
 
+@pytest.fixture(scope="module")
+def spread() -> dict[str, dict[str, float]]:
+    """Spread over predicted sigma by group and parameter: 40 seeds, 2 to 4 s each."""
+    values: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for seed in range(40):
+        for p in identify(paper(), pair(seed)).estimate.parameters:
+            values.setdefault((p.group, p.name), []).append((p.value, p.sigma))
+    ratio: dict[str, dict[str, float]] = {"exp1": {}, "exp2.step_a": {}, "exp2.step_b": {}}
+    for (group, name), found in values.items():
+        if group in ratio:
+            value, sigma = np.array(found).T
+            ratio[group][name] = float(np.std(value, ddof=1) / np.sqrt(np.mean(sigma**2)))
+    return ratio
+
+
 @oracle
 @pytest.mark.slow
-def test_predicted_sigmas_are_the_spread():
-    """20 seeds, 1 to 2 s each: a spread is known to 16 %, three of those are allowed; Step B and Exp. 1."""
-    values: dict[str, list[float]] = {}
-    sigmas: dict[str, list[float]] = {}
-    for seed in range(20):
-        for p in identify(paper(), pair(seed)).estimate.parameters:
-            if p.group in ("exp1", "exp2.step_a", "exp2.step_b"):
-                values.setdefault(f"{p.group} {p.name}", []).append(p.value)
-                sigmas.setdefault(f"{p.group} {p.name}", []).append(p.sigma)
-    ratio = {k: np.std(v, ddof=1) / np.sqrt(np.mean(np.square(sigmas[k]))) for k, v in values.items()}
+def test_predicted_sigmas_are_the_spread(spread):
+    """A spread is known to 11 % from 40 seeds, three of those are allowed; Exp. 1, Steps A and B.
+
+    Parameters move together, those of Step B by what few errors of Exp. 1 and of the slosh state do to all.
+    The mean of the 48 is worth that of 6 independent ones (one over the mean of their squared correlations,
+    less what chance makes of these) and known to 4.5 %, that of Step B's 30 is worth 3. 20 seeds at a
+    time it came out at 0.80, 0.98, 0.83 and 0.87, too few for a band of 0.1; 0.91 of the 40 here, 0.89 of 80.
+    """
+    ratio = [r for own in spread.values() for r in own.values()]
     assert len(ratio) > 45
-    assert min(ratio.values()) > 0.5 and max(ratio.values()) < 1.5, ratio
-    assert np.mean(list(ratio.values())) == pytest.approx(1.0, abs=0.1)
+    assert min(ratio) > 0.66 and max(ratio) < 1.34, spread
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
+    for group in ("exp1", "exp2.step_a"):  # known to 5 %
+        assert np.mean(list(spread[group].values())) == pytest.approx(1.0, abs=0.15), group
+
+
+@oracle
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="sigmas of Step B are a fifth too large here: 0.82 +- 0.05, 80 seeds")
+def test_predicted_sigmas_of_step_b_are_the_spread(spread):
+    """Not reached, on the safe side. With Exp. 1 known exactly it is 0.81 (40 seeds).
+
+    The factor on Step B's covariance comes from four replicates on every fourth sample, the same draws for
+    all seeds, and is one for all parameters: 3.0, where 2.0 is the spread's. Moves of thinned samples are
+    1.28 times the spread. In sigmas of the thinned samples themselves the factor is 2.0 here, but too small
+    for a shorter and faster flight (`test_exp2.test_intervals_are_honest`: 1.43) and for two arms.
+    """
+    assert np.mean(list(spread["exp2.step_b"].values())) == pytest.approx(1.0, abs=0.1)
 
 
 @oracle
