@@ -14,6 +14,9 @@ from .numbers import WORLDS, draw
 from .plan import Run
 
 
+NOTHING = 5.0  # standard deviations of a sum of squares that a true model may leave
+
+
 def against_truth(
     run: Run, files: Files, folder: Path, found: Any, document: dict[str, Any], judgement: Judgement
 ) -> dict[str, float] | None:
@@ -23,7 +26,7 @@ def against_truth(
     one, over those it leaves more than the true one. ``open_loop``: errors of the extended model's simulation
     over those of the true one's, both in the noise of their channels and from the state they find in the
     first seconds. Both are of the document, the true model's by the same filter. ``None`` where the true
-    model cannot be said in the words of the description.
+    model cannot be said in the words of the description: it leaves nothing but noise, or it is another one.
     """
     gained = document.get("gain") or {}
     if judgement.outcome != "right" or len(run.hidden) != 1 or gained.get("status") != "evaluated":
@@ -44,6 +47,8 @@ def against_truth(
     noise = {c.channel: c.noise for c in true.channels}
     own = [c["extended"] / noise[c["channel"]] for c in gained["channels"]]
     best = [c.extended / c.noise for c in true.channels]
+    if abs(true.excess_extended) > NOTHING * np.sqrt(2.0 * true.samples):
+        return None
     return {
         "excess": (gained["excess_nominal"] - gained["excess_extended"])
         / (gained["excess_nominal"] - true.excess_extended),
