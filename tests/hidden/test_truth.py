@@ -22,7 +22,7 @@ def test_the_true_model_gains_what_there_is_to_gain(tmp_path):
     assert measured["nominal"] > 1e3
     assert 0.99 < measured["excess"] < 1.01
     assert 0.9 < measured["open_loop"] < 1.1
-    # a wrong truth is no yardstick: it leaves more than the extended model does
+    # a wrong truth leaves more than noise, and is no yardstick
     wrong = Run(41, "single", "arm", (Injected(effect, 0.01, 40.0),))
-    assert against_truth(wrong, files, tmp_path, found, document, right)["excess"] > 1.05
+    assert against_truth(wrong, files, tmp_path, found, document, right) is None
     assert against_truth(run, files, tmp_path, found, document, Judgement("missed")) is None

@@ -13,7 +13,6 @@ from .judge import Injected, Judgement
 from .numbers import WORLDS, draw
 from .plan import Run
 
-
 NOTHING = 5.0  # standard deviations of a sum of squares that a true model may leave
 
 
