@@ -26,7 +26,7 @@ from smsid.diagnose.search import Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
-from smsid.errors import RecordingError, SimulationError, SmsidError
+from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
@@ -233,8 +233,10 @@ def _gain(
     last = found.last
     try:
         return gain(given, found.nominal.point, last.point, recordings[0], last.problem, rate), ""
-    except SimulationError as error:
+    except SmsidError as error:
         return None, f"not on '{recordings[0].name}': {error.message}"
+    except np.linalg.LinAlgError as error:
+        return None, f"not on '{recordings[0].name}': {error}"
 
 
 def _foreign(found: Search) -> str:

@@ -116,6 +116,12 @@ class Applied:
     at: np.ndarray
     rise: np.ndarray
 
+    def about(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the forces (nv,) just before and just after sample k."""
+        before = self.means[k - 1, -1] + self.rise[k - 1, -1] if k > 0 else self.at[0]
+        after = self.means[k, 0] - self.rise[k, 0] if k < len(self.means) else self.at[k]
+        return before, after
+
 
 def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
     """Return the applied generalised forces on the clock of the samples."""
@@ -160,7 +166,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         lin = plant.linear(times[k], q, v, drive.at[k])
         at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
         if late.any():
-            h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v, drive.at[k]), lin.a, plant)
+            h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
         else:
             h, cq, cv, ca = outputs.predict(q, v, lin.a)
         outputs.twisted(h, drive.at[k], lin.a)
@@ -252,16 +258,23 @@ def _delayed(
     outputs: Outputs,
     late: np.ndarray,
     t: float,
-    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    state: tuple[np.ndarray, np.ndarray],
     a: np.ndarray,
+    forces: tuple[np.ndarray, np.ndarray],
     plant: Plant,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Predict what late sensors read: the state (q, v, tau) carried back by each delay, forces held."""
-    q, v, tau = state
+    """Predict what late sensors read: the state (q, v) carried back by each delay, forces held.
+
+    ``forces`` are those just before the sample, which a late reading is under, and just after it, for one
+    that is early.
+    """
+    q, v = state
     full = outputs.predict(q, v, a)
     for delay in np.unique(late[late != 0.0]):
-        back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * a)
-        before = v - delay * a
+        tau = forces[0] if delay > 0.0 else forces[1]
+        under = plant.acceleration(t, q, v, tau)
+        back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * under)
+        before = v - delay * under
         then = outputs.predict(back, before, plant.acceleration(t - delay, back, before, tau))
         for block, own in zip(outputs.data.blocks, late, strict=True):
             if own == delay:

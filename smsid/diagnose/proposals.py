@@ -285,11 +285,12 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                     yield from _one(
                         "sensor_scale", place, "sensor", "scale", own | {"error": 0.0}, {"error": 1e-4}
                     )
-            yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
-        if len(here) > 1:
-            yield from _one(
-                "time_offset", sensor.name, "sensor", "time offset", {"sensor": sensor.name}, {"offset": 1e-3}
-            )
+            if len(here) > 1:
+                yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
+        # of a sensor with one channel a delay is the same, but for its sign
+        yield from _one(
+            "time_offset", sensor.name, "sensor", "time offset", {"sensor": sensor.name}, {"offset": 1e-3}
+        )
         if sensor.kind in ("pose", "imu") and point.base.free:
             yield from _one(
                 "lever_arm",

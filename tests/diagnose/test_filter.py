@@ -101,15 +101,20 @@ def test_a_reading_that_is_off_goes_through_the_filter_as_predicted(known, noise
     np.testing.assert_allclose(moved - run.innovations, found, atol=1e-3 * np.abs(found).max())
 
 
-def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem):
-    """Accelerations included, against the plant integrated backwards under the same forces."""
+@pytest.mark.parametrize("delay", [0.02, -0.02])
+def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem, delay):
+    """Accelerations included, against the plant integrated backwards under the forces until then.
+
+    One that is early reads what is to come, under the forces from then on.
+    """
     model = known.point.base
     plant, outputs = Plant(model, problem.locked), Outputs(model, problem.data)
-    rng, delay = np.random.default_rng(5), 0.02
+    rng = np.random.default_rng(5)
     q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(model.nv))
     v, tau = 0.1 * rng.standard_normal((2, model.nv))
     late = np.full(len(problem.data.blocks), delay)
-    found = _delayed(outputs, late, 1.0, (q, v, tau), plant.acceleration(1.0, q, v, tau), plant)[0]
+    forces = (tau, tau + 1.0) if delay > 0.0 else (tau + 1.0, tau)
+    found = _delayed(outputs, late, 1.0, (q, v), plant.acceleration(1.0, q, v, tau), forces, plant)[0]
     before, slower = plant.step(1.0, -delay, q, v, tau)
     then = plant.acceleration(1.0 - delay, before, slower, tau)
     expected, now = (

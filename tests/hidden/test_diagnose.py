@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from .catalogue import hidden_effects
+from .judge import Injected
 from .plan import Run, inject
 from .study import run_and_judge
 
@@ -90,3 +91,12 @@ def test_when_a_strong_one_began_among_many_maxima(tmp_path):
     assert row["outcome"] in RIGHT, row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - 24.6235) < 0.1
+
+
+def test_a_clock_that_is_early_reads_what_the_next_command_does(tmp_path):
+    """A hundred times its limit, what an encoder reads before its time shows the jump of the torque."""
+    effect = hidden_effects("arm")["time_offset:offset@encoder"]
+    hidden = Injected(effect, -3.496e-4, 100.0)
+    row = run_and_judge(Run(40174, "single", "arm", (hidden,)), tmp_path)
+    assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
+    assert abs(row["deviation"]) < 3.0
