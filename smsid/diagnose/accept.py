@@ -17,6 +17,7 @@ from smsid.errors import SmsidError
 LOGGER = logging.getLogger(__name__)
 NEAR = 0.5  # least correlation of two candidates that are taken for each other
 NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
+CONTAINED = 0.99  # correlation with a candidate of more parameters above which these can do the same
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -109,12 +110,16 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     """Whether a rival is rejected beside the winner.
 
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
-    nothing then, but that what it has more explains no more than chance does.
+    nothing then, but that what it has more explains no more than chance does. Nor does its price reject what
+    elsewhere can do just what the winner does (the inertia of a link, that of a motor): no data tell them.
     """
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         return rival.ratio - winner.ratio < float(chi2.isf(NESTED, more))
+    if more > 0 and winner.freedom == 1 and winner.ratio - rival.ratio < levels.alias:
+        if correlation(winner, rival) > CONTAINED:
+            return False
     return winner.information_gain(samples) - rival.information_gain(samples) >= levels.alias
 
 

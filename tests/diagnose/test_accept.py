@@ -1,5 +1,7 @@
 """A candidate refitted: what its effect frees beyond its strength is fitted where it pays, and paid for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,17 @@ def test_one_as_large_elsewhere_is_rejected_by_the_criterion():
     for ratio, rejected in ((95.0, False), (92.0, True)):
         assert told_apart(winner, score(ratio, 1, "joint2"), 10_000, Levels()) is rejected
     assert told_apart(winner, score(106.0, 3, "joint2"), 10_000, Levels())
+
+
+def test_what_can_do_the_same_elsewhere_is_not_rejected_by_its_price():
+    """The inertia of a motor and that of the link it turns: one signature, one parameter against three."""
+    columns = np.random.default_rng(0).standard_normal((50, 4))
+    winner = replace(score(100.0, 1), columns=columns[:, :1])
+    same = replace(score(101.0, 3, "link2"), columns=columns[:, :3] @ np.diag([1.0, 2.0, 3.0]))
+    other = replace(same, columns=columns[:, 1:])
+    assert not told_apart(winner, same, 10_000, Levels())
+    assert told_apart(winner, other, 10_000, Levels())
+    assert told_apart(winner, replace(same, ratio=90.0), 10_000, Levels())
 
 
 def test_a_parameter_with_a_sign_is_tested_on_one_side():
