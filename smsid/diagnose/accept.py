@@ -117,9 +117,9 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     more = rival.freedom - winner.freedom
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         return rival.ratio - winner.ratio < float(chi2.isf(NESTED, more))
-    if more > 0 and winner.freedom == 1 and winner.ratio - rival.ratio < levels.alias:
-        if correlation(winner, rival) > CONTAINED:
-            return False
+    as_good = more > 0 and winner.freedom == 1 and winner.ratio - rival.ratio < levels.alias
+    if as_good and correlation(winner, rival) > CONTAINED:
+        return False
     return winner.information_gain(samples) - rival.information_gain(samples) >= levels.alias
 
 
