@@ -18,6 +18,7 @@ LOGGER = logging.getLogger(__name__)
 NEAR = 0.5  # least correlation of two candidates that are taken for each other
 NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
 CONTAINED = 0.99  # correlation with a candidate of more parameters above which these can do the same
+AS_GOOD = 0.9  # the same, where they explain more than the one does
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -117,9 +118,11 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     more = rival.freedom - winner.freedom
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         return rival.ratio - winner.ratio < float(chi2.isf(NESTED, more))
-    as_good = more > 0 and winner.freedom == 1 and winner.ratio - rival.ratio < levels.alias
-    if as_good and correlation(winner, rival) > CONTAINED:
-        return False
+    lead = winner.ratio - rival.ratio
+    if more > 0 and winner.freedom == 1 and lead < levels.alias:
+        alike = correlation(winner, rival)
+        if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
+            return False
     return winner.information_gain(samples) - rival.information_gain(samples) >= levels.alias
 
 

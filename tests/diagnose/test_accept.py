@@ -73,6 +73,9 @@ def test_what_can_do_the_same_elsewhere_is_not_rejected_by_its_price():
     assert not told_apart(winner, same, 10_000, Levels())
     assert told_apart(winner, other, 10_000, Levels())
     assert told_apart(winner, replace(same, ratio=90.0), 10_000, Levels())
+    nearly = replace(same, columns=same.columns + 0.3 * columns[:, 3:])
+    assert not told_apart(winner, nearly, 10_000, Levels())  # it explains more
+    assert told_apart(winner, replace(nearly, ratio=99.0), 10_000, Levels())
 
 
 def test_a_parameter_with_a_sign_is_tested_on_one_side():

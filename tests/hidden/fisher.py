@@ -205,9 +205,10 @@ def correlation(a: Array, b: Array) -> float:
 
 def distance_after(signal: Array, others: Array) -> float:
     """What is left of a projected signal (rows,) when other ones (rows, k) explain what they can."""
-    if others.size == 0:
+    size = np.linalg.norm(others, axis=0)
+    if not (size > 0.0).any():
         return float(np.linalg.norm(signal))
-    scaled = others / np.linalg.norm(others, axis=0)
+    scaled = others[:, size > 0.0] / size[size > 0.0]  # one without a trace explains nothing
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     u = u[:, s > 1e-6 * s[0]]
     return float(np.sqrt(max(signal @ signal - np.sum((u.T @ signal) ** 2), 0.0)))

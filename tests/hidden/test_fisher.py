@@ -98,6 +98,12 @@ def test_what_is_left_of_a_signal():
     assert distance_after(a, np.array([b, 2 * b]).T) == pytest.approx(4.0), "dependent columns"
 
 
+def test_one_without_a_trace_explains_nothing():
+    signal, trace = np.array([3.0, 4.0]), np.array([1.0, 0.0])
+    assert distance_after(signal, np.column_stack([trace, np.zeros(2)])) == pytest.approx(4.0)
+    assert distance_after(signal, np.zeros((2, 1))) == pytest.approx(5.0)
+
+
 def test_aliases_are_confirmed_only_near_the_limit(short):
     """A viscous and a Coulomb friction of the same joint merge at the limit, not at a hundred times it."""
     name = "joint_friction:coulomb@joint1"
