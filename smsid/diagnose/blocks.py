@@ -115,7 +115,10 @@ def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
 
 
 def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Change]:
-    """Return changes by forces on one degree of freedom, given at the samples and between them."""
+    """Return the changes by forces on one degree of freedom.
+
+    They are given at the samples, ``of`` (N,) each, and between them, ``of_mid`` (N - 1,).
+    """
     changes = []
     run = found.run
     for at, middle in zip(of, of_mid, strict=True):

@@ -55,7 +55,7 @@ def memory(found: Fit, locations: Iterable[str]) -> list[Block]:
 
 
 def hysteresis(angle: np.ndarray, middle: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return Dahl's friction of size 1 at angles (N,) and at those between them (N - 1,) [rad].
+    """Return Dahl's friction of size 1 at ``angle`` (N,) and at ``middle`` (N - 1,) between them [rad].
 
     ``dz / dangle = (1 - z sign(rate)) / width``, from rest with nothing held.
     """
