@@ -81,7 +81,10 @@ def accept(
         contenders += close[: levels.contenders - 1]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
-        found = refit(current, s)
+        # one that does not come near the best so far is neither the cause nor its alias
+        lead = max((v for v, _, _ in fitted), default=0.0) - levels.alias
+        paid = s.ratio - s.information_gain(samples)
+        found = refit(current, s, at_most=current.objective - 0.5 * max(lead + paid, 0.0))
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
@@ -111,14 +114,18 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     """Whether a rival is rejected beside the winner.
 
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
-    nothing then, but that what it has more explains no more than chance does. Nor does its price reject what
-    elsewhere can do just what the winner does (the inertia of a link, that of a motor): no data tell them.
+    nothing then, but that what it has more explains no more than chance does. One that only looks like the
+    winner (a friction that goes with the cosine of a small angle) is rejected by what it leaves. Nor does its
+    price reject what elsewhere can do just what the winner does (the inertia of a link, that of a motor): no
+    data tell them.
     """
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
-    if more > 0 and (a.location, a.family) == (b.location, b.family):
-        return rival.ratio - winner.ratio < float(chi2.isf(NESTED, more))
     lead = winner.ratio - rival.ratio
+    if more > 0 and (a.location, a.family) == (b.location, b.family):
+        if set(a.free) <= set(b.free):
+            return -lead < float(chi2.isf(NESTED, more))
+        return lead >= levels.alias or correlation(winner, rival) <= AS_GOOD
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
         alike = correlation(winner, rival)
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
@@ -149,8 +156,11 @@ def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def refit(current: Fit, s: Score) -> Fit | None:
-    """Return the fit with a candidate's parameters free, started from its linear estimate."""
+def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate.
+
+    It is given up early where it comes neither to the fit without the candidate nor to ``at_most``.
+    """
     candidate = s.candidate
     own = candidate.unknowns(current.unknowns)
     kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
@@ -165,7 +175,8 @@ def refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            found = fit(at, unknowns, current.problem, iterations=8, at_most=current.objective)
+            bar = min(at_most, current.objective)
+            found = fit(at, unknowns, current.problem, iterations=8, at_most=bar)
             return _with_more(found, candidate) if found.objective < current.objective else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)

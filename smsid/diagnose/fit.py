@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -235,12 +235,13 @@ def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Po
     """Return the point a step away, the bodies' inertial parameters moved as the step means to first order.
 
     A payload's mass times its place is no straight line, and what bodies are together is known far better
-    than what each is: the link it is on makes up for the bend.
+    than what each is: the link it is on, or hangs at on springs, makes up for the bend.
     """
     end = start.moved(unknowns, step)
     if all(u.kind == "inertial" for u in unknowns):
         return end
-    near, a_little, far = (_inertias(p) for p in (start, start.moved(unknowns, LITTLE * step), end))
+    links = frozenset(u.column // 10 + 1 for u in unknowns if u.kind == "inertial")
+    near, a_little, far = (_inertias(p, links) for p in (start, start.moved(unknowns, LITTLE * step), end))
     if not len(near) == len(a_little) == len(far):
         raise SmsidError("The step takes away a body that an effect has added.", advice="Take a shorter one.")
     bend = far - near - (a_little - near) / LITTLE
@@ -249,8 +250,14 @@ def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Po
     return replace(end, inertial=inertial)
 
 
-def _inertias(point: Point) -> np.ndarray:
-    return np.concatenate([dynamic_parameters(i) for i in list(point.model().pin.inertias)[1:]])
+def _inertias(point: Point, links: Set[int]) -> np.ndarray:
+    """Return the inertial parameters (10 n,) of the bodies, those of links with what hangs at them at rest."""
+    model = point.model().pin
+    bodies = list(model.inertias)
+    for j in range(model.njoints - 1, 1, -1):
+        if j not in links and bodies[j].mass > 0.0:
+            bodies[model.parents[j]] += model.jointPlacements[j].act(bodies[j])
+    return np.concatenate([dynamic_parameters(i) for i in bodies[1:]])
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:

@@ -106,7 +106,7 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
         found = evaluate(plain, current.unknowns, current.problem)
         if 2.0 * (within_reach(found) - current.objective) > price(alias):
             return score, current
-        found = continued(found, iterations=8)
+        found = continued(found, iterations=8, at_most=current.objective + 0.5 * price(alias))
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s is not there all the time: %s", score.candidate.key, error)
         return score, current

@@ -25,9 +25,9 @@ from smsid.effects.slosh import Slosh
 from smsid.simulate.trajectory import States
 
 COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
-FINE = np.geomspace(0.78, 1.28, 11)  # frequencies of the second grid, relative to the best of the first
-DAMPING = (0.004, 0.02, 0.07)
-ROUNDS = 2
+FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))  # frequencies and damping over the coarse grid's best
+FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))  # and over that one's: a sharp one is seen near by only
+FINEST = (np.geomspace(0.985, 1.015, 7), (0.6, 0.8, 1.0, 1.25, 1.6))
 STEP = 1e-2  # [kg] and [m]
 LIGHT = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
 
@@ -184,17 +184,16 @@ class Oscillating(Searched):
         omega, zeta, place = self._label(coarse)
         axes, parts = len(self.springs.axes), self._parts
         score = coarse
-        for _ in range(ROUNDS):
-            grid = [(f, z) for f in FINE for z in DAMPING]
-            chosen = np.array([[o * f for f, _ in grid] for o in omega])
-            damped = np.array([z for _, z in grid])
+        for frequencies, damping in (FINE, FINER, FINEST):
+            grid = np.array([(f, z) for f in frequencies for z in damping])
+            chosen, damped = np.outer(omega, grid[:, 0]), np.outer(zeta, grid[:, 1])
             changes: list[Change] = []
             for a in range(axes):
                 one = Springs(place, self.springs.axes[a : a + 1], np.zeros((0, 3)))
-                changes += answers(found.changes, one, place, chosen[a], damped)
+                changes += answers(found.changes, one, place, chosen[a], damped[a])
             best = _choose(found, changes, axes, len(grid))
             omega = np.array([chosen[a, i] for a, i in enumerate(best)])
-            zeta = np.array([damped[i] for i in best])
+            zeta = np.array([damped[a, i] for a, i in enumerate(best)])
             each = [
                 answers(
                     found.changes,

@@ -123,7 +123,10 @@ def search(
             held = _held(current, causes, gain, levels.block / len(candidates))
         if held:  # the next would stand in for a piece of it
             break
-        accepted = accept(current, best, scores, levels, len(candidates))
+        own = {s.candidate.key: s for s in begun}
+        rivals = [own.get(s.candidate.key, s) for s in scores]
+        rivals.sort(key=lambda s: -s.information_gain(current.run.samples))
+        accepted = accept(current, best, rivals, levels, len(candidates))
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
             scores = [s for s in scores if s.candidate.key != best.candidate.key]

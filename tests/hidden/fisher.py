@@ -123,16 +123,18 @@ class Experiment:
         # (I - Q1 Q1^T) is a covariance with eigenvalues in [0, 1]; its square root keeps inner products
         return vector - q @ _root(q, vector)
 
-    def signal(self, effect: Hidden, value: float) -> Array:
-        """What a hidden value changes, projected, (rows,); by its derivative where its trace is long."""
-        vector = self._raw(effect, value)
+    def signal(self, effect: Hidden, value: float, onset: float | None = None) -> Array:
+        """What a hidden value changes from a time on, projected, (rows,); by its derivative where its trace
+        is long.
+        """
+        vector = self._raw(effect, value, onset)
         raw = float(np.linalg.norm(vector))
         if raw > LONG and effect.rule is None and effect.power == 1:  # how it bends is none
-            vector = self._raw(effect, value * LINEAR / raw) * (raw / LINEAR)
+            vector = self._raw(effect, value * LINEAR / raw, onset) * (raw / LINEAR)
         return self.project(vector)
 
-    def _raw(self, effect: Hidden, value: float) -> Array:
-        change = effect.make(value, None, np.random.default_rng(SEED))
+    def _raw(self, effect: Hidden, value: float, onset: float | None = None) -> Array:
+        change = effect.make(value, onset, np.random.default_rng(SEED))
         if change.only_sensors:
             return self.distance_vector(channels(self._motion, [change]))
         return self.distance_vector(fly(self.numbers, self.commands, [change]))
@@ -214,16 +216,21 @@ def distance_after(signal: Array, others: Array) -> float:
     return float(np.sqrt(max(signal @ signal - np.sum((u.T @ signal) ** 2), 0.0)))
 
 
-def cannot_separate(exp: Experiment, truth: Hidden, value: float, kind: str, location: str | None) -> bool:
-    """Whether this experiment cannot tell the hidden value from effects of that kind (at that location)."""
-    signal = exp.signal(truth, value)
+def cannot_separate(
+    exp: Experiment, truth: Hidden, value: float, kind: str, location: str | None, onset: float | None = None
+) -> bool:
+    """Whether this experiment cannot tell the hidden value from effects of that kind (at that location).
+
+    What begins midway is compared with what begins then.
+    """
+    signal = exp.signal(truth, value, onset)
     columns = []
     for other in hidden_effects(exp.world).values():
         same = other.kind == kind or kind in other.others
         if same and (location is None or location in (other.location, *other.also)):
             one = strength_one(exp.world, other.name)
             if one is not None and other.rule is None:
-                columns.append(exp.signal(other, min(one, other.cap)))
+                columns.append(exp.signal(other, min(one, other.cap), onset if other.onset else None))
     if not columns:
         return False
     return distance_after(signal, np.array(columns).T) < SEPARATION

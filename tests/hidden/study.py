@@ -77,7 +77,8 @@ def judged(run: Run, document: dict[str, Any]) -> Judgement:
     """Judge a document; aliases are confirmed by the run's own experiment."""
 
     def confirm(injected: Injected, kind: str, location: str) -> bool:
-        return cannot_separate(experiment(run.world), injected.effect, injected.value, kind, location)
+        own = experiment(run.world)
+        return cannot_separate(own, injected.effect, injected.value, kind, location, injected.onset)
 
     return judge(document, run.hidden, confirm)
 
