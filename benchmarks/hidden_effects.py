@@ -13,6 +13,7 @@ block of seeds (``--seeds-from``) is used for the first time: rows carry the dig
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import tempfile
@@ -35,13 +36,23 @@ STORE = RESULTS / f"{NAME}.jsonl"
 
 
 def digest() -> str:
-    """Digest of the sources that decide a verdict: diagnosis, effects, model, simulation."""
+    """Digest of the sources that decide a verdict, without comments, docstrings and layout: diagnosis,
+    effects, model, simulation.
+    """
     found = hashlib.sha256()
     for package in ("diagnose", "effects", "model", "simulate", "sensing"):
         for path in sorted((ROOT / "smsid" / package).rglob("*.py")):
             if "torque" not in path.parts:  # for logs of real arms; no part of this study
-                found.update(path.name.encode() + path.read_bytes())
+                found.update(path.name.encode() + _said(path).encode())
     return found.hexdigest()[:16]
+
+
+def _said(path: Path) -> str:
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            node.body = node.body[1:]
+    return ast.dump(tree)
 
 
 def stored(fingerprint: str) -> dict[str, dict[str, Any]]:

@@ -251,7 +251,7 @@ def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Po
 
 
 def _inertias(point: Point, links: Set[int]) -> np.ndarray:
-    """Return the inertial parameters (10 n,) of the bodies, those of links with what hangs at them at rest."""
+    """Return the inertial parameters (10 n,) of the bodies, those of links with what hangs at them."""
     model = point.model().pin
     bodies = list(model.inertias)
     for j in range(model.njoints - 1, 1, -1):

@@ -25,8 +25,9 @@ from smsid.effects.slosh import Slosh
 from smsid.simulate.trajectory import States
 
 COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
-FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))  # frequencies and damping over the coarse grid's best
-FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))  # and over that one's: a sharp one is seen near by only
+# frequencies and damping over the coarse grid's best, and over that one's: a sharp one shows nearby only
+FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))
+FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))
 FINEST = (np.geomspace(0.985, 1.015, 7), (0.6, 0.8, 1.0, 1.25, 1.6))
 STEP = 1e-2  # [kg] and [m]
 LIGHT = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero

@@ -182,13 +182,13 @@ class Experiment:
             ]
             columns.append((self.distance_vector(pair[0]) - self.distance_vector(pair[1])) / (2 * STEP))
             sigmas.append(1.0)
-        for direction in _initial_directions(self.numbers):
-            pair = [self._started(sign * 1e-4 * direction) for sign in (1, -1)]
+        for direction in initial_directions(self.numbers):
+            pair = [self.started(sign * 1e-4 * direction) for sign in (1, -1)]
             columns.append((self.distance_vector(pair[0]) - self.distance_vector(pair[1])) / 2e-4)
             sigmas.append(FLAT)
         return np.array(columns).T, np.array(sigmas)
 
-    def _started(self, offset: Array) -> dict[str, Array]:
+    def started(self, offset: Array) -> dict[str, Array]:
         c, nv = self.commands, len(offset) // 2
         initial = (offset[:nv], offset[nv:])
         return channels(simulate(self.numbers, c.time, c.values, c.columns, initial=initial))
@@ -236,7 +236,7 @@ def cannot_separate(
     return distance_after(signal, np.array(columns).T) < SEPARATION
 
 
-def _initial_directions(n: Numbers) -> list[Array]:
+def initial_directions(n: Numbers) -> list[Array]:
     """Unit displacements and velocities (2 nv,) of everything but the wheels' angles."""
     plant = Plant(n)
     nv = plant.model.nv
