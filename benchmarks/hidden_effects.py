@@ -50,7 +50,7 @@ def digest() -> str:
 def _said(path: Path) -> str:
     tree = ast.parse(path.read_bytes())
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
             node.body = node.body[1:]
     return ast.dump(tree)
 
@@ -68,6 +68,12 @@ def stored(fingerprint: str) -> dict[str, dict[str, Any]]:
         if row["digest"] == fingerprint:
             rows[row["key"]] = row
     return rows
+
+
+def ceiling() -> dict[str, Any]:
+    """Return what `hidden_ceiling` found, by world; nothing where it was not run."""
+    path = RESULTS / "hidden_ceiling.json"
+    return json.loads(path.read_text(encoding="utf-8"))["worlds"] if path.is_file() else {}
 
 
 def planned(arguments: argparse.Namespace) -> Iterator[Run]:
@@ -115,7 +121,7 @@ def main() -> None:
         "digest": fingerprint,
         "seeds": sorted({int(r["seed"]) for r in rows.values()}),
         "levels": _levels(),
-        **summary(list(rows.values())),
+        **summary(list(rows.values()), ceiling()),
     }
     if not rows:
         console.print("no runs yet with these sources")
