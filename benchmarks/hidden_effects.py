@@ -1,7 +1,6 @@
 """Effects hidden in MuJoCo worlds, and what the diagnosis says: rates with exact intervals, confusion matrix.
 
     python benchmarks/hidden_effects.py --seeds-from 1000 [--runs 500] [--minutes 60] [--family sensor]
-                                        [--strengths 1 3 10 100]
 
 Every run draws its world, what it hides, how strong and when from one seed, and the judge reads nothing but
 diagnosis.json. Runs are kept in ``results/hidden_effects.jsonl`` and reused for the same sources of the
@@ -33,6 +32,7 @@ from tests.hidden.study import run_and_judge
 
 NAME = "hidden_effects"
 STORE = RESULTS / f"{NAME}.jsonl"
+STRENGTHS = (1.0, 3.0, 10.0, 100.0)
 
 
 def digest() -> str:
@@ -56,7 +56,7 @@ def _said(path: Path) -> str:
 
 
 def stored(fingerprint: str) -> dict[str, dict[str, Any]]:
-    """Return the runs made with the same sources, by key."""
+    """Return the runs made with the same sources, by key; those that are drawn otherwise by now are not."""
     if not STORE.is_file():
         return {}
     rows = {}
@@ -67,7 +67,7 @@ def stored(fingerprint: str) -> dict[str, dict[str, Any]]:
             continue
         if row["digest"] == fingerprint:
             rows[row["key"]] = row
-    return rows
+    return {k: r for k, r in rows.items() if draw_run(int(r["seed"]), strengths=STRENGTHS).key == k}
 
 
 def ceiling() -> dict[str, Any]:
@@ -79,7 +79,7 @@ def ceiling() -> dict[str, Any]:
 def planned(arguments: argparse.Namespace) -> Iterator[Run]:
     """Give the runs of the study, as drawn from consecutive seeds."""
     for seed in range(arguments.seeds_from, arguments.seeds_from + arguments.runs):
-        run = draw_run(seed, strengths=tuple(arguments.strengths))
+        run = draw_run(seed, strengths=STRENGTHS)
         families = {f for i in run.hidden for f in i.effect.family}
         if arguments.family is None or arguments.family == run.category or arguments.family in families:
             yield run
@@ -90,7 +90,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds-from", type=int, required=True, help="first seed; one run a seed")
     parser.add_argument("--runs", type=int, default=500)
-    parser.add_argument("--strengths", type=float, nargs="+", default=[1.0, 3.0, 10.0, 100.0])
     parser.add_argument("--family", help=f"a family, or one of {', '.join(CATEGORIES)}")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many")
     parser.add_argument("--show", action="store_true", help="only sum up what is stored")

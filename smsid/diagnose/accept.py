@@ -81,10 +81,7 @@ def accept(
         contenders += close[: levels.contenders - 1]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
-        # one that does not come near the best so far is neither the cause nor its alias
-        lead = max((v for v, _, _ in fitted), default=0.0) - levels.alias
-        paid = s.ratio - s.information_gain(samples)
-        found = refit(current, s, at_most=current.objective - 0.5 * max(lead + paid, 0.0))
+        found = refit(current, s)
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
@@ -125,7 +122,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if set(a.free) <= set(b.free):
             return -lead < float(chi2.isf(NESTED, more))
-        return lead >= levels.alias or correlation(winner, rival) <= AS_GOOD
+        if lead < levels.alias and correlation(winner, rival) > AS_GOOD:
+            return False
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
         alike = correlation(winner, rival)
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
@@ -156,11 +154,8 @@ def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
-    """Return the fit with a candidate's parameters free, started from its linear estimate.
-
-    It is given up early where it comes neither to the fit without the candidate nor to ``at_most``.
-    """
+def refit(current: Fit, s: Score) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate."""
     candidate = s.candidate
     own = candidate.unknowns(current.unknowns)
     kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
@@ -175,8 +170,7 @@ def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            bar = min(at_most, current.objective)
-            found = fit(at, unknowns, current.problem, iterations=8, at_most=bar)
+            found = fit(at, unknowns, current.problem, iterations=8, at_most=current.objective)
             return _with_more(found, candidate) if found.objective < current.objective else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)

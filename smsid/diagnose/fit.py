@@ -251,12 +251,15 @@ def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Po
 
 
 def _inertias(point: Point, links: Set[int]) -> np.ndarray:
-    """Return the inertial parameters (10 n,) of the bodies, those of links with what hangs at them."""
+    """Return the inertial parameters (10 n,) of the bodies, those of links with all that hangs at them and
+    is no link itself, at rest.
+    """
     model = point.model().pin
     bodies = list(model.inertias)
     for j in range(model.njoints - 1, 1, -1):
         if j not in links and bodies[j].mass > 0.0:
-            bodies[model.parents[j]] += model.jointPlacements[j].act(bodies[j])
+            carrier = model.parents[j]
+            bodies[carrier] = bodies[carrier] + model.jointPlacements[j].act(bodies[j])
     return np.concatenate([dynamic_parameters(i) for i in bodies[1:]])
 
 

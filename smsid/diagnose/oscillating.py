@@ -184,7 +184,7 @@ class Oscillating(Searched):
     def _finer(self, found: Fit, coarse: Score) -> Score:
         omega, zeta, place = self._label(coarse)
         axes, parts = len(self.springs.axes), self._parts
-        score = coarse
+        best_score, tried = coarse, 0
         for frequencies, damping in (FINE, FINER, FINEST):
             grid = np.array([(f, z) for f in frequencies for z in damping])
             chosen, damped = np.outer(omega, grid[:, 0]), np.outer(zeta, grid[:, 1])
@@ -206,10 +206,11 @@ class Oscillating(Searched):
             summed = [_sum([e[i] for e in each], STEP * (STEP if i else 1.0)) for i in range(parts)]
             (beside,) = found.projected([propagate(found.run, summed).reshape(-1, parts)])
             shapes = (Shape((0,), (omega, zeta, place)), Shape(tuple(range(parts)), (omega, zeta, place)))
-            tried = len(self.frequencies) * len(grid) ** axes
+            tried += len(self.frequencies) * len(grid) ** axes
             score = best_shape(self, found, beside, shapes, tried)
+            best_score = max(best_score, score, key=lambda s: s.information_gain(found.run.samples))
             omega, zeta, place = self._label(score)
-        return score
+        return best_score
 
     def _label(self, score: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return frequencies [rad/s], damping ratios and place of what a score settled on."""

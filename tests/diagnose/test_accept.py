@@ -80,3 +80,22 @@ def test_what_can_do_the_same_elsewhere_is_not_rejected_by_its_price():
 
 def test_a_parameter_with_a_sign_is_tested_on_one_side():
     assert score(16.0, 1, sides=1).p_value == pytest.approx(0.5 * score(16.0, 1).p_value)
+
+
+@pytest.mark.parametrize(
+    ("like", "ratio", "rejected"),
+    [(1.0, 99.0, False), (1.0, 92.0, True), (0.5, 99.0, True), (0.5, 115.0, False)],
+    ids=["looks alike", "looks alike, explains less", "looks otherwise", "looks otherwise, explains more"],
+)
+def test_a_sibling_that_does_not_hold_the_winner_is_rejected_by_what_it_leaves(like, ratio, rejected):
+    """A friction that goes with the cosine of an angle has two parameters and no Coulomb friction in it."""
+    columns = np.random.default_rng(0).standard_normal((5000, 3))
+    winner = replace(score(100.0, 1), columns=columns[:, :1])
+    own = like * columns[:, :1] + np.sqrt(1.0 - like**2) * columns[:, 1:2]
+    rival = score(ratio, 2)
+    rival = replace(
+        rival,
+        candidate=replace(rival.candidate, free=("b", "c")),
+        columns=np.column_stack([own, columns[:, 2]]),
+    )
+    assert told_apart(winner, rival, 10_000, Levels()) is rejected

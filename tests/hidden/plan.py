@@ -75,7 +75,8 @@ def draw_effect(
     allowed = []
     for effect in hidden_effects(world).values():
         one = strength_one(world, effect.name)
-        fits = one is not None and min(strength * one, effect.cap) >= LEAST * strength * one
+        wanted = None if one is None else one * strength ** (1.0 / effect.power)
+        fits = wanted is not None and min(wanted, effect.cap) >= LEAST * wanted
         if fits and (effect.kind is None) == outside and (onset is None or effect.onset):
             allowed.append(effect)
     chosen = allowed
@@ -90,9 +91,12 @@ def draw_effect(
 def inject(
     world: str, effect: Hidden, strength: float, rng: np.random.Generator, onset: float | None = None
 ) -> Injected:
-    """Hide an effect at a strength; the sign is drawn where both make sense."""
+    """Hide an effect at a strength; the sign is drawn where both make sense.
+
+    What grows with the square of its value (an orbit's rate) is as strong as its square.
+    """
     one = strength_one(world, effect.name)
     assert one is not None, effect.name
-    size = min(strength * one, effect.cap)
+    size = min(one * strength ** (1.0 / effect.power), effect.cap)
     sign = -1.0 if effect.signed and rng.uniform() < 0.5 else 1.0
-    return Injected(effect, sign * size, size / one, onset)
+    return Injected(effect, sign * size, (size / one) ** effect.power, onset)

@@ -45,7 +45,9 @@ def tamed(run: Run, folder: Path) -> tuple[Run, Files]:
             flown = [load_recording(path) for path in (files.recording, files.validation)]
             if all(np.nanmax(np.abs(np.asarray(r["encoder.joint_velocity"]))) < FAST for r in flown):
                 break
-        weaker = [replace(i, value=i.value / 2.0, strength=i.strength / 2.0) for i in run.hidden]
+        weaker = [
+            replace(i, value=i.value / 2.0, strength=i.strength / 2.0**i.effect.power) for i in run.hidden
+        ]
         run = replace(run, hidden=tuple(weaker))
     return run, files
 

@@ -113,6 +113,15 @@ def test_aliases_are_confirmed_only_near_the_limit(short):
     assert not fisher.cannot_separate(short, effect, 0.3 * one, "no_such_kind", "joint1")
 
 
+def test_what_begins_late_is_told_from_less(short):
+    """A friction of the last half second, of a size that eight seconds tell from a torque's gain."""
+    name = "joint_friction:coulomb@joint1"
+    effect, size = hidden_effects("arm")[name], 4 * short.limit(name).value
+    assert np.linalg.norm(short.signal(effect, size, 7.5)) < 0.5 * np.linalg.norm(short.signal(effect, size))
+    assert not fisher.cannot_separate(short, effect, size, "torque_gain", "joint3")
+    assert fisher.cannot_separate(short, effect, size, "torque_gain", "joint3", 7.9)
+
+
 def test_the_table_names_effects_that_exist():
     for world, limits in table().items():
         assert set(limits) <= set(hidden_effects(world))
