@@ -14,15 +14,11 @@ from scipy.stats import chi2
 
 from .catalogue import hidden_effects
 from .effect import Hidden
-from .fisher import Experiment, experiment, initial_directions
-from .flight import fly
+from .fisher import FLAT, Experiment, experiment
 from .judge import ALIASES, Injected
 from .limits import strength_one
-from .numbers import moved, nominal
 
 Array = np.ndarray
-STEP = 0.002  # of a nominal sigma, for central differences
-START = 1e-4  # [m, rad, m/s, rad/s] of the initial state
 PRICES = (0.0, 1.0, 2.0, 4.0, 10.0)  # of a parameter, in squares; the one that serves best counts
 
 
@@ -124,18 +120,8 @@ def chance(eigenvalues: Array, most: float, rng: np.random.Generator, draws: int
 
 def _information(exp: Experiment) -> Array:
     """Fisher information (k, k) of the nominal parameters in prior sigmas, the initial state free."""
-
-    def slope(plus: Array, minus: Array, step: float) -> Array:
-        return (plus - minus) / (2.0 * step)
-
-    columns = []
-    for p in nominal(exp.numbers):
-        pair = [fly(moved(exp.numbers, {p.name: s * STEP * p.sigma}), exp.commands) for s in (1, -1)]
-        columns.append(slope(*(exp.distance_vector(x) for x in pair), STEP))
-    starts = []
-    for d in initial_directions(exp.numbers):
-        pair = [exp.started(s * START * d) for s in (1, -1)]
-        starts.append(slope(*(exp.distance_vector(x) for x in pair), START))
-    whole, basis = np.column_stack(columns), np.linalg.qr(np.column_stack(starts))[0]
-    left = whole - basis @ (basis.T @ whole)
+    columns, sigma = exp.nuisances()
+    nominal, starts = columns[:, sigma < FLAT], columns[:, sigma == FLAT]
+    basis = np.linalg.qr(starts)[0]
+    left = nominal - basis @ (basis.T @ nominal)
     return left.T @ left

@@ -107,7 +107,7 @@ class Experiment:
         """Orthonormal directions (rows, k) that nuisances explain, shrunk by their priors; cached."""
         if self._directions is None:
             path = CACHE / f"{self.key}.npy"
-            found = np.load(path) if path.is_file() else _shrunk(*self._nuisances())
+            found = np.load(path) if path.is_file() else _shrunk(*self.nuisances())
             if not path.is_file():
                 _save(path, found)
             self._directions = found
@@ -173,7 +173,7 @@ class Experiment:
                 return Limit(effect.name, found, found / DETECTION, effect.unit, share, runs, "distance")
             value = min(value * (LINEAR / raw) ** (1 / effect.power), effect.cap)
 
-    def _nuisances(self) -> tuple[Array, Array]:
+    def nuisances(self) -> tuple[Array, Array]:
         """Derivatives (rows, k) of the channels in sigmas; prior standard deviations (k,)."""
         columns, sigmas = [], []
         for p in nominal(self.numbers):
@@ -182,13 +182,13 @@ class Experiment:
             ]
             columns.append((self.distance_vector(pair[0]) - self.distance_vector(pair[1])) / (2 * STEP))
             sigmas.append(1.0)
-        for direction in initial_directions(self.numbers):
-            pair = [self.started(sign * 1e-4 * direction) for sign in (1, -1)]
+        for direction in _initial_directions(self.numbers):
+            pair = [self._started(sign * 1e-4 * direction) for sign in (1, -1)]
             columns.append((self.distance_vector(pair[0]) - self.distance_vector(pair[1])) / 2e-4)
             sigmas.append(FLAT)
         return np.array(columns).T, np.array(sigmas)
 
-    def started(self, offset: Array) -> dict[str, Array]:
+    def _started(self, offset: Array) -> dict[str, Array]:
         c, nv = self.commands, len(offset) // 2
         initial = (offset[:nv], offset[nv:])
         return channels(simulate(self.numbers, c.time, c.values, c.columns, initial=initial))
@@ -236,7 +236,7 @@ def cannot_separate(
     return distance_after(signal, np.array(columns).T) < SEPARATION
 
 
-def initial_directions(n: Numbers) -> list[Array]:
+def _initial_directions(n: Numbers) -> list[Array]:
     """Unit displacements and velocities (2 nv,) of everything but the wheels' angles."""
     plant = Plant(n)
     nv = plant.model.nv

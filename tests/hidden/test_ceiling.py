@@ -49,11 +49,11 @@ def test_of_several_that_are_all_alike_any_three_are_as_good(others: int, expect
 
 def test_naming_one_of_two_that_say_the_same_is_naming_the_other():
     arm = hidden_effects("arm")
-    assert same(arm["sensor_delay:delay@encoder.joint_position"], arm["time_offset:offset@encoder"]) == (
-        "time_offset" in arm["sensor_delay:delay@encoder.joint_position"].others
-        or "sensor_delay" in arm["time_offset:offset@encoder"].others
-    )
     viscous, coulomb = (arm[f"joint_friction:{x}@joint1"] for x in ("viscous", "coulomb"))
+    other = replace(viscous, kind="drag", shapes=())
+    assert not same(viscous, other)
+    assert same(viscous, replace(other, others=("joint_friction",)))
+    assert not same(viscous, replace(other, others=("joint_friction",), location="joint2"))
     assert same(viscous, viscous)
     assert not same(viscous, coulomb)
     assert not same(viscous, arm["joint_friction:viscous@joint2"])
