@@ -26,6 +26,8 @@ SURPLUS = 3.0  # how much more than its linear score a refitted candidate may ga
 class Levels:
     """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
 
+    ``candidate`` is that of the first cause, ``further`` that of one beside others: that a recording has two
+    things wrong takes more evidence than that it has one.
     ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (6.6: what
     is there is beaten by that in half a percent of the cases at most, however like it another is that has as
     many parameters; siblings with more are another matter, `told_apart`);
@@ -36,7 +38,8 @@ class Levels:
     """
 
     candidate: float = 0.003
-    block: float = 0.001
+    block: float = 0.0003
+    further: float = 0.0003
     alias: float = 6.6
     onset: float = 9.2
     linear: float = 400.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -15,6 +15,7 @@ from smsid.effects.base import Effect
 from smsid.errors import SmsidError
 
 EXCITED = 1e-12  # share of a column's information that rounding may leave beside the fitted parameters
+NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
 
 @dataclass(frozen=True)
@@ -77,17 +78,30 @@ class Candidate:
         return mine[0] if mine else self.effect
 
     def scored(self, found: Fit, own: Projected) -> Score:
-        """Return its score on a fit, from its whitened columns beside the fitted parameters."""
+        """Return its score on a fit, from its whitened columns beside the fitted parameters.
+
+        What does nothing in this recording (a centre of mass along the only axis its body turns about) is
+        not fitted.
+        """
         left, raw = own.left, np.einsum("ij,ij->j", own.columns, own.columns)
+        moves = raw > NOTHING * raw.max(initial=0.0)
+        if moves.any() and not moves.all():
+            return self._only(moves).scored(found, own.only(moves))
         estimate, covariance, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
         excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
         if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
             ratio = 0.0
         freedom = int((values > EXCITED).sum())
-        sides = 1 if freedom == 1 and self._bound() else 2
+        sides = 1 if freedom == 1 and self.one_sided else 2
         return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken, sides)
 
-    def _bound(self) -> bool:
+    def _only(self, which: np.ndarray) -> Candidate:
+        kept = [k for k, there in enumerate(which) if there]
+        free, steps = tuple(self.free[k] for k in kept), tuple(self.steps[k] for k in kept)
+        return replace(self, free=free, steps=steps)
+
+    @property
+    def one_sided(self) -> bool:
         """Whether where it does nothing is as far as its only parameter goes."""
         if self.effect is None or len(self.free) != 1:
             return False
@@ -136,10 +150,10 @@ def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
     """
     if getattr(candidate.effect, "start", None) is not None:
         return candidate.columns(found.changes, found.unknowns)
-    known = found.changes.by_candidate
-    if candidate.key not in known:
-        known[candidate.key] = candidate.columns(found.changes, found.unknowns)
-    return known[candidate.key]
+    known, what = found.changes.by_candidate, (candidate.key, candidate.free)
+    if what not in known:
+        known[what] = candidate.columns(found.changes, found.unknowns)
+    return known[what]
 
 
 def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:

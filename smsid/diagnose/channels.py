@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -55,7 +55,8 @@ class Measured:
     """All measured channels on one clock: times (N,), values (N, rows), NaN where there is none.
 
     An attitude's rows are zero in ``values``; its quaternions are in ``attitude`` by channel. ``sigma``
-    (rows,) is one standard deviation of the white noise of a sample.
+    (rows,) is one standard deviation of the white noise of a sample. ``coarse`` (rows,) marks components that
+    are read in steps: their errors are no noise that could be found from what a fit leaves.
     """
 
     times: np.ndarray
@@ -63,6 +64,7 @@ class Measured:
     attitude: dict[str, np.ndarray]
     blocks: tuple[Block, ...]
     sigma: np.ndarray
+    coarse: np.ndarray | None = None
 
     @property
     def rows(self) -> int:
@@ -95,11 +97,11 @@ class Measured:
         blocks = tuple(
             _block(by_name[b.sensor.name], b.quantity, b.rows, b.stations, b.names) for b in self.blocks
         )
-        return Measured(self.times, self.values, self.attitude, blocks, self.sigma)
+        return replace(self, blocks=blocks)
 
     def scaled(self, factor: np.ndarray) -> Measured:
         """Return the samples with noise levels (rows,) times a factor."""
-        return Measured(self.times, self.values, self.attitude, self.blocks, self.sigma * factor)
+        return replace(self, sigma=self.sigma * factor)
 
     def thinned(self, rate: float) -> Measured:
         """Return every n-th sample, so that no more than ``rate`` a second remain (within a tenth)."""
@@ -108,13 +110,13 @@ class Measured:
             return self
         k = slice(None, None, every)
         attitude = {name: q[k] for name, q in self.attitude.items()}
-        return Measured(self.times[k], self.values[k], attitude, self.blocks, self.sigma)
+        return replace(self, times=self.times[k], values=self.values[k], attitude=attitude)
 
     def without(self, faulty: np.ndarray) -> Measured:
         """Return the samples with those marked (N, rows) left out."""
         values = self.values.copy()
         values[faulty] = np.nan
-        return Measured(self.times, values, self.attitude, self.blocks, self.sigma)
+        return replace(self, values=values)
 
 
 def measured(model: SpacecraftModel, recording: Recording, sensors: Sequence[Sensor]) -> Measured:

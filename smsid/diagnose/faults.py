@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,21 +82,44 @@ def quantised_channels(data: Measured) -> list[Fault]:
         step = min((float(g) for g in gaps[gaps > 1e-9 * np.ptp(x)]), default=np.inf)
         if not np.isfinite(step) or step < 0.3 * data.sigma[row]:
             continue
-        off = np.abs(gaps / step - np.round(gaps / step))
         stated = block.sensor.error(block.quantity).quantisation
-        if off.max() < 1e-3 and step > 1.01 * stated:
+        if _on_grid(gaps, step) and step > 1.01 * stated:
             none = np.zeros(data.values.shape, dtype=bool)
             found.append(Fault("quantisation", block.channel, name, step, 1e-3 * step, none))
-    return found
+    return found + _slow_beside(data, found)
+
+
+def _on_grid(x: np.ndarray, step: float) -> bool:
+    return bool(np.abs(x / step - np.round(x / step)).max(initial=0.0) < 1e-3)
+
+
+def _slow_beside(data: Measured, found: Sequence[Fault]) -> list[Fault]:
+    """Return the components that move too little to show a grid, but lie on that of another of the channel."""
+    grids = {f.channel: f for f in found}
+    known, more = {f.component for f in found}, []
+    for block in data.blocks:
+        for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
+            x = data.values[np.isfinite(data.values[:, row]), row]
+            beside = grids.get(block.channel)
+            if beside is not None and name not in known and len(x) and _on_grid(x, beside.value):
+                more.append(replace(beside, component=name))
+    return more
 
 
 def rougher(data: Measured, rounded: Sequence[Fault]) -> Measured:
-    """Return the samples with the noise that reading in steps adds: a uniform error of each step."""
-    factor = np.ones(data.rows)
+    """Return the samples with the noise that reading in steps adds: a uniform error of each step.
+
+    It lasts as long as the value does: a slow component that stays on one step for n samples tells as much as
+    one of them, so that each of them counts as noisier by the root of n.
+    """
+    factor, held = np.ones(data.rows), np.zeros(data.rows, dtype=bool)
     for fault in rounded:
         row = data.names.index(fault.component)
-        factor[row] = np.hypot(1.0, fault.value / (np.sqrt(12.0) * data.sigma[row]))
-    return data.scaled(factor)
+        x = data.values[np.isfinite(data.values[:, row]), row]
+        lasts = len(x) / (1.0 + np.count_nonzero(np.diff(x)))
+        factor[row] = np.hypot(1.0, fault.value * np.sqrt(lasts / 12.0) / data.sigma[row])
+        held[row] = True
+    return replace(data.scaled(factor), coarse=held)
 
 
 def outliers(data: Measured, run: Run) -> list[Fault]:

@@ -141,6 +141,8 @@ def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
 def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> Run:
     """Run the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
 
+    Only states, predictions and errors are there then, derivatives are zero.
+
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
     plant = Plant(model, problem.locked)
@@ -163,22 +165,24 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     variance = data.sigma**2
     log_likelihood = 0.0
     for k in range(n):
-        lin = plant.linear(times[k], q, v, drive.at[k])
+        corrects = times[k] <= until
+        lin = (plant.linear if corrects else plant.moving)(times[k], q, v, drive.at[k])
         at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
         if late.any():
             h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
         else:
             h, cq, cv, ca = outputs.predict(q, v, lin.a)
         outputs.twisted(h, drive.at[k], lin.a)
-        big_h = sensitivity[k]
-        np.matmul(ca, lin.by_q, out=big_h[:, :nv])
-        np.matmul(ca, lin.by_v, out=big_h[:, nv:])
-        big_h[:, :nv] += cq
-        big_h[:, nv:] += cv
         predicted[k] = h
         residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
         by_a[k], errors[k] = ca, residual
-        there = np.flatnonzero(present[k]) if times[k] <= until else ()
+        there = np.flatnonzero(present[k]) if corrects else ()
+        if corrects:
+            big_h = sensitivity[k]
+            np.matmul(ca, lin.by_q, out=big_h[:, :nv])
+            np.matmul(ca, lin.by_v, out=big_h[:, nv:])
+            big_h[:, :nv] += cq
+            big_h[:, nv:] += cv
         if len(there):
             hk = big_h[there]
             ph = p @ hk.T
@@ -208,14 +212,17 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         for s_ in range(substeps):
             if s_ == substeps // 2:
                 tau = drive.middle[k]
-                mid_lin = plant.linear(times[k] + 0.5 * h_k, q, v, tau)
+                mid_lin = (plant.linear if corrects else plant.moving)(times[k] + 0.5 * h_k, q, v, tau)
                 mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
-                f, psi = plant.transition(h_k, v, mid_lin)
-                transition[k], forcing[k] = f, psi[:, nv:]
+                if corrects:
+                    f, psi = plant.transition(h_k, v, mid_lin)
+                    transition[k], forcing[k] = f, psi[:, nv:]
             tau, rise = drive.means[k, s_], drive.rise[k, s_]
             q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
         if not np.abs(v).max() < WILD:
             raise _lost(times[k])
+        if not corrects:
+            continue
         b = forcing[k] @ mid_lin.by_tau
         p = f @ p @ f.T + (b * input_noise) @ b.T
         p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow

@@ -47,6 +47,10 @@ class Projected:
     left: np.ndarray
     taken: np.ndarray
 
+    def only(self, which: np.ndarray) -> Projected:
+        """Return those of the columns that ``which`` (d,) marks."""
+        return Projected(self.columns[:, which], self.left[:, which], self.taken[:, which])
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -185,7 +189,8 @@ def bounded_step(found: Fit) -> np.ndarray:
     A parameter that would leave them goes as far as it may, and the others' step is found again beside that:
     cut off afterwards, the rest would make up for a change that did not happen.
     """
-    gram = found.gram + 1e-12 * np.diag(np.diag(found.gram))
+    size = np.diag(found.gram)
+    gram = found.gram + np.diag(np.where(size > 0.0, 1e-12 * size, 1.0))  # what does nothing stays
     step = np.linalg.solve(gram, found.slope)
     held = np.zeros(len(step), dtype=bool)
     now = np.array([found.point.value(u) for u in found.unknowns])

@@ -11,7 +11,7 @@ from scipy.signal import welch
 
 from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Noise, Problem, Run
-from smsid.diagnose.fit import ENOUGH, Fit, continued, fit
+from smsid.diagnose.fit import ENOUGH, Fit, continued, evaluate, fit
 from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SimulationError
 
@@ -56,8 +56,31 @@ def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) 
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
     if strayed(found.fit.run) > MISFIT:
-        return refitted(replace(found, misfit=True))
+        return _but_for_one(found) or refitted(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
+
+
+def _but_for_one(found: Fitted) -> Fitted | None:
+    """Return the fit of all components but the one that strays most, where the model follows these.
+
+    That one is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
+    bend to it. Its samples are back in the fit that is returned.
+    """
+    whole = found.fit.problem
+    size = np.where(found.fit.run.used, np.abs(found.fit.run.normalised), np.nan)
+    worst = int(np.nanargmax(np.nanmedian(size, axis=0)))
+    left_out = np.zeros(whole.data.values.shape, dtype=bool)
+    left_out[:, worst] = True
+    problem = replace(whole, data=whole.data.without(left_out))
+    try:
+        rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
+        if strayed(rest.run) > FOLLOWED:
+            return None
+        LOGGER.info("all but %s is followed", whole.data.names[worst])
+        return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors)
+    except SimulationError as error:
+        LOGGER.info("not without %s either: %s", whole.data.names[worst], error)
+        return None
 
 
 def refitted(found: Fitted, *, strong: bool = False) -> Fitted:
@@ -142,7 +165,7 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
         shares = []
         for row in range(block.rows.start, block.rows.stop):
             x = run.normalised[run.used[:, row], row]
-            if len(x) < FEW:
+            if len(x) < FEW or (data.coarse is not None and data.coarse[row]):
                 continue
             x = x[len(x) // 50 :]
             middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either

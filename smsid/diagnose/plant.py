@@ -123,6 +123,11 @@ class Plant:
             inverse = np.linalg.solve(whole, inverse)
         return Linear(a, by_q, by_v, inverse)
 
+    def moving(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
+        """Return accelerations as `linear` does, their derivatives zero."""
+        nothing = np.zeros((self.nv, self.nv))
+        return Linear(self.acceleration(t, q, v, tau), nothing, nothing, nothing)
+
     def _differences(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

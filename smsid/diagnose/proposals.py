@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from smsid.diagnose.additions import more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.filter import Problem
+from smsid.diagnose.play import Play
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.searched import Imbalance, Leak
 from smsid.diagnose.tidal import Tidal
@@ -132,7 +133,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             gear["prior"] = {"motor_inertia": rotor}
             springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
             yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
-            yield from _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, ["turn_torque"])
+            for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, ["turn_torque"]):
+                yield _as(Play, c, dof=int(v))
 
 
 def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:

@@ -103,9 +103,10 @@ def search(
 
     def counts(s: Score) -> bool:
         """Whether there is something; Bayes's criterion orders what counts, it does not decide."""
-        return bool(s.freedom) and s.p_value * len(candidates) < levels.candidate
+        return bool(s.freedom) and s.p_value * len(candidates) < asked.candidate
 
     while True:
+        asked = replace(levels, candidate=levels.further) if causes else levels
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
         best = next((s for s in scores if s.ratio > least and counts(s)), None)
         if best is None or len(causes) == levels.causes:
@@ -126,7 +127,7 @@ def search(
         own = {s.candidate.key: s for s in begun}
         rivals = [own.get(s.candidate.key, s) for s in scores]
         rivals.sort(key=lambda s: -s.information_gain(current.run.samples))
-        accepted = accept(current, best, rivals, levels, len(candidates))
+        accepted = accept(current, best, rivals, asked, len(candidates))
         if accepted is None:
             rest = [c for c in rest if c.key != best.candidate.key]
             scores = [s for s in scores if s.candidate.key != best.candidate.key]

@@ -102,7 +102,8 @@ def best_shape(
     own = replace(own, grid=variants * len(shapes))
     excited = float(values.min(initial=1.0))
     taken = beside.taken[:, index] @ by
-    return Score(own, ratio, freedom, estimate, covariance, excited, left[:, index] @ by, taken)
+    sides = 1 if freedom == 1 and own.one_sided else 2
+    return Score(own, ratio, freedom, estimate, covariance, excited, left[:, index] @ by, taken, sides)
 
 
 @dataclass(frozen=True)

@@ -226,12 +226,16 @@ def _backlash(joint: str, gap: float) -> Change:
 
 
 def _ahead(joint: str, angle: Callable[[np.ndarray], np.ndarray]) -> Change:
-    """The encoder is ahead of the link by an angle that depends on the torque held until the sample."""
+    """The encoder is ahead of the link by an angle that depends on the torque held until the sample.
+
+    What was commanded before the first sample nobody knows: it is taken to be what is commanded from there.
+    """
     torque = np.zeros(0)
 
     def note(t: np.ndarray, values: np.ndarray, columns: tuple[str, ...]) -> np.ndarray:
         nonlocal torque
-        torque = np.append(0.0, values[:-1, columns.index(joint)])
+        own = values[:, columns.index(joint)]
+        torque = np.append(own[0], own[:-1])
         return values
 
     def shifted(t: np.ndarray, x: np.ndarray) -> np.ndarray:
