@@ -19,6 +19,8 @@ NEAR = 0.5  # least correlation of two candidates that are taken for each other
 NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
 CONTAINED = 0.99  # correlation with a candidate of more parameters above which these can do the same
 AS_GOOD = 0.9  # the same, where they explain more than the one does
+FEW = 2  # aliases that are named whatever their chances are
+REST = 0.05  # chance of all that are left out beside them
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -105,9 +107,28 @@ def accept(
         reached = {id(s): v for v, s, _ in fitted}
         near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
-    aliases = tuple((s, correlation(winner, s)) for s in near if s is not winner)
     beside = tuple(u.name for u in current.unknowns)
-    return Cause(winner, tuple(a for a in aliases if a[1] > NEAR), ratio, beside), found
+    return Cause(winner, aliases_of(winner, near, samples), ratio, beside), found
+
+
+def aliases_of(winner: Score, near: Sequence[Score], samples: int) -> tuple[tuple[Score, float], ...]:
+    """Return those of the candidates not rejected that look like the winner, with their correlations.
+
+    Of more than two, the least likely are left out that hold `REST` of the chances at most (Bayes's
+    criterion); never one that explains as much as the winner does.
+    """
+    alike = [(s, correlation(winner, s)) for s in near if s is not winner]
+    alike = [a for a in alike if a[1] > NEAR]
+    best = winner.information_gain(samples)
+    chance = {id(s): float(np.exp(0.5 * min(s.information_gain(samples) - best, 0.0))) for s, _ in alike}
+    left = REST * (1.0 + sum(chance.values()))
+    for s, _ in sorted(alike, key=lambda a: chance[id(a[0])]):
+        left -= chance[id(s)]
+        if len(alike) <= FEW or left < 0.0:
+            break
+        if s.ratio < winner.ratio:
+            alike = [a for a in alike if a[0] is not s]
+    return tuple(alike)
 
 
 def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> bool:

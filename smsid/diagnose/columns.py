@@ -44,7 +44,7 @@ class Changes:
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
-        self.by_candidate: dict[tuple[Any, ...], list[Change]] = {}  # what is scored is scored again
+        self.by_candidate: dict[tuple[object, ...], list[Change]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Change]:
         """Return the changes by inertial parameters, ten per body: -M^-1 Y."""

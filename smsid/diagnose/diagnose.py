@@ -146,6 +146,8 @@ def _diagnose(
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
+    if faults:  # a cause would stand beside them
+        levels = replace(levels, candidate=levels.further)
     found = search(point, problem, known.unknowns, candidates, levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:

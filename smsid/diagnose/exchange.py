@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.accept import NEAR, Cause, Levels, cost, refit, told_apart
-from smsid.diagnose.candidates import Candidate, Score, correlation, scored
+from smsid.diagnose.accept import Cause, Levels, aliases_of, cost, refit, told_apart
+from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import Fit, prior_of
 from smsid.errors import SmsidError
@@ -52,12 +52,41 @@ def judged_again(
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not told_apart(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.information_gain(samples))
-        aliases = [(s, correlation(own, s)) for s in near]
-        close = tuple(a for a in aliases if a[1] > NEAR)
+        close = aliases_of(own, near, samples)
         if better is not None:
             beside = tuple(u.name for u in less.unknowns)
             cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
         causes[i] = replace(cause, aliases=close)
+    return causes, last
+
+
+def sought_again(
+    causes: Sequence[Cause], last: Fit, nominal: Fit, candidates: Sequence[Candidate], levels: Levels
+) -> tuple[list[Cause], Fit]:
+    """Return the causes, those before the last sought anew beside it: place and phase may be others now.
+
+    What a cause stood in for is explained, and where its search ended then may be a lesser optimum.
+    """
+    causes, by_key = list(causes), {c.key: c for c in candidates}
+    for i, cause in enumerate(causes[:-1]):
+        one = by_key[cause.score.candidate.key]
+        if type(one) is Candidate:
+            continue  # nothing was searched
+        try:
+            less = without(last, cause.score.candidate, nominal)
+        except SmsidError as error:
+            LOGGER.info("%s is not sought again: %s", one.key, error)
+            continue
+        if less.point.model().nv != last.changes.model.nv:
+            continue
+        (fresh,) = scored(less, [one], list(signatures(less, [one]).values()))
+        if fresh.ratio - _own(last, less, cause).ratio < levels.alias:
+            continue
+        found = refit(less, fresh)
+        if found is None or 2.0 * (last.objective - found.objective) < levels.alias:
+            continue
+        LOGGER.info("%s is another: gains %.1f", one.key, 2.0 * (last.objective - found.objective))
+        causes[i], last = replace(cause, score=fresh), found
     return causes, last
 
 

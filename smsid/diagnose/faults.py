@@ -94,7 +94,7 @@ def _on_grid(x: np.ndarray, step: float) -> bool:
 
 
 def _slow_beside(data: Measured, found: Sequence[Fault]) -> list[Fault]:
-    """Return the components that move too little to show a grid, but lie on that of another of the channel."""
+    """Return the components that move too little to show a grid, but lie on that of another."""
     grids = {f.channel: f for f in found}
     known, more = {f.component for f in found}, []
     for block in data.blocks:

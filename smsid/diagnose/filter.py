@@ -38,7 +38,8 @@ class Noise:
     """Process noise: standard deviations of the inputs' errors, held over a sample, and of the start.
 
     ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
-    ``hidden`` are those of slosh and modal coordinates at the start [m, m/s].
+    ``hidden`` are those of slosh and modal coordinates at the start [m, m/s]. ``more`` adds noise to single
+    inputs: velocity coordinate and standard deviation [N, N m].
     """
 
     force: float = 1e-6
@@ -46,6 +47,7 @@ class Noise:
     joint: float = 1e-6
     wheel: float = 1e-7
     hidden: tuple[float, float] = (1e-2, 1e-2)
+    more: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -339,7 +341,10 @@ def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
         out[0:3], out[3:6] = noise.force, noise.torque
     out[model.arm_joints.v], out[model.wheels.v] = noise.joint, noise.wheel
     out[problem.locked] = 0.0
-    return out**2
+    out = out**2
+    for dof, sigma in noise.more:
+        out[dof] += sigma**2
+    return out
 
 
 def _lost(time: float) -> SimulationError:

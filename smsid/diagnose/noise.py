@@ -67,8 +67,8 @@ def _but_for_one(found: Fitted) -> Fitted | None:
     bend to it. Its samples are back in the fit that is returned.
     """
     whole = found.fit.problem
-    size = np.where(found.fit.run.used, np.abs(found.fit.run.normalised), np.nan)
-    worst = int(np.nanargmax(np.nanmedian(size, axis=0)))
+    squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
+    worst = int(np.argmax(squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)))
     left_out = np.zeros(whole.data.values.shape, dtype=bool)
     left_out[:, worst] = True
     problem = replace(whole, data=whole.data.without(left_out))
@@ -158,14 +158,17 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
     """Return what every channel's stated noise is off by (rows,), from its prediction errors.
 
     From their variance, or where that is clearly larger, from that of their differences: what varies slowly
-    is no noise. One factor a channel.
+    is no noise. One factor a channel; components read in steps keep theirs.
     """
     out = np.ones(data.rows)
     for block in data.blocks:
+        rows = np.arange(block.rows.start, block.rows.stop)
+        if data.coarse is not None:
+            rows = rows[~data.coarse[rows]]
         shares = []
-        for row in range(block.rows.start, block.rows.stop):
+        for row in rows:
             x = run.normalised[run.used[:, row], row]
-            if len(x) < FEW or (data.coarse is not None and data.coarse[row]):
+            if len(x) < FEW:
                 continue
             x = x[len(x) // 50 :]
             middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
@@ -174,7 +177,7 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
             whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
             shares.append(whole if whole < SLOW * fast else fast)
         if shares:
-            out[block.rows] = np.sqrt(np.mean(shares))
+            out[rows] = np.sqrt(np.mean(shares))
     return out
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from smsid.diagnose.accept import Cause, Levels, accept, pruned
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
-from smsid.diagnose.exchange import judged_again
+from smsid.diagnose.erratic import erratic
+from smsid.diagnose.exchange import judged_again, sought_again
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
@@ -88,7 +89,7 @@ def search(
     clock = {"nominal": time.process_time()}
     fitted = fit_with_noise(point, problem, tuple(unknowns))
     nominal, current, causes = fitted.fit, fitted.fit, []
-    before = strayed(fitted.fit.run, fitted.factors)
+    strayed_before = strayed(fitted.fit.run, fitted.factors)
     if fitted.misfit and motion_left(nominal, fitted.by_channel) > LOST:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
@@ -138,7 +139,11 @@ def search(
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.onset)
             cause = replace(cause, score=still)
+        for i, before in enumerate(causes):
+            still, found = always(found, before.score, levels.onset)
+            causes[i] = replace(before, score=still)
         causes.append(cause)
+        causes, found = sought_again(causes, found, nominal, candidates, levels)
         strong = cause.ratio > levels.linear
         fitted = refitted(replace(fitted, fit=found), strong=strong)
         if strong:
@@ -149,9 +154,6 @@ def search(
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
         scores = _scores(current, rest, columns)
-    for i, cause in enumerate(causes):
-        still, current = always(current, cause.score, levels.onset)
-        causes[i] = replace(cause, score=still)
     if len(causes) > 1 and not fitted.misfit:
         causes, current = judged_again(causes, current, nominal, candidates, columns, levels)
     blocks = (*held, *adequacy(current))
@@ -161,6 +163,8 @@ def search(
         blocks = blocks if current is reached else (*held, *adequacy(current))
     clock["tests"] = time.process_time()
     before_causes = tuple(adequacy(nominal)) if causes else blocks
+    if not fitted.misfit and _significant(blocks, causes, levels, coarse):  # a law of none, perhaps
+        before_causes = tuple(sorted((*before_causes, *erratic(nominal)), key=lambda b: b.order))
     end = time.process_time()
     seconds = {
         "nominal": clock["search"] - clock["nominal"],
@@ -170,7 +174,7 @@ def search(
     return Search(
         nominal, current, tuple(causes), tuple(scores), before_causes, blocks, len(candidates),
         current.run.samples, fitted.by_channel, fitted.misfit,
-        (before, strayed(current.run, fitted.factors)), seconds, levels,
+        (strayed_before, strayed(current.run, fitted.factors)), seconds, levels,
         coarse,
     )  # fmt: skip
 

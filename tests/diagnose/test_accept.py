@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.accept import Levels, cost, refit, told_apart
+from smsid.diagnose.accept import Levels, aliases_of, cost, refit, told_apart
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
@@ -99,3 +99,25 @@ def test_a_sibling_that_does_not_hold_the_winner_is_rejected_by_what_it_leaves(l
         columns=np.column_stack([own, columns[:, 2]]),
     )
     assert told_apart(winner, rival, 10_000, Levels()) is rejected
+
+
+def seen(ratio, freedom=1, seed=0):
+    """A score with a signature much like those of other seeds."""
+    own = score(ratio, freedom, f"joint{seed}")
+    rng = np.random.default_rng(seed)
+    columns = np.ones((50, 1)) + 0.3 * rng.standard_normal((50, freedom))
+    return replace(own, columns=columns)
+
+
+def test_of_many_aliases_the_unlikely_are_left_out_together():
+    winner, likely, less = seen(100.0), seen(99.0, seed=1), seen(97.0, seed=2)
+
+    def left(*near):
+        return [s.candidate.location for s, _ in aliases_of(winner, near, 10_000)]
+
+    unlikely = seen(94.0, seed=3)
+    assert left(likely, less, unlikely) == ["joint1", "joint2"]
+    assert left(likely, unlikely) == ["joint1", "joint3"]  # few are all named
+    assert left(likely, less, seen(96.0, seed=3)) == ["joint1", "joint2", "joint3"]
+    dear = seen(101.0, 2, seed=3)  # unlikely for what it costs, but it explains more
+    assert left(likely, less, dear) == ["joint1", "joint2", "joint3"]

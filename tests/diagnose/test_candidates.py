@@ -68,3 +68,18 @@ def test_equal_candidates_are_fully_correlated():
     assert abs(correlation(first, second) - 1.0) < 1e-9
     other = only(fit, SHIFT, rng.standard_normal((80, 2)))
     assert correlation(first, other) < 0.6
+
+
+def test_a_parameter_that_does_nothing_is_not_fitted():
+    rng = np.random.default_rng(3)
+    fit = stub(rng, 60, 3, np.full(3, 1.0))
+    columns = rng.standard_normal((60, 2))
+    for nothing in (np.zeros(60), 1e-16 * columns[:, 0]):
+        whole = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b", "c"), (1.0, 2.0, 3.0))
+        score = only(fit, whole, np.column_stack([columns[:, 0], nothing, columns[:, 1]]))
+        assert score.candidate.free == ("a", "c")
+        assert score.candidate.steps == (1.0, 3.0)
+        assert score.freedom == 2 and score.columns.shape[1] == 2 and score.taken.shape[1] == 2
+        assert np.isclose(score.ratio, only(fit, SHIFT, columns).ratio, rtol=1e-9)
+    still = only(fit, SHIFT, np.zeros((60, 2)))
+    assert still.freedom == 0 and still.candidate is SHIFT

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.faults import outliers, quantised_channels, stuck_channels
+from smsid.diagnose.faults import outliers, quantised_channels, rougher, stuck_channels
+from smsid.diagnose.noise import noise_factors
 
 
 @pytest.fixture
@@ -65,3 +66,26 @@ def test_an_encoder_that_turns_round_is_not_stuck(data):
     data.values[:, row] = np.round((0.01 * t + np.sign(t) * 0.02 * t**2) / step) * step
     data.values[:, row] = np.round(np.abs(data.values[:, row]) / step) * step
     assert not [f for f in stuck_channels(data) if f.component == "encoder.joint_position[joint1]"]
+
+
+def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_what_lasts(data):
+    rows = [data.names.index(f"imu.angular_rate[{axis}]") for axis in "xyz"]
+    step, n = 0.01 * np.ptp(data.values[:, rows[0]]), len(data.times)
+    data.values[:, rows[0]] = np.round(data.values[:, rows[0]] / step) * step
+    data.values[:, rows[1]] = np.where(np.arange(n) < n // 2, 3.0, 4.0) * step
+    found = quantised_channels(data)
+    assert {f.component for f in found} == {"imu.angular_rate[x]", "imu.angular_rate[y]"}
+    assert all(f.value == pytest.approx(step) for f in found)
+    rough = rougher(data, found)
+    assert rough.sigma[rows[1]] == pytest.approx(step * np.sqrt(n / 2 / 12.0), rel=0.01)
+    assert rough.sigma[rows[2]] == data.sigma[rows[2]]
+    assert rough.coarse is not None and list(np.flatnonzero(rough.coarse)) == rows[:2]
+    small = SimpleNamespace(
+        normalised=1e-3 * np.random.default_rng(1).standard_normal(data.values.shape),
+        used=np.isfinite(data.values),
+    )
+    factors = noise_factors(rough, small)
+    assert factors[rows[2]] == pytest.approx(1e-3, rel=0.1)
+    assert (factors[rows[:2]] == 1.0).all()
+    every = replace(rough, coarse=np.ones(data.rows, dtype=bool))
+    assert (noise_factors(every, small) == 1.0).all()

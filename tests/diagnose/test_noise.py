@@ -1,12 +1,13 @@
 """Noise levels from prediction errors: white ones, slow ones, and outliers."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from smsid.diagnose.noise import misfit_factors, noise_factors, strayed
+from smsid.diagnose.noise import fit_with_noise, misfit_factors, noise_factors, strayed
 
 N = 20000
 
@@ -15,7 +16,7 @@ def channels(*columns):
     """Prediction errors in stated noise, one channel of one row a column, all used."""
     x = np.column_stack(columns)
     blocks = tuple(SimpleNamespace(rows=slice(i, i + 1), channel=f"c{i}") for i in range(x.shape[1]))
-    data = SimpleNamespace(rows=x.shape[1], blocks=blocks)
+    data = SimpleNamespace(rows=x.shape[1], blocks=blocks, coarse=None)
     return data, SimpleNamespace(normalised=x, used=np.ones(x.shape, dtype=bool))
 
 
@@ -54,3 +55,24 @@ def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
     factors = np.array([3.0, 3.0])
     _, run = channels(rng.standard_normal(N), rng.standard_normal(N))
     assert strayed(run, factors) == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
+    """The parameters are those of the others, and the jump is left whole for a candidate to explain."""
+    data = problem.data
+    row = data.names.index("tachometer.wheel_rate[wheel_y]")
+    values = data.values.copy()
+    values[data.times > 3.0, row] += 3.0
+    unknowns = known.unknowns[:10]
+    found = fit_with_noise(known.point, replace(problem, data=replace(data, values=values)), unknowns)
+    sound = fit_with_noise(known.point, problem, unknowns)
+    assert not found.misfit
+    assert strayed(found.fit.run) > 100.0
+    for u in unknowns:
+        off = found.fit.point.value(u) - sound.fit.point.value(u)
+        assert abs(off) < 0.5 * sound.fit.sigma(u.name)
+
+
+def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
+    wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
+    assert fit_with_noise(known.point, wrong, known.unknowns[:1]).misfit

@@ -17,6 +17,11 @@ RIPPLE = range(3, 9)
 SIGN = 5e-3
 """Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
 
+STAMPS = 0.05
+"""Share of a sampling interval below which no delay is claimed: stamps and samplers are not that exact."""
+
+DELAY = "a delay"
+
 CURVES = (5e-4, 2e-2)
 """Other such rates, sharper and blunter; how friction turns over there is nobody's finding."""
 
@@ -38,9 +43,10 @@ def dependences(found: TorqueFit) -> list[Block]:
         for name, parts in _terms(found, j):
             values = np.zeros((*found.load.shape, len(parts)))
             values[:, j] = np.stack(parts, axis=1)
-            basis = _beyond(found, found.whitened(found.equations.filtered(values)), curves)
+            white = found.whitened(found.equations.filtered(values))
+            basis = _beyond(found, white, curves)
             freedom = basis.shape[1]
-            if freedom == 0:
+            if freedom == 0 or (name == DELAY and _short(found, white, basis)):
                 continue
             after = found.left - basis @ (basis.T @ found.left)
             level = max(1.0, float(np.mean(after[rows] ** 2)))
@@ -84,6 +90,12 @@ def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarr
     return u[:, singular**2 > DEPENDENT]
 
 
+def _short(found: TorqueFit, white: np.ndarray, basis: np.ndarray) -> bool:
+    """Whether a delay is shorter than time stamps are to be believed: no cause would be made of it either."""
+    delay = float(found.left @ basis[:, 0]) / float(white[:, 0] @ basis[:, 0])
+    return abs(delay) < STAMPS * found.equations.interval
+
+
 def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
     motion, names = found.equations.motion, found.equations.names
     angle, rate, load = found.equations.angles[:, j], motion.v[:, j], found.load[:, j]
@@ -95,7 +107,7 @@ def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
     yield "time", [np.cos(np.pi * k * x) for k in range(TIME_TERMS)]
     yield "angle", [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
     yield "ripple over the angle", [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
-    yield "a delay", [np.gradient(load, motion.time)]
+    yield DELAY, [np.gradient(load, motion.time)]
     for gear in found.equations.description.effect:
         if isinstance(gear, Gear) and gear.joint == names[j]:
             turned = gear.ratio * angle + sum(

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import f
 
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
+from smsid.diagnose.torque.dependence import STAMPS
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.fit import (
     Prior,
@@ -35,9 +36,6 @@ from smsid.recording import Recording
 LOGGER = logging.getLogger(__name__)
 PER_JOINT = 6
 """Causes a joint may have before the search ends."""
-
-STAMPS = 0.05
-"""Share of a sampling interval below which no delay is claimed: stamps and samplers are not that exact."""
 
 SETTLED = {"zero": 1e-3, "clock": 1e-4}
 """A joint's zero [rad] or a clock [s] further off than this has the equations made again."""

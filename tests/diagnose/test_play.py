@@ -1,0 +1,49 @@
+"""Play in a gear as a candidate: which torque crosses the gap is found with its size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.columns import propagate
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.play import SHARES, Play
+from smsid.diagnose.proposals import propose
+
+GAP = 2e-5
+
+
+@pytest.fixture(scope="module")
+def found(known, problem):
+    return evaluate(known.point, known.unknowns, problem)
+
+
+@pytest.fixture(scope="module")
+def play(known, problem):
+    every = propose(known.point, problem, known.unknowns)
+    return next(c for c in every if isinstance(c, Play) and c.location == "joint2")
+
+
+@pytest.mark.parametrize("share", [0, 2])
+def test_the_crossing_is_found(found, play, share):
+    torque = SHARES[share] * np.sqrt(np.mean(found.run.states.tau[:, play.dof] ** 2))
+    plain = play.effect.model_copy(update={"turn_torque": float(torque)})
+    there = plain.with_values({play.free[0]: GAP})
+    done = propagate(found.run, [found.changes.effect(plain, there, 1.0)])[:, :, 0]
+    run = replace(found.run, innovations=done)
+    (own,) = signatures(found, [play]).values()
+    (score,) = scored(replace(found, run=run), [play], [own])
+    assert score.candidate.effect.turn_torque == pytest.approx(torque)
+    assert score.candidate.grid == len(SHARES)
+    assert score.sides == 1
+    assert score.estimate[0] * play.steps[0] == pytest.approx(GAP, rel=1e-3)
+
+
+def test_a_gap_is_not_negative(found, play):
+    (own,) = signatures(found, [play]).values()
+    run = replace(found.run, innovations=-own[:, 0].reshape(found.run.innovations.shape))
+    (score,) = scored(replace(found, run=run), [play], [own])
+    assert score.ratio == 0.0 or score.candidate.effect.turn_torque != pytest.approx(
+        SHARES[0] * np.sqrt(np.mean(found.run.states.tau[:, play.dof] ** 2))
+    )
