@@ -6,15 +6,16 @@ import pytest
 from smsid.diagnose.accept import Cause, Levels, refit
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.channels import measured
-from smsid.diagnose.exchange import judged_again, without
+from smsid.diagnose.exchange import judged_again, sought_again, without
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.proposals import propose
-from smsid.effects import JointFriction, TorqueGain
+from smsid.effects import JointFriction, MassLoss, TorqueGain
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
 FRICTION, GAIN = ("joint_friction", "joint2"), ("torque_gain", "joint1", "torque constant")
+PLACE = (0.8, -0.5, 0.3)  # [m]
 KINDS = ("joint_friction", "torque_gain")
 
 
@@ -68,3 +69,36 @@ def test_a_cause_is_taken_out_as_the_filter_runs_without_it(pair):
     off = np.linalg.norm(less.run.innovations - again.run.innovations)
     assert off < 0.05 * np.linalg.norm(moved)
     assert less.objective == pytest.approx(again.objective, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def leaking(description, known):
+    """Six seconds with a leak far from the bus's origin and Coulomb friction: the nominal fit, candidates."""
+    truth = description.with_effects(
+        MassLoss(kind="mass_loss", name="leak", frame="bus", position=PLACE, rate=2.0),
+        JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=0.01),
+    )
+    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+    recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
+    data = measured(known.point.base, recording, known.point.description.effective_sensors()).thinned(25.0)
+    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    keys = [("mass_loss", "bus", "mass loss"), (*FRICTION, "coulomb")]
+    candidates = [c for c in propose(known.point, problem, known.unknowns) if c.key in keys]
+    return fit(known.point, known.unknowns[:3], problem), candidates
+
+
+def test_a_place_found_wrongly_is_found_again(leaking):
+    nominal, candidates = leaking
+    keys = [c.key for c in sorted(candidates, key=lambda c: c.kind != "mass_loss")]
+    causes, right = with_causes(nominal, candidates, keys)
+    leak = causes[0].score.candidate
+    names = dict(zip(leak.free, (1.0, 0.0, 3.0, 0.0), strict=True))
+    mine = leak.instance(right.point)
+    wrong = evaluate(right.point.with_effect(mine.with_values(names)), right.unknowns, right.problem)
+    assert wrong.objective > right.objective + 100.0
+    found, last = sought_again(causes, wrong, nominal, candidates, Levels())
+    assert [c.score.candidate.key for c in found] == keys
+    assert last.objective == pytest.approx(right.objective, abs=2.0)
+    assert last.point.description.get_effect(mine.name).position == pytest.approx(PLACE, abs=0.2)
+    same, kept = sought_again(causes, right, nominal, candidates, Levels())
+    assert kept is right and same == causes
