@@ -228,6 +228,9 @@ def judged(
     if len(columns) < 2:
         raise ExperimentError("A cause has no signature in this experiment.")
     scores = scored(found, pair, [columns[0], columns[1]])
+    for c, s in zip(pair, scores, strict=True):
+        if s.candidate.free != c.free:
+            raise ExperimentError(f"'{label(c)}' is not excited in all that it frees.")
     needed = float(norm.isf(Levels().candidate / max(len(candidates), 1) / 2) + norm.isf(1.0 - POWER))
     limits = [needed * _sigma(a, b) for a, b in (scores, scores[::-1])]
     units = [tuple(u.unit for u in c.unknowns(found.unknowns)) for c in pair]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +48,11 @@ class Levels:
     beside: float = 3e-4
     causes: int = 3
     contenders: int = 3
+
+    @property
+    def beside_a_cause(self) -> Levels:
+        """The levels for what stands beside a cause or a fault that is known."""
+        return replace(self, candidate=min(self.candidate, self.further))
 
 
 @dataclass(frozen=True)
@@ -103,30 +108,39 @@ def accept(
     value = ratio - cost(current, winner, found)
     if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
         return None
+    reached = {id(s): v for v, s, _ in fitted}
+    reached[id(winner)] = value
     if best.ratio > levels.linear:
-        reached = {id(s): v for v, s, _ in fitted}
         near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
     beside = tuple(u.name for u in current.unknowns)
-    return Cause(winner, aliases_of(winner, near, samples), ratio, beside), found
+    return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
 
 
-def aliases_of(winner: Score, near: Sequence[Score], samples: int) -> tuple[tuple[Score, float], ...]:
+def aliases_of(
+    winner: Score, near: Sequence[Score], samples: int, reached: Mapping[int, float] | None = None
+) -> tuple[tuple[Score, float], ...]:
     """Return those of the candidates not rejected that look like the winner, with their correlations.
 
     Of more than two, the least likely are left out that hold `REST` of the chances at most (Bayes's
-    criterion); never one that explains as much as the winner does.
+    criterion); never one that explains as much as the winner does or can do the same. ``reached`` are the
+    criteria of scores after a refit, by ``id``; the others' are linear.
     """
     alike = [(s, correlation(winner, s)) for s in near if s is not winner]
     alike = [a for a in alike if a[1] > NEAR]
-    best = winner.information_gain(samples)
-    chance = {id(s): float(np.exp(0.5 * min(s.information_gain(samples) - best, 0.0))) for s, _ in alike}
-    left = REST * (1.0 + sum(chance.values()))
-    for s, _ in sorted(alike, key=lambda a: chance[id(a[0])]):
-        left -= chance[id(s)]
-        if len(alike) <= FEW or left < 0.0:
+    refitted, best = reached or {}, winner.information_gain(samples)
+
+    def chance(s: Score) -> float:
+        both = id(s) in refitted and id(winner) in refitted
+        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.information_gain(samples)
+        return float(np.exp(-0.5 * max(lead, 0.0)))
+
+    left = REST * (1.0 + sum(chance(s) for s, _ in alike))
+    for s, how in sorted(alike, key=lambda a: chance(a[0])):
+        if len(alike) <= FEW or chance(s) > left:
             break
-        if s.ratio < winner.ratio:
+        if s.ratio < winner.ratio and how <= CONTAINED:
+            left -= chance(s)
             alike = [a for a in alike if a[0] is not s]
     return tuple(alike)
 

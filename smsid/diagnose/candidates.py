@@ -81,12 +81,13 @@ class Candidate:
         """Return its score on a fit, from its whitened columns beside the fitted parameters.
 
         What does nothing in this recording (a centre of mass along the only axis its body turns about) is
-        not fitted.
+        not fitted, unless a prior tells what it is.
         """
         left, raw = own.left, np.einsum("ij,ij->j", own.columns, own.columns)
         moves = raw > NOTHING * raw.max(initial=0.0)
-        if moves.any() and not moves.all():
-            return self._only(moves).scored(found, own.only(moves))
+        if moves.any() and not (moves | self._told).all():
+            kept = moves | self._told
+            return self._only(kept).scored(found, own.only(kept))
         estimate, covariance, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
         excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
         if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
@@ -94,6 +95,12 @@ class Candidate:
         freedom = int((values > EXCITED).sum())
         sides = 1 if freedom == 1 and self.one_sided else 2
         return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken, sides)
+
+    @property
+    def _told(self) -> np.ndarray:
+        """Which of its parameters have a prior (d,)."""
+        sigma = {} if self.effect is None else {p.name: p.sigma for p in self.effect.parameters()}
+        return np.array([sigma.get(name) is not None for name in self.free])
 
     def _only(self, which: np.ndarray) -> Candidate:
         kept = [k for k, there in enumerate(which) if there]

@@ -141,19 +141,18 @@ def _diagnose(
     faults = stuck_channels(data) + rounded
     coarse = frozenset(f.component for f in rounded)
     whole = data.times
-    data = rougher(_less(data, faults), rounded).thinned(rate)
+    data = rougher(_less(data, faults).thinned(rate), rounded)
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
-    if faults:  # a cause would stand beside them
-        levels = replace(levels, candidate=levels.further)
-    found = search(point, problem, known.unknowns, candidates, levels, coarse)
+    beside = levels.beside_a_cause
+    found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         faults += more
         problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
-        found = search(found.nominal.point, problem, known.unknowns, candidates, levels, coarse)
+        found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within

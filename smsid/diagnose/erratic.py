@@ -17,7 +17,7 @@ import numpy as np
 
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.filter import Run
-from smsid.diagnose.fit import Fit, fit
+from smsid.diagnose.fit import Fit, continued, fit
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
@@ -34,6 +34,7 @@ def erratic(found: Fit) -> list[Block]:
     parameters fitted again.
     """
     inputs = _inputs(found)
+    rest = continued(found, iterations=4, enough=NEAR).objective
     index = list(inputs.values())
     slope, known = disturbances(found.run)
     doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)
@@ -48,7 +49,7 @@ def erratic(found: Fit) -> list[Block]:
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("noise of %s is not tried: %s", name, error)
             continue
-        ratio = max(0.0, 2.0 * (found.objective - noisy.objective))
+        ratio = max(0.0, 2.0 * (rest - noisy.objective))
         tests.append(Block(name, CHANCE, ratio, 1, len(inputs)))
     return sorted(tests, key=lambda b: b.order)
 

@@ -52,7 +52,7 @@ def judged_again(
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not told_apart(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.information_gain(samples))
-        close = aliases_of(own, near, samples)
+        close = aliases_of(paid, near, samples)
         if better is not None:
             beside = tuple(u.name for u in less.unknowns)
             cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
@@ -79,14 +79,19 @@ def sought_again(
             continue
         if less.point.model().nv != last.changes.model.nv:
             continue
-        (fresh,) = scored(less, [one], list(signatures(less, [one]).values()))
-        if fresh.ratio - _own(last, less, cause).ratio < levels.alias:
+        columns = list(signatures(less, [one]).values())
+        if not columns:
+            continue
+        (fresh,), ratio = scored(less, [one], columns), _own(last, less, cause).ratio
+        if fresh.ratio - ratio < levels.alias:
             continue
         found = refit(less, fresh)
-        if found is None or 2.0 * (last.objective - found.objective) < levels.alias:
+        gained = 0.0 if found is None else 2.0 * (last.objective - found.objective)
+        if found is None or gained < levels.alias:
             continue
-        LOGGER.info("%s is another: gains %.1f", one.key, 2.0 * (last.objective - found.objective))
-        causes[i], last = replace(cause, score=fresh), found
+        LOGGER.info("%s is another: gains %.1f", one.key, gained)
+        beside = tuple(u.name for u in less.unknowns)
+        causes[i], last = replace(cause, score=fresh, ratio=ratio + gained, beside=beside), found
     return causes, last
 
 

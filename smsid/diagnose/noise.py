@@ -13,7 +13,7 @@ from smsid.diagnose.channels import Measured
 from smsid.diagnose.filter import Noise, Problem, Run
 from smsid.diagnose.fit import ENOUGH, Fit, continued, evaluate, fit
 from smsid.diagnose.point import Point, Unknown
-from smsid.errors import SimulationError
+from smsid.errors import SimulationError, SmsidError
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
@@ -29,12 +29,14 @@ NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near 
 class Fitted:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
-    ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone.
+    ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
+    ``alone`` where all components but one are followed, which was not fitted.
     """
 
     fit: Fit
     factors: np.ndarray
     misfit: bool = False
+    alone: bool = False
 
     @property
     def by_channel(self) -> dict[str, float]:
@@ -70,15 +72,15 @@ def _but_for_one(found: Fitted) -> Fitted | None:
     squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
     worst = int(np.argmax(squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)))
     left_out = np.zeros(whole.data.values.shape, dtype=bool)
-    left_out[:, worst] = True
+    left_out[1:, worst] = True  # where the filter begins is read from the first sample
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
         if strayed(rest.run) > FOLLOWED:
             return None
         LOGGER.info("all but %s is followed", whole.data.names[worst])
-        return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors)
-    except SimulationError as error:
+        return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors, alone=True)
+    except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not without %s either: %s", whole.data.names[worst], error)
         return None
 

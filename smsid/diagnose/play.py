@@ -56,4 +56,4 @@ class Play(Searched):
 
     def _turning(self, changes: Changes) -> list[float]:
         torque = changes.run.states.tau[:, self.dof]
-        return [s * max(float(np.sqrt(np.mean(torque**2))), IDLE) for s in SHARES]
+        return [max(s * float(np.sqrt(np.mean(torque**2))), IDLE) for s in SHARES]

@@ -107,7 +107,7 @@ def search(
         return bool(s.freedom) and s.p_value * len(candidates) < asked.candidate
 
     while True:
-        asked = replace(levels, candidate=levels.further) if causes else levels
+        asked = levels.beside_a_cause if causes else levels
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
         best = next((s for s in scores if s.ratio > least and counts(s)), None)
         if best is None or len(causes) == levels.causes:
@@ -143,8 +143,9 @@ def search(
             still, found = always(found, before.score, levels.onset)
             causes[i] = replace(before, score=still)
         causes.append(cause)
+        reached = found.objective
         causes, found = sought_again(causes, found, nominal, candidates, levels)
-        strong = cause.ratio > levels.linear
+        strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
         fitted = refitted(replace(fitted, fit=found), strong=strong)
         if strong:
             fitted = replace(fitted, fit=finely_stepped(fitted.fit))
@@ -154,6 +155,9 @@ def search(
             columns.clear()
         rest = [c for c in rest if c.key != cause.score.candidate.key]
         scores = _scores(current, rest, columns)
+    for i, cause in enumerate(causes):
+        still, current = always(current, cause.score, levels.onset)
+        causes[i] = replace(cause, score=still)
     if len(causes) > 1 and not fitted.misfit:
         causes, current = judged_again(causes, current, nominal, candidates, columns, levels)
     blocks = (*held, *adequacy(current))
@@ -163,7 +167,8 @@ def search(
         blocks = blocks if current is reached else (*held, *adequacy(current))
     clock["tests"] = time.process_time()
     before_causes = tuple(adequacy(nominal)) if causes else blocks
-    if not fitted.misfit and _significant(blocks, causes, levels, coarse):  # a law of none, perhaps
+    sensor = fitted.alone and not causes
+    if not (fitted.misfit or sensor) and _significant(blocks, causes, levels, coarse):  # of no law, perhaps
         before_causes = tuple(sorted((*before_causes, *erratic(nominal)), key=lambda b: b.order))
     end = time.process_time()
     seconds = {

@@ -121,3 +121,8 @@ def test_of_many_aliases_the_unlikely_are_left_out_together():
     assert left(likely, less, seen(96.0, seed=3)) == ["joint1", "joint2", "joint3"]
     dear = seen(101.0, 2, seed=3)  # unlikely for what it costs, but it explains more
     assert left(likely, less, dear) == ["joint1", "joint2", "joint3"]
+    same = replace(seen(99.0, 2, seed=3), columns=np.column_stack([winner.columns, dear.columns[:, 1]]))
+    assert left(likely, less, same) == ["joint1", "joint2", "joint3"]  # it can do just what the winner does
+    reached = {id(winner): 60.0, id(likely): 59.0, id(less): 58.0, id(unlikely): 59.5}
+    tied = aliases_of(winner, [likely, less, unlikely], 10_000, reached)
+    assert len(tied) == 3  # by the refit, whatever they were before it

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from smsid.diagnose.candidates import Candidate, correlation, scored
 from smsid.diagnose.fit import Fit
+from smsid.effects import GearCompliance
 
 SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.0, 1.0))
 
@@ -68,6 +69,19 @@ def test_equal_candidates_are_fully_correlated():
     assert abs(correlation(first, second) - 1.0) < 1e-9
     other = only(fit, SHIFT, rng.standard_normal((80, 2)))
     assert correlation(first, other) < 0.6
+
+
+def test_one_that_does_nothing_but_has_a_prior_stays():
+    """At no compliance a gear's rotor does nothing, whatever the recording; the refit is to have it."""
+    gear = GearCompliance(
+        name="gear", joint="j", quasistatic=True, inertia_in_link=True, prior={"motor_inertia": 0.01}
+    )
+    free = ("gear.compliance", "gear.motor_inertia")
+    own = Candidate("gear_compliance", "j", "drivetrain", "compliance", gear, free, (1.0, 1.0))
+    rng = np.random.default_rng(3)
+    column = rng.standard_normal(60)
+    score = only(stub(rng, 60, 3, np.full(3, 1.0)), own, np.column_stack([column, np.zeros(60)]))
+    assert score.candidate is own and score.freedom == 1
 
 
 def test_a_parameter_that_does_nothing_is_not_fitted():

@@ -99,6 +99,8 @@ def test_a_place_found_wrongly_is_found_again(leaking):
     found, last = sought_again(causes, wrong, nominal, candidates, Levels())
     assert [c.score.candidate.key for c in found] == keys
     assert last.objective == pytest.approx(right.objective, abs=2.0)
+    assert refit(nominal, found[0].score_beside([u.name for u in nominal.unknowns])) is not None
+    assert found[0].ratio > causes[0].ratio / 2.0
     assert last.point.description.get_effect(mine.name).position == pytest.approx(PLACE, abs=0.2)
     same, kept = sought_again(causes, right, nominal, candidates, Levels())
     assert kept is right and same == causes

@@ -1,5 +1,6 @@
 """Play in a gear as a candidate: which torque crosses the gap is found with its size."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -47,3 +48,10 @@ def test_a_gap_is_not_negative(found, play):
     assert score.ratio == 0.0 or score.candidate.effect.turn_torque != pytest.approx(
         SHARES[0] * np.sqrt(np.mean(found.run.states.tau[:, play.dof] ** 2))
     )
+
+
+def test_a_joint_that_is_not_driven_has_one_too(found, play):
+    still = replace(found.run.states, tau=np.zeros_like(found.run.states.tau))
+    changes = copy(found.changes)
+    changes.run = replace(found.run, states=still)
+    assert len(play.columns(changes, ())) == len(SHARES)
