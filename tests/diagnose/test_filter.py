@@ -143,3 +143,16 @@ def test_what_acted_before_the_first_sample_is_not_believed(problem, side, begin
         there = np.isfinite(problem.data.values[:, block.rows])
         assert (present[1:, block.rows] == there[1:]).all()
         assert (present[0, block.rows] == (there[0] & (counts or not at_once))).all()
+
+
+def test_open_loop_needs_no_derivatives(known, problem, run):
+    """After the last correction: as a filter whose sensors are nothing but noise."""
+    until = float(problem.data.times[150])
+    opened = run_filter(known.point.model(), problem, until=until)
+    np.testing.assert_array_equal(opened.errors[:151], run.errors[:151])
+    assert opened.sensitivity[150].any() and not opened.sensitivity[151:].any()
+    alone = run_filter(known.point.model(), problem, until=-np.inf)
+    deaf = replace(problem, data=replace(problem.data, sigma=1e12 * problem.data.sigma))
+    np.testing.assert_allclose(
+        alone.errors, run_filter(known.point.model(), deaf).errors, rtol=1e-6, atol=1e-9
+    )
