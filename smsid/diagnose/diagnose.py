@@ -25,7 +25,7 @@ from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
-from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
+from smsid.diagnose.verdict import causes, limits, minor, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
@@ -142,6 +142,7 @@ def _diagnose(
     coarse = frozenset(f.component for f in rounded)
     whole = data.times
     data = rougher(_less(data, faults).thinned(rate), rounded)
+    data = replace(data, left=_left(data, estimate))
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
@@ -153,10 +154,13 @@ def _diagnose(
         faults += more
         problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
-    seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
+    seen, whole, little = tuple(_fault(f) for f in _per_channel(faults)), causes(found), minor(found)
+    named = tuple(c for c, small in zip(whole, little, strict=True) if not small)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
-    partial, named = (named, ()) if decided == "unexplained" else ((), named)
+    if decided != "explained":
+        named = ()
+    partial = tuple(c for c in whole if c not in named)
     extended = extended_description(found) if decided == "explained" else description
     gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
     foreign = _foreign(found)
@@ -264,6 +268,17 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
         if key not in out or f.value > out[key].value:
             out[key] = f
     return list(out.values())
+
+
+def _left(data: Measured, estimate: Estimate | None) -> np.ndarray | None:
+    """Return what the identified model leaves of each row over its stated noise, where that is known."""
+    if estimate is None or not estimate.residuals:
+        return None
+    left = np.ones(data.rows)
+    for b in data.blocks:
+        if b.channel in estimate.residuals:
+            left[b.rows] = estimate.residuals[b.channel] / np.sqrt(np.mean(data.sigma[b.rows] ** 2))
+    return left
 
 
 def _fault(fault: Fault) -> FoundCause:

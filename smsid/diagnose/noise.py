@@ -129,6 +129,12 @@ def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
     return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
 
 
+def known_misfit(run: Run, data: Measured) -> float:
+    """Return the root mean square of what the identified model leaves anyway, over the stated noise."""
+    left = np.ones(data.rows) if data.left is None else np.maximum(data.left, 1.0)
+    return float(np.sqrt((run.used.sum(axis=0) * left**2).sum() / max(run.used.sum(), 1)))
+
+
 def _with_noise(found: Fitted) -> Fitted:
     for _ in range(2):
         factor = noise_factors(found.fit.problem.data, found.fit.run)
@@ -140,8 +146,9 @@ def _with_noise(found: Fitted) -> Fitted:
 
 def _with_misfit(found: Fitted) -> Fitted:
     for _ in range(3):
-        factor = misfit_factors(found.fit.problem.data, found.fit.run)
-        factor = np.maximum(found.factors * factor, 1.0) / found.factors
+        data = found.fit.problem.data
+        least = 1.0 if data.left is None else np.maximum(data.left, 1.0)
+        factor = np.maximum(found.factors * misfit_factors(data, found.fit.run), least) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
         # what candidates are scored on is linear anyway: no need to be nearer than that
         found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)

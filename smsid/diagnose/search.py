@@ -18,7 +18,7 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.memory import memory
-from smsid.diagnose.noise import fit_with_noise, refitted, strayed
+from smsid.diagnose.noise import fit_with_noise, known_misfit, refitted, strayed
 from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.stepping import finely_stepped
@@ -35,7 +35,8 @@ class Search:
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``strayed`` are rms of the prediction
-    errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    errors over the stated noise, before and after, ``known`` that which the identified model leaves anyway.
+    ``coarse`` are components read in steps.
     """
 
     nominal: Fit
@@ -49,6 +50,7 @@ class Search:
     noise: dict[str, float]
     misfit: bool = False
     strayed: tuple[float, float] = (1.0, 1.0)
+    known: float = 1.0
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = field(default_factory=Levels)
     coarse: frozenset[str] = frozenset()
@@ -65,9 +67,12 @@ class Search:
 
     @property
     def followed(self) -> float:
-        """Share of the squared prediction errors, in stated noise, that the causes take away."""
-        before, after = self.strayed
-        return 1.0 - (after / before) ** 2
+        """Share of the squared prediction errors, in stated noise, that the causes take away.
+
+        What the identified model leaves of the recordings it is from is not counted.
+        """
+        before, after, known = (x**2 for x in (*self.strayed, self.known if self.known > 1.0 else 0.0))
+        return 1.0 - max(after - known, 0.0) / (before - known) if before > known else 1.0
 
 
 def search(
@@ -179,8 +184,8 @@ def search(
     return Search(
         nominal, current, tuple(causes), tuple(scores), before_causes, blocks, len(candidates),
         current.run.samples, fitted.by_channel, fitted.misfit,
-        (strayed_before, strayed(current.run, fitted.factors)), seconds, levels,
-        coarse,
+        (strayed_before, strayed(current.run, fitted.factors)), known_misfit(current.run, problem.data),
+        seconds, levels, coarse,
     )  # fmt: skip
 
 

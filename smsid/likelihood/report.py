@@ -96,6 +96,15 @@ def prior_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:
     return [f"value and interval come from the prior, the data say less: {', '.join(names)}"] if names else []
 
 
+def residuals_of(found: Fit) -> dict[str, float]:
+    """Return the rms of the residuals by channel, in its unit, over its components and all recordings."""
+    squares: dict[str, list[np.ndarray]] = {}
+    for piece in found.pieces:
+        for c in piece.channels:
+            squares.setdefault(c.name, []).append(np.diag(c.covariance))
+    return {name: float(np.sqrt(np.mean(np.concatenate(x)))) for name, x in squares.items()}
+
+
 def fit_notes(found: Fit) -> list[str]:
     """Return what there is to say about the channels: samples left out, noise levels."""
     notes = []
