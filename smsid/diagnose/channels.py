@@ -57,7 +57,7 @@ class Measured:
     An attitude's rows are zero in ``values``; its quaternions are in ``attitude`` by channel. ``sigma``
     (rows,) is one standard deviation of the white noise of a sample. ``coarse`` (rows,) marks components that
     are read in steps: their errors are no noise that could be found from what a fit leaves. ``left`` (rows,)
-    is what the identified model leaves of the recordings it is from, over the stated noise; 1 where not known.
+    is what the identified model leaves of its own recordings, over the stated noise; 1 where not known.
     """
 
     times: np.ndarray

@@ -39,7 +39,7 @@ def causes(found: Search) -> tuple[FoundCause, ...]:
 
 
 def minor(found: Search) -> tuple[bool, ...]:
-    """Return which causes are none: where the model never follows, its errors look a little like many things."""
+    """Return which causes are none: errors of a model that never follows look a little like many things."""
     most = max((c.ratio for c in found.causes), default=0.0)
     return tuple(found.misfit and c.ratio < MINOR * most for c in found.causes)
 
