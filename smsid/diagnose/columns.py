@@ -253,19 +253,29 @@ def propagate(run: Run, changes: Sequence[Change]) -> np.ndarray:
     """
     n, rows, nv = run.by_a.shape
     m = len(changes)
-    middle, direct = np.zeros((n - 1, nv, m)), np.zeros((n, rows, m))
-    for i, change in enumerate(changes):
-        if change.middle is not None:
-            middle[:, :, i] = change.middle
-        if change.at is not None:
-            direct[:, :, i] += np.einsum("krn,kn->kr", run.by_a, change.at)
-        if change.reading is not None:
-            direct[:, :, i] += change.reading
+    pushed, middle = _stacked([c.middle for c in changes])
+    moved, at = _stacked([c.at for c in changes])
+    seen, reading = _stacked([c.reading for c in changes])
     out = np.empty((n, rows, m))
     delta = np.zeros((2 * nv, m))
     for k in range(n):
-        predicted = run.sensitivity[k] @ delta + direct[k]
-        out[k] = run.whitening[k] @ predicted
+        predicted = run.sensitivity[k] @ delta
+        if at is not None:
+            predicted[:, moved] += run.by_a[k] @ at[k].T
+        if reading is not None:
+            predicted[:, seen] += reading[k].T
+        np.matmul(run.whitening[k], predicted, out=out[k])
         if k < n - 1:
-            delta = run.transition[k] @ (delta - run.gain[k] @ predicted) + run.forcing[k] @ middle[k]
+            delta = run.transition[k] @ (delta - run.gain[k] @ predicted)
+            if middle is not None:
+                delta[:, pushed] += run.forcing[k] @ middle[k].T
     return out
+
+
+def _stacked(parts: Sequence[np.ndarray | None]) -> tuple[slice | np.ndarray, np.ndarray | None]:
+    """Return the places of arrays (n, width) that are there, and these as one (n, columns, width)."""
+    there = [x for x in parts if x is not None]
+    if not there:
+        return slice(0), None
+    places = [i for i, x in enumerate(parts) if x is not None]
+    return slice(None) if len(there) == len(parts) else np.array(places), np.stack(there, axis=1)

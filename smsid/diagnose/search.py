@@ -25,6 +25,7 @@ from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
 
 LOGGER = logging.getLogger(__name__)
+SAME = 0.02  # change of what the parameters do within which the candidates' signatures are taken as they were
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
@@ -155,9 +156,9 @@ def search(
         if strong:
             fitted = replace(fitted, fit=finely_stepped(fitted.fit))
         current.changes.by_candidate.clear()
-        current = fitted.fit
-        if strong or fitted.misfit:
+        if _changed(current, fitted.fit) > SAME:
             columns.clear()
+        current = fitted.fit
         rest = [c for c in rest if c.key != cause.score.candidate.key]
         scores = _scores(current, rest, columns)
     for i, cause in enumerate(causes):
@@ -187,6 +188,20 @@ def search(
         (strayed_before, strayed(current.run, fitted.factors)), known_misfit(current.run, problem.data),
         seconds, levels, coarse,
     )  # fmt: skip
+
+
+def _changed(before: Fit, after: Fit) -> float:
+    """Return by how much what a parameter does has changed, as a share: that of which it is most."""
+    place = {u.name: i for i, u in enumerate(after.unknowns)}
+    both = [(i, place[u.name]) for i, u in enumerate(before.unknowns) if u.name in place]
+    if not both:
+        return np.inf
+    old, new = (
+        f.whitened[:, :, list(k)] for f, k in zip((before, after), zip(*both, strict=True), strict=True)
+    )
+    size = np.linalg.norm(old, axis=(0, 1))
+    moved = np.linalg.norm(new - old, axis=(0, 1))
+    return float((moved[size > 0.0] / size[size > 0.0]).max(initial=0.0))
 
 
 def _significant(

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares
+from smsid.diagnose.candidates import EXCITED, Candidate, Score, changes_of, least_squares
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved
+from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.simulate.trajectory import States
 
@@ -91,10 +92,29 @@ class Tidal(Candidate):
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
-        changes = [found.changes.effect(e, e.with_values({self.free[0]: gradient}), 1.0) for e in effects]
+        changes = [self._turned(found, e.with_values({self.free[0]: gradient})) for e in effects]
         (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
         left = found.residual[:, None] - own.left
         return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
+
+    def _turned(self, found: Fit, effect: Effect) -> Change:
+        """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
+        assert isinstance(effect, GravityGradient)
+        size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
+        middle = np.stack([c.middle for c in parts if c.middle is not None])
+        at = np.stack([c.at for c in parts if c.at is not None])
+        return Change(
+            size * np.einsum("nk,knv->nv", over_time(effect, run.middle.time), middle),
+            size * np.einsum("nk,knv->nv", over_time(effect, run.states.time), at),
+        )
+
+
+def over_time(effect: GravityGradient, times: np.ndarray) -> np.ndarray:
+    """Return the field over its gradient at times (N,) in terms of `FIELDS`: (N, 5)."""
+    down, ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
+    angle = effect.rate * times[:, None]
+    r = np.cos(angle) * down + np.sin(angle) * ahead
+    return np.einsum("kij,ni,nj->nk", FIELDS, 3.0 * r, r)
 
 
 def _half_sphere(n: int) -> np.ndarray:

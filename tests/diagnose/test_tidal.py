@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.tidal import FIELDS, Tidal, coefficients
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.tidal import FIELDS, Tidal, coefficients, over_time
 from smsid.effects import GravityGradient
 from tests.diagnose.test_searched import ROWS, scored, stub
 
@@ -47,3 +48,17 @@ def test_a_field_that_repels_is_no_gradient():
     pulls = scored(candidate(), stub(columns, 0.1 * coefficients(np.eye(3)[2]), rng, 1.0), columns)
     repels = scored(candidate(), stub(columns, -0.1 * coefficients(np.eye(3)[2]), rng, 1.0), columns)
     assert repels.ratio < 0.5 * pulls.ratio
+
+
+def test_what_a_turning_vertical_does_is_the_sum_of_its_parts(known, problem):
+    """Against the effect's own forces along the run."""
+    found = evaluate(known.point, known.unknowns[:1], problem)
+    effect = GravityGradient(name="g", gradient=0.4, nadir=(0.6, 0.0, -0.8), normal=(0.0, 1.0, 0.0))
+    own = candidate()._turned(found, effect)
+    plain = effect.model_copy(update={"gradient": 0.0})
+    whole = found.changes.effect(plain, effect, 1.0)
+    for part, of in ((own.middle, whole.middle), (own.at, whole.at)):
+        np.testing.assert_allclose(part, of, atol=1e-9 * np.abs(of).max())
+    turned = over_time(effect, np.array([0.0, 3.0]))
+    assert np.abs(turned[1] - turned[0]).max() > 1.0
+    np.testing.assert_allclose(turned[1], coefficients(effect.vertical(3.0)), atol=1e-12)
