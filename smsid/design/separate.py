@@ -243,13 +243,17 @@ def _sigma(one: Score, other: Score) -> np.ndarray:
     basis, _ = np.linalg.qr(other.columns)
     left = one.columns - basis @ (basis.T @ one.columns)
     left -= basis @ (basis.T @ left)
-    raw = np.linalg.norm(one.columns, axis=0)
-    if not (raw > 0.0).all():
+    size = np.linalg.norm(one.columns, axis=0)
+    there = size > 0.0  # a gear's rotor does nothing where the gear does not give: only its prior tells it
+    if not there.any():
         raise ExperimentError(f"'{label(one.candidate)}' is not excited.")
+    raw, left = size[there], left[:, there]
     values, vectors = np.linalg.eigh((left.T @ left) / np.outer(raw, raw))
     if values.min() < INSEPARABLE:
         raise ExperimentError(f"'{label(one.candidate)}' is not told from '{label(other.candidate)}'.")
-    return np.sqrt(((vectors**2) / values).sum(axis=1)) / raw
+    sigma = np.full(len(size), np.inf)
+    sigma[there] = np.sqrt(((vectors**2) / values).sum(axis=1)) / raw
+    return sigma
 
 
 def _fit(known: Nominal, recording: Recording, rate: float) -> tuple[Fit, list[Candidate]]:

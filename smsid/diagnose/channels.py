@@ -69,6 +69,11 @@ class Measured:
     left: np.ndarray | None = None
 
     @property
+    def known_misfit(self) -> np.ndarray:
+        """``left`` (rows,), zero where it is not known."""
+        return np.zeros(self.rows) if self.left is None else np.where(self.left > 1.0, self.left, 0.0)
+
+    @property
     def rows(self) -> int:
         """Number of components."""
         return self.values.shape[1]

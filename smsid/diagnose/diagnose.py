@@ -25,7 +25,7 @@ from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
-from smsid.diagnose.verdict import causes, limits, minor, remaining, tested, verdict
+from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
@@ -34,6 +34,7 @@ LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
 RATE = 25.0  # [Hz]
 LOUD = 5.0  # times its stated noise above which a channel is doubted
+CLEARLY = 5.0  # times its stated noise, whatever the rate it is stated at, that a residual is misfit
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
@@ -142,7 +143,7 @@ def _diagnose(
     coarse = frozenset(f.component for f in rounded)
     whole = data.times
     data = rougher(_less(data, faults).thinned(rate), rounded)
-    data = replace(data, left=_left(data, estimate))
+    data = replace(data, left=_left(data, estimate, recording.name))
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
@@ -152,15 +153,12 @@ def _diagnose(
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         faults += more
-        problem = replace(found.nominal.problem, data=_less(found.nominal.problem.data, more))
+        problem = replace(problem, data=_less(problem.data, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
-    seen, whole, little = tuple(_fault(f) for f in _per_channel(faults)), causes(found), minor(found)
-    named = tuple(c for c, small in zip(whole, little, strict=True) if not small)
+    seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
-    if decided != "explained":
-        named = ()
-    partial = tuple(c for c in whole if c not in named)
+    partial, named = (named, ()) if decided == "unexplained" else ((), named)
     extended = extended_description(found) if decided == "explained" else description
     gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
     foreign = _foreign(found)
@@ -270,14 +268,18 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
     return list(out.values())
 
 
-def _left(data: Measured, estimate: Estimate | None) -> np.ndarray | None:
-    """Return what the identified model leaves of each row over its stated noise, where that is known."""
-    if estimate is None or not estimate.residuals:
+def _left(data: Measured, estimate: Estimate | None, recording: str) -> np.ndarray | None:
+    """Return what the identified model leaves of each row over its stated noise (rows,), if that is misfit.
+
+    Nothing is known of the recording that it was identified from: what is wrong there is in the residuals.
+    """
+    if estimate is None or not estimate.residuals or recording in estimate.recordings:
         return None
     left = np.ones(data.rows)
     for b in data.blocks:
-        if b.channel in estimate.residuals:
-            left[b.rows] = estimate.residuals[b.channel] / np.sqrt(np.mean(data.sigma[b.rows] ** 2))
+        stated = float(np.sqrt(np.mean(data.sigma[b.rows] ** 2)))
+        if estimate.residuals.get(b.channel, 0.0) > CLEARLY * stated:
+            left[b.rows] = estimate.residuals[b.channel] / stated
     return left
 
 

@@ -125,14 +125,18 @@ def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
 
     ``factors`` (rows,) on the noise, or one for all.
     """
+    return float(np.sqrt(np.nanmean(_squares(run, factors))))
+
+
+def strayed_by_row(run: Run, factors: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the same by component (rows,)."""
+    squares = _squares(run, factors)
+    return np.sqrt(np.nansum(squares, axis=0) / np.maximum(run.used.sum(axis=0), 1))
+
+
+def _squares(run: Run, factors: np.ndarray | float) -> np.ndarray:
     x = np.where(run.used, run.normalised * factors, np.nan)
-    return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
-
-
-def known_misfit(run: Run, data: Measured) -> float:
-    """Return the root mean square of what the identified model leaves anyway, over the stated noise."""
-    left = np.ones(data.rows) if data.left is None else np.maximum(data.left, 1.0)
-    return float(np.sqrt((run.used.sum(axis=0) * left**2).sum() / max(run.used.sum(), 1)))
+    return np.minimum(x**2, np.nanquantile(x**2, 0.99))
 
 
 def _with_noise(found: Fitted) -> Fitted:

@@ -15,8 +15,6 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Search
 
 POWER = 0.95
-AS_WELL = 1.1  # times what the identified model leaves of other recordings that is no more than that
-MINOR = 0.2  # share of the strongest cause's ratio below which one is none where the model never follows
 MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
 
 SEPARATE = {
@@ -36,12 +34,6 @@ SEPARATE = {
 def causes(found: Search) -> tuple[FoundCause, ...]:
     """Return the causes of a search with their values at the last fit."""
     return tuple(_cause(found, cause) for cause in found.causes)
-
-
-def minor(found: Search) -> tuple[bool, ...]:
-    """Return which causes are none: errors of a model that never follows look a little like many things."""
-    most = max((c.ratio for c in found.causes), default=0.0)
-    return tuple(found.misfit and c.ratio < MINOR * most for c in found.causes)
 
 
 def _cause(found: Search, cause: Cause) -> FoundCause:
@@ -162,7 +154,9 @@ def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if not words and found.known > 1.0 and found.strayed[0] <= AS_WELL * found.known:
+    if found.as_known and not found.causes:
+        if words:  # faults of samples
+            return "explained", f"The simulation lacks {words}."
         return "adequate", "The simulation explains the recording as well as those it was identified from."
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."

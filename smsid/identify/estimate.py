@@ -115,7 +115,7 @@ class Estimate:
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
     why; ``history`` tells how a method that iterates got there. ``residuals`` are rms of what the identified
-    model leaves of each channel, in its unit, where the method knows.
+    model leaves of each channel, in its unit, in the recording it leaves least of, where the method knows.
     """
 
     description: str
@@ -204,7 +204,9 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             history=tuple(
                 Iteration(x["cost"]["value"], x["step"]["value"]) for x in document.get("history", ())
             ),
-            residuals={k: v["value"] for k, v in document.get("residuals", {}).items()},
+            residuals={
+                k: v["value"] for k, v in document.get("residuals", {}).items() if v["value"] is not None
+            },
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SmsidError(

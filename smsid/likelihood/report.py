@@ -97,12 +97,13 @@ def prior_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:
 
 
 def residuals_of(found: Fit) -> dict[str, float]:
-    """Return the rms of the residuals by channel, in its unit, over its components and all recordings."""
-    squares: dict[str, list[np.ndarray]] = {}
+    """Return the rms of the residuals by channel, in its unit, in the recording with the least."""
+    least: dict[str, float] = {}
     for piece in found.pieces:
         for c in piece.channels:
-            squares.setdefault(c.name, []).append(np.diag(c.covariance))
-    return {name: float(np.sqrt(np.mean(np.concatenate(x)))) for name, x in squares.items()}
+            rms = float(np.sqrt(np.mean(np.diag(c.covariance))))
+            least[c.name] = min(rms, least.get(c.name, np.inf))
+    return least
 
 
 def fit_notes(found: Fit) -> list[str]:
