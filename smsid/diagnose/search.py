@@ -39,8 +39,8 @@ class Search:
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``strayed`` are rms of the prediction
-    errors over the stated noise (rows,), before and after; ``known`` those the identified model leaves of other
-    recordings, zero where that is not known; ``counts`` the samples of each. ``coarse`` are components that
+    errors over the stated noise (rows,), before and after; ``known`` those the identified model leaves of
+    others, zero where that is not known; ``counts`` the samples of each. ``coarse`` are components that
     are read in steps.
     """
 
