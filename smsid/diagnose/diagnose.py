@@ -277,9 +277,10 @@ def _left(data: Measured, estimate: Estimate | None, recording: str) -> np.ndarr
         return None
     left = np.ones(data.rows)
     for b in data.blocks:
-        stated = float(np.sqrt(np.mean(data.sigma[b.rows] ** 2)))
-        if estimate.residuals.get(b.channel, 0.0) > CLEARLY * stated:
-            left[b.rows] = estimate.residuals[b.channel] / stated
+        own = np.array(estimate.residuals.get(b.channel, ()))
+        if own.shape == data.sigma[b.rows].shape:
+            over = own / data.sigma[b.rows]
+            left[b.rows] = np.where(over > CLEARLY, over, 1.0)
     return left
 
 

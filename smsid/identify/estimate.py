@@ -115,7 +115,8 @@ class Estimate:
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
     why; ``history`` tells how a method that iterates got there. ``residuals`` are rms of what the identified
-    model leaves of each channel, in its unit, in the recording it leaves least of, where the method knows.
+    model leaves of each channel by component, in its unit, in the recording it leaves least of, where the
+    method knows.
     """
 
     description: str
@@ -126,7 +127,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
     history: tuple[Iteration, ...] = ()
-    residuals: Mapping[str, float] = field(default_factory=dict)
+    residuals: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         for p in self.parameters:
@@ -159,7 +160,7 @@ class Estimate:
             "conditions": {k: {"value": v, "unit": "1"} for k, v in self.conditions.items()},
             "notes": list(self.notes),
             "history": [{k: {"value": v, "unit": "1"} for k, v in asdict(x).items()} for x in self.history],
-            "residuals": {k: {"value": v, "unit": "of the channel"} for k, v in self.residuals.items()},
+            "residuals": {k: {"value": list(v), "unit": "of the channel"} for k, v in self.residuals.items()},
         }
         return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
@@ -205,7 +206,8 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
                 Iteration(x["cost"]["value"], x["step"]["value"]) for x in document.get("history", ())
             ),
             residuals={
-                k: v["value"] for k, v in document.get("residuals", {}).items() if v["value"] is not None
+                k: tuple(math.nan if x is None else x for x in v["value"])
+                for k, v in document.get("residuals", {}).items()
             },
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -70,8 +70,10 @@ def test_what_is_known_is_of_other_recordings_and_clearly_no_noise():
     block = SimpleNamespace(channel="panel.acceleration", rows=slice(0, 2))
     other = SimpleNamespace(channel="imu.acceleration", rows=slice(2, 3))
     data = SimpleNamespace(rows=3, blocks=(block, other), sigma=np.array([1e-4, 1e-4, 1e-3]))
-    residuals = {"panel.acceleration": 2e-3, "imu.acceleration": 3e-3}
+    residuals = {"panel.acceleration": (2e-3, 4e-4), "imu.acceleration": (6e-3, 6e-3, 6e-3)}
     estimate = Estimate("d", "ml", (), recordings=("exp1_z",), residuals=residuals)
-    assert _left(data, estimate, "exp1_xyz") == pytest.approx([20.0, 20.0, 1.0])
+    assert _left(data, estimate, "exp1_xyz") == pytest.approx(
+        [20.0, 1.0, 1.0]
+    )  # two: of noise; another shape
     assert _left(data, estimate, "exp1_z") is None
     assert _left(data, None, "exp1_xyz") is None
