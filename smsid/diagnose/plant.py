@@ -124,7 +124,7 @@ class Plant:
         return Linear(a, by_q, by_v, inverse)
 
     def moving(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
-        """Return accelerations at q (nq,), v (nv,) under tau (nv,) as `linear` does, their derivatives zero."""
+        """Return accelerations at q (nq,), v (nv,) under tau (nv,); their derivatives are left zero."""
         nothing = np.zeros((self.nv, self.nv))
         return Linear(self.acceleration(t, q, v, tau), nothing, nothing, nothing)
 
