@@ -50,7 +50,7 @@ TRUTH = {
 }
 
 
-# what is known of the panel beforehand: identified where nothing softens it, with what it leaves there
+# what is known of the panel beforehand: identified where nothing softens it
 IDENTIFIED = {"exp1_xyz": "exp1_z"}
 
 

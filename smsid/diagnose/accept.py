@@ -235,12 +235,9 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
 
 
 def pruned(
-    causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int, least_wald: float = 0.0
+    causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int
 ) -> tuple[list[Cause], Fit]:
-    """Leave out causes that the others made unnecessary, by Wald's statistic.
-
-    Also those whose statistic is below ``least_wald``, where chances are not to be believed.
-    """
+    """Leave out causes that the others made unnecessary, by Wald's statistic."""
     while len(causes) > 1:
         covariance = last.covariance()
         names = [u.name for u in last.unknowns]
@@ -252,7 +249,7 @@ def pruned(
             own = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
             wald = float((shift / sigma) @ np.linalg.pinv(own) @ (shift / sigma))
             p = 0.5 * cause.score.sides * chi2.sf(wald, len(index)) * tried
-            if (p > levels.candidate or wald < least_wald) and wald < least:
+            if p > levels.candidate and wald < least:
                 worst, least = cause, wald
         if worst is None:
             break

@@ -56,8 +56,7 @@ class Measured:
 
     An attitude's rows are zero in ``values``; its quaternions are in ``attitude`` by channel. ``sigma``
     (rows,) is one standard deviation of the white noise of a sample. ``coarse`` (rows,) marks components that
-    are read in steps: their errors are no noise that could be found from what a fit leaves. ``left`` (rows,)
-    is what the identified model leaves of its own recordings, over the stated noise; 1 where not known.
+    are read in steps: their errors are no noise that could be found from what a fit leaves.
     """
 
     times: np.ndarray
@@ -66,12 +65,6 @@ class Measured:
     blocks: tuple[Block, ...]
     sigma: np.ndarray
     coarse: np.ndarray | None = None
-    left: np.ndarray | None = None
-
-    @property
-    def known_misfit(self) -> np.ndarray:
-        """``left`` (rows,), zero where it is not known."""
-        return np.zeros(self.rows) if self.left is None else np.where(self.left > 1.0, self.left, 0.0)
 
     @property
     def rows(self) -> int:

@@ -34,7 +34,6 @@ LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
 RATE = 25.0  # [Hz]
 LOUD = 5.0  # times its stated noise above which a channel is doubted
-CLEARLY = 5.0  # times its stated noise, whatever the rate it is stated at, that a residual is misfit
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
@@ -143,7 +142,6 @@ def _diagnose(
     coarse = frozenset(f.component for f in rounded)
     whole = data.times
     data = rougher(_less(data, faults).thinned(rate), rounded)
-    data = replace(data, left=_left(data, estimate, recording.name))
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
@@ -266,22 +264,6 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
         if key not in out or f.value > out[key].value:
             out[key] = f
     return list(out.values())
-
-
-def _left(data: Measured, estimate: Estimate | None, recording: str) -> np.ndarray | None:
-    """Return what the identified model leaves of each row over its stated noise (rows,), if that is misfit.
-
-    Nothing is known of the recording that it was identified from: what is wrong there is in the residuals.
-    """
-    if estimate is None or not estimate.residuals or recording in estimate.recordings:
-        return None
-    left = np.ones(data.rows)
-    for b in data.blocks:
-        own = np.array(estimate.residuals.get(b.channel, ()))
-        if own.shape == data.sigma[b.rows].shape:
-            over = own / data.sigma[b.rows]
-            left[b.rows] = np.where(over > CLEARLY, over, 1.0)
-    return left
 
 
 def _fault(fault: Fault) -> FoundCause:

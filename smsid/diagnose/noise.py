@@ -125,18 +125,8 @@ def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
 
     ``factors`` (rows,) on the noise, or one for all.
     """
-    return float(np.sqrt(np.nanmean(_squares(run, factors))))
-
-
-def strayed_by_row(run: Run, factors: np.ndarray | float = 1.0) -> np.ndarray:
-    """Return the same by component (rows,)."""
-    squares = _squares(run, factors)
-    return np.sqrt(np.nansum(squares, axis=0) / np.maximum(run.used.sum(axis=0), 1))
-
-
-def _squares(run: Run, factors: np.ndarray | float) -> np.ndarray:
     x = np.where(run.used, run.normalised * factors, np.nan)
-    return np.minimum(x**2, np.nanquantile(x**2, 0.99))
+    return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
 
 
 def _with_noise(found: Fitted) -> Fitted:
@@ -150,9 +140,8 @@ def _with_noise(found: Fitted) -> Fitted:
 
 def _with_misfit(found: Fitted) -> Fitted:
     for _ in range(3):
-        data = found.fit.problem.data
-        least = 1.0 if data.left is None else np.maximum(data.left, 1.0)
-        factor = np.maximum(found.factors * misfit_factors(data, found.fit.run), least) / found.factors
+        factor = misfit_factors(found.fit.problem.data, found.fit.run)
+        factor = np.maximum(found.factors * factor, 1.0) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
         # what candidates are scored on is linear anyway: no need to be nearer than that
         found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)

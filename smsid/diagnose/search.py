@@ -18,17 +18,13 @@ from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.memory import memory
-from smsid.diagnose.noise import fit_with_noise, refitted, strayed_by_row
+from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
 
 LOGGER = logging.getLogger(__name__)
-AS_WELL = 1.2  # times what the identified model leaves of other recordings that is no more than that
-SURE = (
-    20.0  # standard deviations of a cause beside others where the model never follows: 12 were seen of none
-)
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
@@ -39,9 +35,7 @@ class Search:
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``strayed`` are rms of the prediction
-    errors over the stated noise (rows,), before and after; ``known`` those the identified model leaves of
-    others, zero where that is not known; ``counts`` the samples of each. ``coarse`` are components that
-    are read in steps.
+    errors over the stated noise, before and after. ``coarse`` are components read in steps.
     """
 
     nominal: Fit
@@ -54,9 +48,7 @@ class Search:
     samples: int
     noise: dict[str, float]
     misfit: bool = False
-    strayed: tuple[np.ndarray, np.ndarray] = (np.ones(1), np.ones(1))
-    known: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    counts: np.ndarray = field(default_factory=lambda: np.ones(1))
+    strayed: tuple[float, float] = (1.0, 1.0)
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = field(default_factory=Levels)
     coarse: frozenset[str] = frozenset()
@@ -73,19 +65,9 @@ class Search:
 
     @property
     def followed(self) -> float:
-        """Share of the squared prediction errors, in stated noise, that the causes take away.
-
-        What the identified model leaves of other recordings, component by component, is not counted.
-        """
-        before, after = (np.maximum(x**2 - self.known**2, 0.0) @ self.counts for x in self.strayed)
-        return 1.0 - float(after / before) if before > 0.0 else 0.0
-
-    @property
-    def as_known(self) -> bool:
-        """Whether the nominal model follows as well as it did where it was identified, and that is known."""
-        return bool(self.known.any()) and bool(
-            (self.strayed[0] <= AS_WELL * np.maximum(self.known, 1.0)).all()
-        )
+        """Share of the squared prediction errors, in stated noise, that the causes take away."""
+        before, after = self.strayed
+        return 1.0 - (after / before) ** 2
 
 
 def search(
@@ -107,7 +89,7 @@ def search(
     clock = {"nominal": time.process_time()}
     fitted = fit_with_noise(point, problem, tuple(unknowns))
     nominal, current, causes = fitted.fit, fitted.fit, []
-    strayed_before = strayed_by_row(fitted.fit.run, fitted.factors)
+    strayed_before = strayed(fitted.fit.run, fitted.factors)
     if fitted.misfit and motion_left(nominal, fitted.by_channel) > LOST:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
@@ -185,8 +167,7 @@ def search(
     blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
-        least = SURE**2 if fitted.misfit else 0.0
-        causes, current = pruned(causes, current, nominal, levels, len(candidates), least)
+        causes, current = pruned(causes, current, nominal, levels, len(candidates))
         blocks = blocks if current is reached else (*held, *adequacy(current))
     clock["tests"] = time.process_time()
     before_causes = tuple(adequacy(nominal)) if causes else blocks
@@ -202,8 +183,7 @@ def search(
     return Search(
         nominal, current, tuple(causes), tuple(scores), before_causes, blocks, len(candidates),
         current.run.samples, fitted.by_channel, fitted.misfit,
-        (strayed_before, strayed_by_row(current.run, fitted.factors)), problem.data.known_misfit,
-        current.run.used.sum(axis=0),
+        (strayed_before, strayed(current.run, fitted.factors)),
         seconds, levels, coarse,
     )  # fmt: skip
 

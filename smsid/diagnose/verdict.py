@@ -154,10 +154,6 @@ def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if found.as_known and not found.causes:
-        if words:  # faults of samples
-            return "explained", f"The simulation lacks {words}."
-        return "adequate", "The simulation explains the recording as well as those it was identified from."
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."

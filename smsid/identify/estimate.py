@@ -114,9 +114,7 @@ class Estimate:
     """An identified spacecraft.
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
-    why; ``history`` tells how a method that iterates got there. ``residuals`` are rms of what the identified
-    model leaves of each channel by component, in its unit, in the recording it leaves least of, where the
-    method knows.
+    why; ``history`` tells how a method that iterates got there.
     """
 
     description: str
@@ -127,7 +125,6 @@ class Estimate:
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
     history: tuple[Iteration, ...] = ()
-    residuals: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         for p in self.parameters:
@@ -160,7 +157,6 @@ class Estimate:
             "conditions": {k: {"value": v, "unit": "1"} for k, v in self.conditions.items()},
             "notes": list(self.notes),
             "history": [{k: {"value": v, "unit": "1"} for k, v in asdict(x).items()} for x in self.history],
-            "residuals": {k: {"value": list(v), "unit": "of the channel"} for k, v in self.residuals.items()},
         }
         return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
@@ -205,10 +201,6 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             history=tuple(
                 Iteration(x["cost"]["value"], x["step"]["value"]) for x in document.get("history", ())
             ),
-            residuals={
-                k: tuple(math.nan if x is None else x for x in v["value"])
-                for k, v in document.get("residuals", {}).items()
-            },
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SmsidError(

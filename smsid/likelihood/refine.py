@@ -32,7 +32,6 @@ from smsid.likelihood.report import (
     judged_by_share,
     nuisances,
     prior_notes,
-    residuals_of,
     with_profiles,
 )
 from smsid.likelihood.search import search
@@ -174,7 +173,6 @@ def _refine(
         history=history_of(
             sought.visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]
         ),
-        residuals=residuals_of(found),
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(

@@ -96,16 +96,6 @@ def prior_notes(parameters: Sequence[ParameterEstimate]) -> list[str]:
     return [f"value and interval come from the prior, the data say less: {', '.join(names)}"] if names else []
 
 
-def residuals_of(found: Fit) -> dict[str, tuple[float, ...]]:
-    """Return the rms of the residuals by channel and component, in its unit: the least of any recording."""
-    least: dict[str, np.ndarray] = {}
-    for piece in found.pieces:
-        for c in piece.channels:
-            rms = np.sqrt(np.diag(c.covariance))
-            least[c.name] = np.minimum(rms, least[c.name]) if c.name in least else rms
-    return {name: tuple(x.tolist()) for name, x in least.items()}
-
-
 def fit_notes(found: Fit) -> list[str]:
     """Return what there is to say about the channels: samples left out, noise levels."""
     notes = []
