@@ -6,10 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from smsid.diagnose.beam_modes import HigherMode
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.oscillating import Oscillating, Springs
 from smsid.diagnose.point import Point
-from smsid.effects.appendage import Appendage
+from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.beam_mode import BeamMode
 from smsid.model.regressor import body_names
 
 SLOSH = (0.03, 1.0)  # [Hz] between which a tank's frequency is looked for
@@ -17,6 +19,7 @@ MODE = (0.08, 3.0)  # [Hz] the same of a bending mode
 RATIO = 1.13  # of neighbours in the grid
 CYCLES = 1.5  # least number of them in a recording
 CENTRE = 0.7265  # of a uniform cantilever's first mode: where its moving mass sits, in lengths
+MOST_MODES = 20  # of a beam
 PER_CYCLE = 5.0  # least number of samples
 
 
@@ -62,6 +65,25 @@ def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
             name=_unused(point, f"{part.name}_more"), springs=springs, frequencies=_grid(problem, MODE),
             appendage=part.name, turn=turn.T, root=root,
         )  # fmt: skip
+
+
+def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
+    """Yield the candidate of every beam's next mode, where accelerometers on it would see that."""
+    model = point.base
+    seen = {s.appendage for s in point.description.effective_sensors() if s.kind == "accelerometers"}
+    rate = 1.0 / float(np.median(np.diff(problem.data.times)))
+    for joints in model.appendages:
+        beam: Appendage = joints.appendage
+        if not (isinstance(beam, BeamAppendage) and model.free and joints.parent == 1 and beam.name in seen):
+            continue
+        further = [
+            e.mode for e in point.description.effect if isinstance(e, BeamMode) and e.appendage == beam.name
+        ]
+        number = max(beam.modes, *further, 0) + 1
+        name = _unused(point, f"beam_mode_{beam.name}_{number}")
+        candidate = HigherMode.of(beam, joints.placement, number, name) if number <= MOST_MODES else None
+        if candidate is not None and candidate.highest * PER_CYCLE < rate:
+            yield candidate
 
 
 def _unused(point: Point, name: str) -> str:

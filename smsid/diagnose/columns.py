@@ -169,7 +169,10 @@ class Changes:
     ) -> np.ndarray | None:
         before, after = base.sensors(), other.sensors()
         scaled = any(
-            not np.array_equal(a.scale, b.scale) or a.appendage != b.appendage or a.drawn is not b.drawn
+            not np.array_equal(a.scale, b.scale)
+            or a.appendage != b.appendage
+            or a.drawn is not b.drawn
+            or a.more != b.more
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )
         if before == after and not (scaled or origin.twists or model.twists):

@@ -54,10 +54,8 @@ def answers(
 
     ``omega`` [rad/s] and ``zeta`` (f,).
     """
-    axes, moves = springs.axes, springs.moves
-    run = changes.run
-    driven_at, driven = (_driving(s, axes, place, moves) for s in (run.states, run.middle))
-    at, middle = _forces(driven_at, driven, omega, zeta, float(np.median(np.diff(run.states.time))))
+    axes, moves, run = springs.axes, springs.moves, changes.run
+    at, middle = pulls(changes, springs, place, omega, zeta)
     out = []
     for a, axis in enumerate(axes):
         straight = np.concatenate([axis, np.cross(place, axis)])
@@ -71,6 +69,19 @@ def answers(
                     parts.append(np.matmul(inverse[:, :, :6], wrench[:, :, None])[:, :, 0])
                 out.append(Change(*parts))
     return out
+
+
+def pulls(
+    changes: Changes, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how unit masses pull at a place, (N, f, axes, 1 + k) at the samples and (N - 1, ...) between:
+    minus their accelerations relative to it.
+
+    ``omega`` [rad/s] and ``zeta`` (f,); ``place`` (3,), bus frame [m].
+    """
+    run = changes.run
+    at, middle = (_driving(s, springs.axes, place, springs.moves) for s in (run.states, run.middle))
+    return _forces(at, middle, omega, zeta, float(np.median(np.diff(run.states.time))))
 
 
 def _driving(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) -> np.ndarray:

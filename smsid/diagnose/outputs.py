@@ -105,20 +105,17 @@ class Outputs:
 
     def _panel(self, block: Block) -> Callable[..., None]:
         panel = find_appendage(self.model, str(block.sensor.appendage))
-        modes = panel.appendage.modal_data()
-        kq = np.array([self.model.pin.joints[j].idx_q for j in panel.joints])
-        kv = np.array([self.model.pin.joints[j].idx_v for j in panel.joints])
+        kq = np.array([self.model.pin.joints[j].idx_q for j in panel.seen])
+        kv = np.array([self.model.pin.joints[j].idx_v for j in panel.seen])
         stations = [int(i) for i in station_indices(panel, block.sensor)]
         positions = panel.appendage.station_positions()
         rest = [panel.placement.act(positions[i]) for i in stations]
-        shapes = [
-            panel.placement.rotation @ (np.array([m.shape[i] for m in modes]).T * panel.scale)
-            for i in stations
-        ]
+        shapes = [panel.moved(i).T for i in stations]
 
         axis, drawn = panel.placement.rotation[:, 0], None
         if panel.drawn is not None:  # by joint coordinates, which are modal ones over the scale
             drawn = np.outer(panel.scale, panel.scale) * panel.drawn[stations]
+            drawn = np.pad(drawn, ((0, 0), *2 * [(0, len(panel.more))]))
 
         def part(base, q, v, a, h, cq, cv, ca):
             bent, rate, acceleration = q[kq], v[kv], a[kv]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
-from smsid.diagnose.additions import more_modes, more_slosh
+from smsid.diagnose.additions import higher_modes, more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.play import Play
@@ -44,6 +44,7 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
         *more_slosh(point, problem),
         *_panels(point, nominal),
         *more_modes(point, problem),
+        *higher_modes(point, problem),
         *_outside(point, problem),
         *_sensors(point, problem),
         *_users(point),

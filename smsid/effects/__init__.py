@@ -15,6 +15,7 @@ from smsid.effects.base import (
     physical,
     register,
 )
+from smsid.effects.beam_mode import BeamMode
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
 from smsid.effects.extra_mode import ExtraMode
@@ -43,6 +44,7 @@ __all__ = [
     "Appendage",
     "Backlash",
     "BeamAppendage",
+    "BeamMode",
     "BodyError",
     "Effect",
     "ExternalWrench",

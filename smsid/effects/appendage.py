@@ -90,24 +90,24 @@ class Appendage(Effect):
         assembly.note_appendage(self, joints, scales)
 
 
-_Part = tuple[pin.JointModel, pin.Inertia, pin.SE3, float]
+ModeJoint = tuple[pin.JointModel, pin.Inertia, pin.SE3, float]
 
 
 @lru_cache(maxsize=64)
 def _mode_joints(
     modes: tuple[Mode, ...], parameters: tuple[float, ...]
-) -> tuple[tuple[_Part, ...], np.ndarray]:
-    """Return what `_mode_joint` gives for every mode, and the parameters (10,) of the rigid remainder."""
+) -> tuple[tuple[ModeJoint, ...], np.ndarray]:
+    """Return what `mode_joint` gives for every mode, and the parameters (10,) of the rigid remainder."""
     remainder = np.array(parameters)
     rigid = pin.Inertia.FromDynamicParameters(remainder)
-    parts = tuple(_mode_joint(mode, rigid) for mode in modes)
+    parts = tuple(mode_joint(mode, rigid) for mode in modes)
     for _, inertia, placement, _ in parts:
         remainder = remainder - placement.act(inertia).toDynamicParameters()
     remainder.setflags(write=False)
     return parts, remainder
 
 
-def _mode_joint(mode: Mode, rigid: pin.Inertia) -> tuple[pin.JointModel, pin.Inertia, pin.SE3, float]:
+def mode_joint(mode: Mode, rigid: pin.Inertia) -> ModeJoint:
     """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``."""
     lt, lr = np.asarray(mode.translation), np.asarray(mode.rotation)
     size = np.linalg.norm(lt)

@@ -134,12 +134,10 @@ def panel_geometry(
         raise DescriptionError(
             f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus."
         )
-    modes = panel.appendage.modal_data()
     rests, shapes = [], []
     for station in station_indices(panel, sensor):
         rests.append(panel.placement.act(panel.appendage.station_positions()[station]))
-        shape = np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T
-        shapes.append(shape * panel.scale[:, None])
-    index_q = np.array([model.pin.joints[j].idx_q for j in panel.joints])
-    index_v = np.array([model.pin.joints[j].idx_v for j in panel.joints])
+        shapes.append(panel.moved(station))
+    index_q = np.array([model.pin.joints[j].idx_q for j in panel.seen])
+    index_v = np.array([model.pin.joints[j].idx_v for j in panel.seen])
     return rests, shapes, index_q, index_v

@@ -24,7 +24,8 @@ class AppendageJoints:
     """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate.
 
     ``drawn`` (stations, modes, modes) [1/(kg m)] says how far bending draws the stations in along the
-    appendage's x axis, ``-1/2 delta' drawn delta`` [m]; ``None``: not at all.
+    appendage's x axis, ``-1/2 delta' drawn delta`` [m]; ``None``: not at all. ``more`` are joints that move
+    the stations, too: with each how far, (stations, 3) by its coordinate, appendage axes.
     """
 
     appendage: Appendage
@@ -33,6 +34,20 @@ class AppendageJoints:
     joints: tuple[int, ...]
     scale: np.ndarray
     drawn: np.ndarray | None = None
+    more: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """Joints that move the stations."""
+        return (*self.joints, *(joint for joint, _ in self.more))
+
+    def moved(self, station: int) -> np.ndarray:
+        """Return how far every joint that is seen moves a station, by its coordinate: (joints, 3), axes of
+        the parent joint.
+        """
+        own = np.array([m.shape[station] for m in self.appendage.modal_data()]).reshape(-1, 3)
+        further = np.array([shape[station] for _, shape in self.more]).reshape(-1, 3)
+        return np.vstack([own * self.scale[:, None], further]) @ self.placement.rotation.T
 
 
 @dataclass(frozen=True, eq=False)

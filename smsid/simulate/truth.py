@@ -187,18 +187,18 @@ def _panel_acceleration(
             f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus."
         )
     chosen = station_indices(panel, sensor)
-    index_q = np.array([model.pin.joints[j].idx_q for j in panel.joints])
-    index_v = np.array([model.pin.joints[j].idx_v for j in panel.joints])
-    delta, rate, acc = (x * panel.scale for x in (s.q[:, index_q], s.v[:, index_v], s.a[:, index_v]))
-    modes = panel.appendage.modal_data()
+    joints = panel.seen
+    index_q = np.array([model.pin.joints[j].idx_q for j in joints])
+    index_v = np.array([model.pin.joints[j].idx_v for j in joints])
+    bent, bending, bends = s.q[:, index_q], s.v[:, index_v], s.a[:, index_v]
+    own = len(panel.joints)
+    delta, rate, acc = (x[:, :own] * panel.scale for x in (bent, bending, bends))
     omega = v[:, 3:]
     out = np.empty((len(s.time), len(chosen), 3))
     for k, station in enumerate(chosen):
         rest = panel.placement.act(panel.appendage.station_positions()[station])
-        shape = (
-            np.array([m.shape[station] for m in modes]) @ panel.placement.rotation.T
-        )  # (modes, 3) bus axes
-        r, dr, ddr = rest + delta @ shape, rate @ shape, acc @ shape
+        shape = panel.moved(station)
+        r, dr, ddr = rest + bent @ shape, bending @ shape, bends @ shape
         if panel.drawn is not None:
             axis, drawn = panel.placement.rotation[:, 0], panel.drawn[station]
             pull = delta @ drawn

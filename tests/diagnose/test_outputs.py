@@ -5,18 +5,22 @@ import pinocchio as pin
 import pytest
 
 from smsid.diagnose.outputs import Outputs
-from smsid.effects import GearCompliance, GeometricStiffness
+from smsid.effects import BeamMode, GearCompliance, GeometricStiffness
 from smsid.simulate.trajectory import States
 
 STEP = 1e-6
 
 
-@pytest.fixture(scope="module", params=["as described", "drawn in"])
+@pytest.fixture(scope="module", params=["as described", "drawn in", "one mode more"])
 def place(known, problem, request):
-    """A state; with ``drawn in`` the panel shortens as it bends, and its accelerometers see that."""
+    """A state; with ``drawn in`` the panel shortens as it bends, and its accelerometers see that; with ``one
+    mode more`` they see that, too.
+    """
     point = known.point
-    if request.param == "drawn in":
+    if request.param != "as described":
         point = point.with_effect(GeometricStiffness(name="soft", appendage="panel", factor=0.7))
+    if request.param == "one mode more":
+        point = point.with_effect(BeamMode(name="more", appendage="panel", mode=4, factor=0.8))
     model, rng = point.model(), np.random.default_rng(0)
     q = pin.integrate(model.pin, model.home, 0.2 * rng.standard_normal(model.nv))
     return Outputs(model, problem.data), q, *(0.2 * rng.standard_normal((2, model.nv)))

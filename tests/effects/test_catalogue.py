@@ -78,6 +78,9 @@ EXAMPLES = {
     "extra_mode": {
         "name": "xm", "appendage": "panel", "mass": 1.0, "position": (3.0, 0.0, 0.0), "frequency": 0.4,
     },
+    "beam_mode": {
+        "name": "bm", "appendage": "panel", "mode": 4, "factor": 0.9, "frequency": 0.01, "damping": 1e-3,
+    },
     "gear_compliance": {"name": "gc", "joint": "joint2", "compliance": 1e-3, "motor_inertia": 0.5},
     "backlash": {"name": "bl", "joint": "joint2", "gap": 0.01, "motor_inertia": 0.5},
 }  # fmt: skip

@@ -1,0 +1,142 @@
+"""A beam's next bending mode as a candidate: all of it is known but its frequency, nearly.
+
+A uniform beam of some length and mass has one next mode, with one shape. What is not known is how far the
+frequency of a real one is off, and that has to be found to a part of the resonance's width: frequencies about
+the beam's are searched, and how much of the mode there is follows by least squares. What its stations read
+of it is its own acceleration; Coriolis forces are left out here and come in with the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.diagnose.candidates import Score
+from smsid.diagnose.columns import Change, Changes, propagate
+from smsid.diagnose.fit import Fit, Projected
+from smsid.diagnose.oscillating import Springs, answers, pulls
+from smsid.diagnose.point import Unknown
+from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
+from smsid.effects.appendage import BeamAppendage, Mode
+from smsid.effects.beam_mode import BeamMode
+from smsid.simulate.truth import find_appendage, station_indices
+
+OFF = np.linspace(-0.08, 0.08, 17)  # relative errors of the frequency that are tried first
+COARSE = 0.01  # least damping ratio there: wide enough to be seen between two of them
+FINE = ((np.linspace(-0.008, 0.008, 9), (0.5, 1.0, 2.0)), (np.linspace(-0.0015, 0.0015, 7), (0.7, 1.0, 1.4)))
+STEPS = (1e-2, 1e-3, 1e-3)  # of factor, frequency and damping
+
+
+@dataclass(frozen=True)
+class HigherMode(Searched):
+    """Mode ``number`` of a beam that has one less. ``mode`` is what it would be; ``springs`` say where its
+    mass hangs, ``seen`` (stations, 3) how far that moves the stations per displacement, bus axes.
+    """
+
+    name: str = ""
+    number: int = 0
+    mode: Mode | None = None
+    springs: Springs = field(default_factory=lambda: Springs(np.zeros(3), np.eye(3)[2:], np.zeros((0, 3))))
+    seen: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @classmethod
+    def of(cls, beam: BeamAppendage, placement: pin.SE3, number: int, name: str) -> HigherMode:
+        """Return the candidate of a beam's mode ``number``; ``placement`` of its root is in the bus frame."""
+        mode = beam.model_copy(update={"modes": number}).modal_data()[-1]
+        along = np.asarray(mode.translation)
+        size = float(np.linalg.norm(along))
+        turn = placement.rotation
+        place = placement.act(np.cross(along, np.asarray(mode.rotation)) / size**2)
+        axis = turn @ along / size
+        seen = size * np.array(mode.shape).reshape(-1, 3) @ turn.T
+        return cls(
+            "beam_mode", beam.name, "appendage", f"mode {number}", None, (), (), name=name, number=number,
+            mode=mode, springs=Springs(place, axis[None], np.zeros((0, 3))), seen=seen,
+        )  # fmt: skip
+
+    @property
+    def highest(self) -> float:
+        """The highest frequency that is tried [Hz]."""
+        return self._mode.frequency * (1.0 + float(OFF[-1]))
+
+    @property
+    def _mode(self) -> Mode:
+        assert self.mode is not None
+        return self.mode
+
+    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+        """Return the derivatives by the factor for every frequency of the first grid."""
+        damping = max(COARSE, self._mode.damping)
+        return self._columns(changes, [(f, damping) for f in OFF])
+
+    def _columns(self, changes: Changes, tried: Sequence[tuple[float, float]]) -> list[Change]:
+        """Return the derivatives by the factor for relative errors of frequency and damping ratios."""
+        omega = 2.0 * np.pi * self._mode.frequency * (1.0 + np.array([f for f, _ in tried]))
+        zeta = np.array([z for _, z in tried])
+        mass = float(np.sum(np.square(self._mode.translation)))
+        forces = answers(changes, self.springs, self.springs.place, omega, zeta)
+        at, _ = pulls(changes, self.springs, self.springs.place, omega, zeta)
+        found = []
+        for f, force in enumerate(forces):
+            assert force.middle is not None and force.at is not None
+            reading = self._reading(changes, -at[:, f, 0, 0])
+            step = STEPS[0]
+            found.append(Change(step * mass * force.middle, step * mass * force.at, step * reading))
+        return found
+
+    def _reading(self, changes: Changes, acceleration: np.ndarray) -> np.ndarray:
+        """Return what stations read (N, rows) of accelerations (N,) of the mass along its axis."""
+        out = np.zeros((len(acceleration), changes.problem.data.rows))
+        for block in changes.problem.data.blocks:
+            if block.sensor.kind == "accelerometers" and block.sensor.appendage == self.location:
+                chosen = station_indices(find_appendage(changes.model, self.location), block.sensor)
+                read = self.seen[chosen] @ block.gain.T
+                out[:, block.rows] = np.outer(acceleration, read.ravel())
+        return out
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return every frequency of the first grid."""
+        damping = max(COARSE, self._mode.damping)
+        return tuple(Shape((i,), (float(f), damping)) for i, f in enumerate(OFF))
+
+    def resolved(
+        self, shape: Shape, coefficients: np.ndarray
+    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+        """Return the mode with the label's frequency and damping, and how much of it there is."""
+        off, zeta = shape.label
+        effect = BeamMode(
+            name=self.name,
+            appendage=self.location,
+            mode=self.number,
+            factor=0.0,
+            frequency=off,
+            damping=zeta - self._mode.damping,
+        )
+        free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
+        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, STEPS)
+        by = np.array([[1.0, 0.0, 0.0]])
+        return own, by, np.array([float(coefficients[0]), 0.0, 0.0]), bool(coefficients[0] > 0.0)
+
+    def scored(self, found: Fit, own: Projected) -> Score:
+        """Return the score of the best frequency, and where that is worth it of a finer one."""
+        best = super().scored(found, own)
+        tried = len(OFF)
+        for offs, dampings in FINE:
+            if best.information_gain(found.run.samples) <= 0.0:
+                break
+            effect = best.candidate.effect
+            assert isinstance(effect, BeamMode)
+            damping = effect.damping + self._mode.damping
+            grid = [(effect.frequency + float(f), d * damping) for f in offs for d in dampings]
+            changes = self._columns(found.changes, grid)
+            (beside,) = found.projected([propagate(found.run, changes).reshape(-1, len(grid))])
+            shapes = [Shape((i,), label) for i, label in enumerate(grid)]
+            tried += len(grid)
+            finer = best_shape(self, found, beside, shapes, -(-tried // len(grid)))
+            if finer.information_gain(found.run.samples) <= best.information_gain(found.run.samples):
+                break
+            best = finer
+        return best

@@ -1,0 +1,79 @@
+"""A beam's next mode: its first-order signature against the filter on the whole model, and its search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.additions import higher_modes
+from smsid.diagnose.beam_modes import OFF, STEPS
+from smsid.diagnose.candidates import scored, signatures
+from smsid.diagnose.columns import propagate
+from smsid.diagnose.filter import Noise
+from smsid.diagnose.fit import evaluate
+from smsid.effects import BeamMode
+
+
+@pytest.fixture(scope="module")
+def calm(problem):
+    """Slosh and modes start at rest, and that is known."""
+    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
+
+
+@pytest.fixture(scope="module")
+def plain(known, calm):
+    return evaluate(known.point, known.unknowns[:1], calm)
+
+
+@pytest.fixture(scope="module")
+def candidate(known, calm):
+    (found,) = higher_modes(known.point, calm)
+    return found
+
+
+def test_signature_is_what_a_little_of_the_mode_does(known, calm, plain, candidate):
+    """Innovations with a thousandth of mode 4, over the thousandth; its stations see it."""
+    off, damping, small = 0.03, 0.02, 1e-3
+    (column,) = candidate._columns(plain.changes, [(off, damping)])
+    predicted = propagate(plain.run, [column])[:, :, 0] / STEPS[0]
+    mode = BeamMode(
+        name="more", appendage="panel", mode=4, factor=small, frequency=off, damping=damping - 0.005
+    )
+    with_mode = evaluate(known.point.with_effect(mode), known.unknowns[:1], calm)
+    seen = -(with_mode.run.innovations - plain.run.innovations) / small
+    assert np.linalg.norm(seen - predicted) < 0.05 * np.linalg.norm(seen)
+    panel = next(b for b in calm.data.blocks if b.channel == "panel.acceleration").rows
+    assert np.linalg.norm(seen[:, panel]) > 0.5 * np.linalg.norm(seen)
+
+
+def test_it_is_found_beside_the_frequencies_that_are_tried(known, calm, candidate):
+    """A mode two and a half per cent off, between two of the first grid: the finer ones settle on it."""
+    off = float(OFF[10] + 0.5 * (OFF[11] - OFF[10]))
+    truth = BeamMode(name="true", appendage="panel", mode=4, factor=0.3, frequency=off)
+    there = evaluate(known.point.with_effect(truth), known.unknowns[:1], calm)
+    plain = evaluate(known.point, known.unknowns[:1], calm)
+    # what the model without the mode leaves of data that have it, to first order
+    run = replace(plain.run, innovations=plain.run.innovations - there.run.innovations)
+    found = replace(plain, run=run)
+    (score,) = scored(found, [candidate], [signatures(found, [candidate])[0]])
+    effect = score.candidate.effect
+    assert isinstance(effect, BeamMode)
+    assert effect.frequency == pytest.approx(off, abs=2e-3)
+    assert score.estimate[0] * STEPS[0] == pytest.approx(0.3, rel=0.3)
+    assert score.candidate.grid > len(OFF)
+
+
+def test_only_where_it_is_seen(known, calm):
+    """Not without accelerometers on the beam, and not where it swings faster than is looked."""
+    assert list(higher_modes(known.point, replace(calm, data=calm.data.thinned(6.0)))) == []
+    blind = known.point.description.model_copy(
+        update={"sensor": tuple(s for s in known.point.description.sensor if s.kind != "accelerometers")}
+    )
+    assert list(higher_modes(replace(known.point, description=blind), calm)) == []
+
+
+def test_the_next_but_one(known, calm):
+    """A description that has mode 4 as an effect is asked about mode 5."""
+    has = known.point.with_effect(BeamMode(name="more", appendage="panel", mode=4))
+    (candidate,) = higher_modes(has, calm)
+    assert candidate.number == 5
