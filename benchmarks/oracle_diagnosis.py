@@ -22,13 +22,14 @@ from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
 from smsid.diagnose.channels import measured
-from smsid.diagnose.diagnose import Diagnosed, timing_of
+from smsid.diagnose.diagnose import Diagnosed
 from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.inputs import locked
 from smsid.diagnose.noise import fit_with_noise
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.point import Point
+from smsid.diagnose.timing import timing_of
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import identify
 from smsid.likelihood import refine

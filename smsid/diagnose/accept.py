@@ -100,6 +100,10 @@ def accept(
             current = _without(current, found, s.candidate)
             ratio = 2.0 * (current.objective - found.objective)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
+        told = wald(found, s.candidate)
+        if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
+            LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
+            continue
         fitted.append((ratio - cost(current, s, found), s, found))
     if not fitted:
         return None
@@ -239,18 +243,12 @@ def pruned(
 ) -> tuple[list[Cause], Fit]:
     """Leave out causes that the others made unnecessary, by Wald's statistic."""
     while len(causes) > 1:
-        covariance = last.covariance()
-        names = [u.name for u in last.unknowns]
         worst, least = None, np.inf
         for cause in causes:
-            index = [names.index(n) for n in cause.score.candidate.free]
-            shift = np.array([last.point.value(last.unknowns[i]) - last.unknowns[i].nominal for i in index])
-            sigma = np.sqrt(np.diag(covariance)[index])  # units differ by more than pinv takes for nothing
-            own = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
-            wald = float((shift / sigma) @ np.linalg.pinv(own) @ (shift / sigma))
-            p = 0.5 * cause.score.sides * chi2.sf(wald, len(index)) * tried
-            if p > levels.candidate and wald < least:
-                worst, least = cause, wald
+            told = wald(last, cause.score.candidate)
+            p = 0.5 * cause.score.sides * chi2.sf(told, len(cause.score.candidate.free)) * tried
+            if p > levels.candidate and told < least:
+                worst, least = cause, told
         if worst is None:
             break
         causes = [c for c in causes if c is not worst]
@@ -260,3 +258,16 @@ def pruned(
             current = again if again is not None else current
         last = current
     return causes, last
+
+
+def wald(found: Fit, candidate: Candidate) -> float:
+    """Return Wald's statistic of a candidate's parameters at a fit: how far they are from doing nothing.
+
+    Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
+    """
+    names = [u.name for u in found.unknowns]
+    index = [names.index(n) for n in candidate.free]
+    shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
+    covariance = found.covariance()[np.ix_(index, index)]
+    sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
+    return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))

@@ -13,7 +13,7 @@ from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.channels import Measured, measured
 from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels
-from smsid.diagnose.filter import Noise, Problem, Run, Timing, run_filter
+from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
 from smsid.diagnose.inputs import locked
@@ -23,6 +23,7 @@ from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
+from smsid.diagnose.timing import timing_of
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
@@ -148,6 +149,11 @@ def _diagnose(
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+    timing = timing_of(found.last.point, found.last.problem)
+    if timing != problem.timing:  # what was wrong with the model hid it
+        LOGGER.info("commands taken as %s, %s instead", timing.hold, timing.side)
+        problem = replace(problem, timing=timing)
+        found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         faults += more
@@ -189,30 +195,6 @@ def _diagnose(
         notes=tuple(n for n in (*known.notes, thinned, taken) if n),
     )
     return Diagnosed(result, extended, found)
-
-
-def timing_of(point: Point, problem: Problem) -> Timing:
-    """Return how commands act between samples: as the recording says, else as the likelihood prefers.
-
-    A recording says it by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance.
-    """
-    told = problem.recording.provenance
-    hold = told.get("inputs")
-    holds = (hold,) if hold in ("held", "linear") else ("linear", "held")
-    side = "left" if "left" in str(told.get("acceleration", "")) else "right"
-    sides = (side,) if "acceleration" in told else ("right", "left")
-    choices = [Timing(h, s) for h in holds for s in (sides if h == "held" else sides[:1])]
-    if len(choices) == 1:
-        return choices[0]
-    model = point.model()
-    return max(choices, key=lambda t: _after_the_first(run_filter(model, replace(problem, timing=t))))
-
-
-def _after_the_first(run: Run) -> float:
-    """Return the log-likelihood of all samples but the first, of which not every timing takes as much."""
-    first, used = run.innovations[0], run.used[0]
-    taken = float(np.log(run.whitening[0].diagonal()[used]).sum()) - 0.5 * float(first @ first)
-    return run.log_likelihood - taken
 
 
 def extended_description(found: Search) -> Description:

@@ -242,7 +242,7 @@ def _readable(problem: Problem) -> np.ndarray:
     Of the first sample none that shows at once what acts, where that is a command from before the recording.
     """
     present, timing = np.isfinite(problem.data.values), problem.timing
-    if timing.hold == "held" and timing.side == "left" and jumps_in(problem.recording):
+    if timing.hold != "linear" and timing.side == "left" and jumps_in(problem.recording):
         for block in problem.data.blocks:
             if block.quantity in AT_ONCE:
                 present[0, block.rows] = False

@@ -13,7 +13,9 @@ from smsid.simulate import Inputs
 from smsid.simulate.changed import Delayed, Switched
 from smsid.simulate.signals import Constant, Sampled, Signal, Sum, sample
 
-Hold = Literal["held", "linear"]
+Hold = Literal["held", "linear", "jumps"]
+JUMP = 5.0  # times its neighbours' changes together that a change is a jump between samples
+RAMP = 1e-7  # share of a sample interval that a jump takes
 
 COMMANDS = {
     "force": "command.force",
@@ -27,6 +29,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Inputs:
     """Return the commanded inputs of a recording; between samples they are held or vary linearly.
 
+    With ``"jumps"`` they vary linearly but where they jump: there the sample before is held until the one
+    after. So are thrusters that switch beside wheels or a torque that do not.
+
     Raises `RecordingError` when nothing is commanded at all: a diagnosis needs to know what drove the motion.
     """
     wanted = {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
@@ -36,7 +41,10 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
         channel = COMMANDS[field]
         if size and channel in recording:
             values = np.asarray(recording[channel])
-            signals[field] = Sampled.from_samples(recording.time(channel), values, 0 if hold == "held" else 1)
+            times = np.asarray(recording.time(channel))
+            if hold == "jumps":
+                times, values = _with_ramps(times, values)
+            signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
     if all(s is None for s in signals.values()):
         raise RecordingError(
             f"The recording '{recording.name}' has no command.* channel.",
@@ -44,6 +52,33 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
             channels=recording.channels,
         )
     return Inputs(**signals)  # type: ignore[arg-type]
+
+
+def mixed(recording: Recording) -> bool:
+    """Whether some commands of a recording jump between samples while some vary without."""
+    steps, others = False, False
+    for channel in COMMANDS.values():
+        if channel in recording:
+            values = np.asarray(recording[channel])
+            jumps = jumping(values)
+            steps |= bool(jumps.any())
+            others |= bool(np.any(np.diff(values, axis=0)[~jumps]))
+    return steps and others
+
+
+def jumping(values: np.ndarray) -> np.ndarray:
+    """Return in which intervals (N - 1,) samples (N, k) jump: change far more than before and after."""
+    change = np.abs(np.diff(values.reshape(len(values), -1), axis=0))
+    around = np.pad(change, ((1, 1), (0, 0)))
+    least = 1e-9 * np.abs(values).max(initial=0.0)
+    return (change > JUMP * (around[:-2] + around[2:]) + least).any(axis=1)
+
+
+def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return samples (N,), (N, k) with one more just before every jump: what is held until then."""
+    at = np.flatnonzero(jumping(values))
+    before = times[at + 1] - RAMP * (times[at + 1] - times[at])
+    return np.insert(times, at + 1, before), np.insert(values, at + 1, values[at], axis=0)
 
 
 def jumps_in(recording: Recording) -> bool:

@@ -21,7 +21,7 @@ from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, moments, placed
 from smsid.effects.base import Effect
 from smsid.effects.extra_mode import ExtraMode
-from smsid.effects.slosh import Slosh
+from smsid.effects.slosh import LEAST, Slosh
 from smsid.simulate.trajectory import States
 
 COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
@@ -30,7 +30,6 @@ FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))
 FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))
 FINEST = (np.geomspace(0.985, 1.015, 7), (0.6, 0.8, 1.0, 1.25, 1.6))
 STEP = 1e-2  # [kg] and [m]
-LIGHT = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
 
 
 @dataclass(frozen=True)
@@ -173,12 +172,12 @@ class Oscillating(Searched):
         d = len(self.springs.moves)
         offset = placed(coefficients, np.full(d, STEP))
         mass = float(coefficients[0]) * STEP
-        effect = self._effect(max(abs(mass), LIGHT), place + offset @ self.springs.moves, omega, zeta)
+        effect = self._effect(max(abs(mass), LEAST), place + offset @ self.springs.moves, omega, zeta)
         free, steps = self._freed(effect)
         by = np.zeros((len(shape.columns), len(free)))
         by[:, : 1 + d] = moments(coefficients[0], offset / STEP, len(shape.columns))
         reference = {
-            p.name: p.value for p in self._effect(LIGHT, self.springs.place, omega, zeta).parameters()
+            p.name: p.value for p in self._effect(LEAST, self.springs.place, omega, zeta).parameters()
         }
         means = tuple((n, reference[n]) for n in free[1 : 1 + d])
         own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps, means=means)
@@ -230,7 +229,7 @@ class Oscillating(Searched):
             place = self.root + self.turn.T @ np.asarray(effect.position)
             return np.array([2.0 * np.pi * effect.frequency]), np.array([effect.damping]), place
         assert isinstance(effect, Slosh)
-        mass = max(abs(float(score.estimate[0])) * STEP, LIGHT)
+        mass = max(abs(float(score.estimate[0])) * STEP, LEAST)
         omega = np.sqrt(np.asarray(effect.stiffness) / mass)
         return omega, np.asarray(effect.damping) / (2.0 * omega * mass), effect.equilibrium
 
@@ -252,7 +251,7 @@ class Oscillating(Searched):
             name=self.name,
             position=tuple(self.springs.place.tolist()),
             offset=tuple((place - self.springs.place).tolist()),
-            mass=LIGHT,
+            mass=LEAST,
             stiffness=tuple((mass * omega**2).tolist()),
             damping=tuple((2.0 * mass * zeta * omega).tolist()),
             mass_in_bus=True,

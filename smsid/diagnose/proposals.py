@@ -28,6 +28,7 @@ LOGGER = logging.getLogger(__name__)
 AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
+ABOUT = 1.0  # [m] how far a sensor may be from where it is said to be: standard deviation
 
 
 def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[Candidate]:
@@ -300,7 +301,7 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                 sensor.name,
                 "sensor",
                 "lever arm",
-                {"sensor": sensor.name},
+                {"sensor": sensor.name, "prior": {f"offset.{a}": ABOUT for a in "xyz"}},
                 _vector("offset", 1e-3),
             )
 

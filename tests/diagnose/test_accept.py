@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.accept import Levels, aliases_of, cost, refit, told_apart
+from smsid.diagnose.accept import Levels, accept, aliases_of, cost, refit, told_apart, wald
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
@@ -18,7 +18,9 @@ from smsid.model import build_model
 RATE = "joint_friction_joint2.stribeck_rate"
 
 
-def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(description, known):
+@pytest.fixture(scope="module")
+def rubbing(description, known):
+    """The nominal fit of six seconds with friction at joint 2, and the score of a Stribeck friction there."""
     friction = {"joint": "joint2", "coulomb": 0.1, "stribeck": 0.1, "stribeck_rate": 0.15}
     truth = description.with_effects(JointFriction(kind="joint_friction", name="rub", **friction))
     plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
@@ -29,14 +31,26 @@ def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(description,
     candidates = propose(known.point, problem, known.unknowns[:1])
     one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "stribeck"))
     (score,) = scored(current, [one], list(signatures(current, [one]).values()))
+    return current, score
+
+
+def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(rubbing):
+    current, score = rubbing
     found = refit(current, score)
     names = [u.name for u in found.unknowns]
     assert RATE in names
     paid = (score.freedom + 1) * np.log(current.run.samples)
     assert cost(current, score, found) == pytest.approx(paid)
-    start = next(p.value for p in one.effect.parameters() if p.name == RATE)
+    start = next(p.value for p in score.candidate.effect.parameters() if p.name == RATE)
     value = found.point.value(found.unknowns[names.index(RATE)])
     assert abs(value - 0.15) < abs(start - 0.15)
+
+
+def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
+    current, score = rubbing
+    assert accept(current, score, [score], Levels(), 60) is not None
+    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 5.0)
+    assert accept(current, score, [score], Levels(), 60) is None
 
 
 def score(ratio, freedom, location="joint1", sides=2):
@@ -126,3 +140,18 @@ def test_of_many_aliases_the_unlikely_are_left_out_together():
     reached = {id(winner): 60.0, id(likely): 59.0, id(less): 58.0, id(unlikely): 59.5}
     tied = aliases_of(winner, [likely, less, unlikely], 10_000, reached)
     assert len(tied) == 3  # by the refit, whatever they were before it
+
+
+def test_how_far_from_doing_nothing(known, problem):
+    """How far a parameter is from doing nothing, in its standard deviations: linear ones as the score says."""
+    current = fit(known.point, known.unknowns[:1], problem)
+    candidates = propose(known.point, problem, known.unknowns[:1])
+    one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "viscous"))
+    (own,) = scored(current, [one], list(signatures(current, [one]).values()))
+    found = refit(current, own)
+    assert wald(found, one) == pytest.approx(own.ratio, rel=0.2, abs=0.5)
+    at = [u.name for u in found.unknowns].index(one.free[0])
+    flat = replace(found, gram=np.array(found.gram))  # the same where hardly anything tells the parameter
+    flat.gram[at] *= 1e-3
+    flat.gram[:, at] *= 1e-3
+    assert wald(flat, one) < 1e-4 * wald(found, one) + 1e-9

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smsid.diagnose.inputs import limits, means, unevenness
+from smsid.diagnose.inputs import _with_ramps, jumping, limits, means, mixed, unevenness
 from smsid.simulate.changed import Delayed
 from smsid.simulate.signals import Fourier, Sampled
 
@@ -60,3 +60,27 @@ def test_either_side_of_a_jump():
     signal = Sampled.from_samples(TIMES, VALUES, 0)
     np.testing.assert_allclose(limits(signal, TIMES[3:6], "right"), VALUES[3:6])
     np.testing.assert_allclose(limits(signal, TIMES[3:6], "left"), VALUES[2:5])
+
+
+def test_between_jumps_commands_vary_linearly():
+    """A torque that varies, and jumps once: held over the jump alone, from its start to its end."""
+    values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
+    values[8:] += [3.0, 0.0]
+    assert list(np.flatnonzero(jumping(values))) == [7]
+    signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
+    edges = np.array([0.0, 0.2, 0.35, 0.39, 0.4, 0.45, 1.0])
+    linear = Sampled.from_samples(TIMES, values, 1)
+    expected = means(linear, edges)
+    expected[2:4] = values[7]
+    np.testing.assert_allclose(means(signal, edges), expected, atol=1e-6)
+    for side, k in (("left", 7), ("right", 8)):
+        np.testing.assert_allclose(limits(signal, TIMES[8:9], side)[0], values[k], atol=1e-6)
+    np.testing.assert_allclose(limits(signal, TIMES[4:5], "right")[0], values[4], atol=1e-6)
+
+
+def test_what_is_mixed():
+    """Steps alone are held, waves alone vary: only both together take both."""
+    wave = np.sin(np.outer(TIMES, [1.0, 2.0, 3.0]))
+    steps = np.sign(np.sin(5.0 * TIMES))[:, None] * [1.0, 2.0, 3.0]
+    for force, torque, expected in ((steps, wave, True), (steps, steps, False), (wave, wave, False)):
+        assert mixed({"command.force": force, "command.torque": torque}) is expected  # type: ignore[arg-type]

@@ -1,0 +1,63 @@
+"""How commands act between samples, and from which side of a jump accelerations are: told, or found."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.filter import Problem, Run, Timing, run_filter
+from smsid.diagnose.inputs import Hold, mixed
+from smsid.diagnose.noise import MISFIT, strayed
+from smsid.diagnose.point import Point
+from smsid.recording import Recording
+
+LOGGER = logging.getLogger(__name__)
+
+
+def timings(recording: Recording) -> tuple[Timing, ...]:
+    """Return how the commands of a recording may act: one where it says so itself.
+
+    It does by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance. Commands that jump
+    beside others that do not may be both.
+    """
+    told = recording.provenance
+    side = "left" if "left" in str(told.get("acceleration", "")) else "right"
+    sides = (side,) if "acceleration" in told else ("right", "left")
+    holds: tuple[Hold, ...] = ("linear", "held", *(("jumps",) if mixed(recording) else ()))
+    if told.get("inputs") in ("held", "linear"):
+        holds = (told["inputs"],)
+    return tuple(Timing(h, s) for h in holds for s in (sides[:1] if h == "linear" else sides))
+
+
+def timing_of(point: Point, problem: Problem) -> Timing:
+    """Return how commands act between samples: as the recording says, else as its likelihood prefers.
+
+    Where the model does not follow the recording, the likelihood is that with noise levels as large as the
+    errors, component by component: what is not followed at all does not decide.
+    """
+    choices = timings(problem.recording)
+    if len(choices) == 1:
+        return choices[0]
+    model = point.model()
+    runs = [run_filter(model, replace(problem, timing=t)) for t in choices]
+    follows = min(strayed(r) for r in runs) <= MISFIT
+    likely = [_after_the_first(r) if follows else _with_own_levels(r) for r in runs]
+    LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in zip(choices, likely, strict=True)))
+    return choices[int(np.argmax(likely))]
+
+
+def _after_the_first(run: Run) -> float:
+    """Return the log-likelihood of all samples but the first, of which not every timing takes as much."""
+    first, used = run.innovations[0], run.used[0]
+    taken = float(np.log(run.whitening[0].diagonal()[used]).sum()) - 0.5 * float(first @ first)
+    return run.log_likelihood - taken
+
+
+def _with_own_levels(run: Run) -> float:
+    """Return the same, but for a constant, with the noise of every component as its errors are."""
+    squares = np.where(run.used, run.normalised**2, 0.0)[1:].sum(axis=0)
+    count = run.used[1:].sum(axis=0)
+    seen = (count > 0) & (squares > 0.0)
+    return -0.5 * float(count[seen] @ np.log(squares[seen] / count[seen]))

@@ -1,0 +1,52 @@
+"""How commands act between samples is told by the recording, or found from it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.channels import measured
+from smsid.diagnose.filter import Noise, Problem, Timing
+from smsid.diagnose.inputs import locked
+from smsid.diagnose.timing import timing_of, timings
+from smsid.effects import ThrusterGain
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+
+
+@pytest.fixture(scope="module")
+def thrust(description):
+    """Half a minute of the first experiment: thrust that switches, a torque that holds the attitude."""
+    model = build_model(description)
+    plan = named_experiment("exp1", model).model_copy(update={"duration": 30.0})
+    return fly(model, plan, np.random.default_rng(4)).recording
+
+
+def problem_of(point, recording):
+    data = measured(point.base, recording, point.description.effective_sensors()).thinned(25.0)
+    return Problem(recording, data, locked(point.base, recording), Timing(), Noise())
+
+
+def test_thrust_that_switches_beside_a_torque_that_does_not(known, thrust):
+    assert timing_of(known.point, problem_of(known.point, thrust)).hold == "jumps"
+
+
+def test_found_also_where_the_model_does_not_follow(known, thrust):
+    """With noise a thousandth of what it is, nothing is followed to it."""
+    problem = problem_of(known.point, thrust)
+    loud = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
+    weak = known.point.with_effect(ThrusterGain(name="weak", gain=(-0.002, -0.002, -0.002)))
+    assert timing_of(weak, loud).hold == "jumps"
+
+
+@pytest.mark.parametrize(("inputs", "side"), [("held", "left"), ("linear", "right")])
+def test_told_by_the_recording(known, thrust, inputs, side):
+    told = thrust.with_provenance({"inputs": inputs, "acceleration": f"limit from the {side}"})
+    assert timings(told) == (Timing(inputs, side),)
+    assert timing_of(known.point, problem_of(known.point, told)) == Timing(inputs, side)
+
+
+def test_waves_vary(known, problem, recording):
+    """Torques of the second experiment never jump: nothing to choose but held and linear."""
+    assert {t.hold for t in timings(recording)} == {"held", "linear"}
+    assert timing_of(known.point, problem).hold == "linear"
