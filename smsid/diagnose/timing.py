@@ -35,7 +35,8 @@ def timing_of(point: Point, problem: Problem) -> Timing:
     """Return how commands act between samples: as the recording says, else as its likelihood prefers.
 
     Where the model does not follow the recording, the likelihood is that with noise levels as large as the
-    errors, component by component: what is not followed at all does not decide.
+    errors, component by component. That tells the side; what varies between samples it hardly does, and where
+    commands jump beside others that do not, each is taken for what it looks like.
     """
     choices = timings(problem.recording)
     if len(choices) == 1:
@@ -45,7 +46,9 @@ def timing_of(point: Point, problem: Problem) -> Timing:
     follows = min(strayed(r) for r in runs) <= MISFIT
     likely = [_after_the_first(r) if follows else _with_own_levels(r) for r in runs]
     LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in zip(choices, likely, strict=True)))
-    return choices[int(np.argmax(likely))]
+    best = choices[int(np.argmax(likely))]
+    both = Timing("jumps", best.side)
+    return both if not follows and both in choices else best
 
 
 def _after_the_first(run: Run) -> float:

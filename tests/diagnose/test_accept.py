@@ -143,7 +143,7 @@ def test_of_many_aliases_the_unlikely_are_left_out_together():
 
 
 def test_how_far_from_doing_nothing(known, problem):
-    """How far a parameter is from doing nothing, in its standard deviations: linear ones as the score says."""
+    """How far from it a parameter is, in its standard deviations; linear ones as the score says."""
     current = fit(known.point, known.unknowns[:1], problem)
     candidates = propose(known.point, problem, known.unknowns[:1])
     one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "viscous"))
