@@ -208,6 +208,7 @@ def _joints(model: SpacecraftModel) -> Table:
 
     roles = {int(j): "wheel" for j in model.wheels.joints}
     roles |= {int(j): "bending mode" for j in model.modes.joints}
+    roles |= {m.joint: "bending mode" for a in model.appendages for m in a.more}
     roles |= {j.joint: "slosh mass" for j in model.slosh}
     roles |= {int(j): f"arm '{name}'" for name, arm in model.arms.items() for j in arm.joints}
     table = Table(title="joints", title_justify="left", header_style="bold")

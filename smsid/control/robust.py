@@ -85,6 +85,9 @@ def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]
         names += [f"{joint.name} {axis}" for axis in "xyz"]
     kept += model.modes.v.tolist()
     names += list(model.modes.names)
+    for joint in (m.joint for a in model.appendages for m in a.more):
+        kept.append(int(model.pin.joints[joint].idx_v))
+        names.append(model.pin.names[joint])
     return kept, tuple(names)
 
 

@@ -269,5 +269,9 @@ def wald(found: Fit, candidate: Candidate) -> float:
     index = [names.index(n) for n in candidate.free]
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
     covariance = found.covariance()[np.ix_(index, index)]
+    told = np.diag(covariance) > 0.0
+    if not told.any():
+        return 0.0
+    covariance, shift = covariance[np.ix_(told, told)], shift[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
     return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))

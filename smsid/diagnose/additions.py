@@ -20,6 +20,8 @@ RATIO = 1.13  # of neighbours in the grid
 CYCLES = 1.5  # least number of them in a recording
 CENTRE = 0.7265  # of a uniform cantilever's first mode: where its moving mass sits, in lengths
 MOST_MODES = 20  # of a beam
+FURTHER = 2  # of them that are looked for
+SEEN = 3.0  # least number of samples per cycle of what accelerometers see
 PER_CYCLE = 5.0  # least number of samples
 
 
@@ -68,7 +70,7 @@ def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
 
 
 def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
-    """Yield the candidate of every beam's next mode, where accelerometers on it would see that."""
+    """Yield the candidates of every beam's next modes, where accelerometers on it would see them."""
     model = point.base
     seen = {s.appendage for s in point.description.effective_sensors() if s.kind == "accelerometers"}
     rate = 1.0 / float(np.median(np.diff(problem.data.times)))
@@ -76,14 +78,15 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
         beam: Appendage = joints.appendage
         if not (isinstance(beam, BeamAppendage) and model.free and joints.parent == 1 and beam.name in seen):
             continue
-        further = [
+        has = {
             e.mode for e in point.description.effect if isinstance(e, BeamMode) and e.appendage == beam.name
-        ]
-        number = max(beam.modes, *further, 0) + 1
-        name = _unused(point, f"beam_mode_{beam.name}_{number}")
-        candidate = HigherMode.of(beam, joints.placement, number, name) if number <= MOST_MODES else None
-        if candidate is not None and candidate.highest * PER_CYCLE < rate:
-            yield candidate
+        }
+        missing = [n for n in range(beam.modes + 1, MOST_MODES + 1) if n not in has]
+        for number in missing[:FURTHER]:
+            name = _unused(point, f"beam_mode_{beam.name}_{number}")
+            candidate = HigherMode.of(beam, joints.placement, number, name)
+            if candidate.highest * SEEN < rate:
+                yield candidate
 
 
 def _unused(point: Point, name: str) -> str:

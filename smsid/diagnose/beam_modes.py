@@ -9,7 +9,7 @@ of it is its own acceleration; Coriolis forces are left out here and come in wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -69,8 +69,18 @@ class HigherMode(Searched):
 
     def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
         """Return the derivatives by the factor for every frequency of the first grid."""
-        damping = max(COARSE, self._mode.damping)
-        return self._columns(changes, [(f, damping) for f in OFF])
+        here = self._at(changes)
+        return here._columns(changes, [(f, here._coarse) for f in OFF])
+
+    def _at(self, changes: Changes) -> HigherMode:
+        """Return the candidate of the beam as it is fitted: its density and stiffness may have moved."""
+        panel = find_appendage(changes.model, self.location)
+        assert isinstance(panel.appendage, BeamAppendage)
+        return HigherMode.of(panel.appendage, panel.placement, self.number, self.name)
+
+    @property
+    def _coarse(self) -> float:
+        return max(COARSE, self._mode.damping)
 
     def _columns(self, changes: Changes, tried: Sequence[tuple[float, float]]) -> list[Change]:
         """Return the derivatives by the factor for relative errors of frequency and damping ratios."""
@@ -99,8 +109,7 @@ class HigherMode(Searched):
 
     def shapes(self) -> tuple[Shape, ...]:
         """Return every frequency of the first grid."""
-        damping = max(COARSE, self._mode.damping)
-        return tuple(Shape((i,), (float(f), damping)) for i, f in enumerate(OFF))
+        return tuple(Shape((i,), (float(f), self._coarse)) for i, f in enumerate(OFF))
 
     def resolved(
         self, shape: Shape, coefficients: np.ndarray
@@ -122,21 +131,22 @@ class HigherMode(Searched):
 
     def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one."""
-        best = super().scored(found, own)
+        here, samples = self._at(found.changes), found.run.samples
+        best = best_shape(here, found, own, here.shapes())
         tried = len(OFF)
         for offs, dampings in FINE:
-            if best.information_gain(found.run.samples) <= 0.0:
+            if best.information_gain(samples) <= 0.0:
                 break
             effect = best.candidate.effect
             assert isinstance(effect, BeamMode)
-            damping = effect.damping + self._mode.damping
+            damping = effect.damping + here._mode.damping
             grid = [(effect.frequency + float(f), d * damping) for f in offs for d in dampings]
-            changes = self._columns(found.changes, grid)
+            changes = here._columns(found.changes, grid)
             (beside,) = found.projected([propagate(found.run, changes).reshape(-1, len(grid))])
-            shapes = [Shape((i,), label) for i, label in enumerate(grid)]
             tried += len(grid)
-            finer = best_shape(self, found, beside, shapes, -(-tried // len(grid)))
-            if finer.information_gain(found.run.samples) <= best.information_gain(found.run.samples):
+            finer = best_shape(here, found, beside, [Shape((i,), label) for i, label in enumerate(grid)])
+            finer, best = (replace(s, candidate=replace(s.candidate, grid=tried)) for s in (finer, best))
+            if finer.information_gain(samples) <= best.information_gain(samples):
                 break
             best = finer
         return best

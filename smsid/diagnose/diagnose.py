@@ -98,7 +98,7 @@ def diagnose(
                 names,
             )
         except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("not evaluated: %s", error)
+            LOGGER.info("not evaluated: %s", error, exc_info=True)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
             return Diagnosed(result, description)
 
@@ -149,7 +149,7 @@ def _diagnose(
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
-    timing = timing_of(found.last.point, found.last.problem)
+    timing = timing_of(found.last.point, found.last.problem, problem.timing)
     if timing != problem.timing:  # what was wrong with the model hid it
         LOGGER.info("commands taken as %s, %s instead", timing.hold, timing.side)
         problem = replace(problem, timing=timing)

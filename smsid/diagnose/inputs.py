@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,8 @@ from smsid.simulate.signals import Constant, Sampled, Signal, Sum, sample
 
 Hold = Literal["held", "linear", "jumps"]
 JUMP = 5.0  # times its neighbours' changes together that a change is a jump between samples
-RAMP = 1e-7  # share of a sample interval that a jump takes
+RAMP = 1e-9  # share of a sample interval that a jump takes: less than `limits` looks aside
+FEW = 10  # least number of neighbouring changes that tell a wave
 
 COMMANDS = {
     "force": "command.force",
@@ -41,9 +43,9 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
         channel = COMMANDS[field]
         if size and channel in recording:
             values = np.asarray(recording[channel])
-            times = np.asarray(recording.time(channel))
+            times = np.asarray(recording.time(channel), dtype=float)
             if hold == "jumps":
-                times, values = _with_ramps(times, values)
+                times, values = _with_ramps(times, values.reshape(len(values), -1))
             signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
     if all(s is None for s in signals.values()):
         raise RecordingError(
@@ -54,31 +56,54 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
     return Inputs(**signals)  # type: ignore[arg-type]
 
 
-def mixed(recording: Recording) -> bool:
-    """Whether some commands of a recording jump between samples while some vary without."""
-    steps, others = False, False
+def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+    """Whether some commands of a recording jump between samples while some vary smoothly between jumps.
+
+    Noise, pulses and what is rounded are held, as far as anyone can see.
+    """
+    steps, smooth = False, False
     for channel in COMMANDS.values():
         if channel in recording:
-            values = np.asarray(recording[channel])
+            values = np.asarray(recording[channel], dtype=float)
+            values = values.reshape(len(values), -1)
             jumps = jumping(values)
             steps |= bool(jumps.any())
-            others |= bool(np.any(np.diff(values, axis=0)[~jumps]))
-    return steps and others
+            smooth |= any(_smooth(x, j) for x, j in zip(values.T, jumps.T, strict=True))
+    return steps and smooth
 
 
 def jumping(values: np.ndarray) -> np.ndarray:
-    """Return in which intervals (N - 1,) samples (N, k) jump: change far more than before and after."""
-    change = np.abs(np.diff(values.reshape(len(values), -1), axis=0))
-    around = np.pad(change, ((1, 1), (0, 0)))
-    least = 1e-9 * np.abs(values).max(initial=0.0)
-    return (change > JUMP * (around[:-2] + around[2:]) + least).any(axis=1)
+    """Return in which intervals (N - 1, k) samples (N, k) jump: change far more than before and after.
+
+    A pulse of one sample is two jumps, one back from the other.
+    """
+    change = np.diff(values, axis=0)
+    size = np.pad(np.abs(change), ((2, 2), (0, 0)))
+    here, least = size[2:-2], 1e-9 * np.abs(values).max(initial=0.0)
+    alone = here > JUMP * (size[1:-3] + size[3:-1]) + least
+    up = np.zeros_like(alone)
+    back = -change[1:] / np.where(change[:-1] == 0.0, np.inf, change[:-1])
+    flat = here[:-1] > JUMP * (size[1:-4] + size[4:-1]) + least
+    up[:-1] = flat & (np.abs(back - 1.0) < 1.0 / JUMP)
+    return alone | up | np.vstack([np.zeros_like(up[:1]), up[:-1]])
+
+
+def _smooth(values: np.ndarray, jumps: np.ndarray) -> bool:
+    """Whether samples (N,) vary without kinks over many neighbours between jumps (N - 1,)."""
+    change = np.diff(values)
+    first, second = change[:-1], change[1:]
+    both = ~jumps[:-1] & ~jumps[1:] & (first != 0.0) & (second != 0.0)
+    kinks = float(np.abs(second - first)[both].sum())
+    return int(both.sum()) >= FEW and kinks < 0.5 * float((np.abs(first) + np.abs(second))[both].sum())
 
 
 def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return samples (N,), (N, k) with one more just before every jump: what is held until then."""
-    at = np.flatnonzero(jumping(values))
-    before = times[at + 1] - RAMP * (times[at + 1] - times[at])
-    return np.insert(times, at + 1, before), np.insert(values, at + 1, values[at], axis=0)
+    jumps = jumping(values)
+    at = np.flatnonzero(jumps.any(axis=1))
+    ramp = max(RAMP * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
+    before = np.where(jumps[at], values[at], values[at + 1])
+    return np.insert(times, at + 1, times[at + 1] - ramp), np.insert(values, at + 1, before, axis=0)
 
 
 def jumps_in(recording: Recording) -> bool:

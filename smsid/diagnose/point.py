@@ -41,7 +41,7 @@ class Unknown:
     @property
     def positive(self) -> bool:
         """Whether it is a mass or a spring, without which the effect is none; a damping may vanish."""
-        bound = self.kind == "effect" and self.nominal > 0.0 and self.lower == 0.0
+        bound = self.kind == "effect" and 0.0 <= self.lower < self.nominal
         return bound and "damping" not in self.name
 
     def unbound(self) -> Unknown:

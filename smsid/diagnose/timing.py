@@ -11,9 +11,11 @@ from smsid.diagnose.filter import Problem, Run, Timing, run_filter
 from smsid.diagnose.inputs import Hold, mixed
 from smsid.diagnose.noise import MISFIT, strayed
 from smsid.diagnose.point import Point
+from smsid.errors import SimulationError
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
+CLEARLY = 5.0  # in log-likelihood
 
 
 def timings(recording: Recording) -> tuple[Timing, ...]:
@@ -31,24 +33,35 @@ def timings(recording: Recording) -> tuple[Timing, ...]:
     return tuple(Timing(h, s) for h in holds for s in (sides[:1] if h == "linear" else sides))
 
 
-def timing_of(point: Point, problem: Problem) -> Timing:
+def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timing:
     """Return how commands act between samples: as the recording says, else as its likelihood prefers.
 
     Where the model does not follow the recording, the likelihood is that with noise levels as large as the
     errors, component by component. That tells the side; what varies between samples it hardly does, and where
-    commands jump beside others that do not, each is taken for what it looks like.
+    commands jump beside others that do not, each is taken for what it looks like. What is taken ``now`` stays
+    unless another is clearly better.
     """
     choices = timings(problem.recording)
     if len(choices) == 1:
         return choices[0]
     model = point.model()
-    runs = [run_filter(model, replace(problem, timing=t)) for t in choices]
-    follows = min(strayed(r) for r in runs) <= MISFIT
-    likely = [_after_the_first(r) if follows else _with_own_levels(r) for r in runs]
-    LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in zip(choices, likely, strict=True)))
-    best = choices[int(np.argmax(likely))]
+    problem = replace(problem, data=problem.data.with_blocks(point.sensors()))
+    runs: dict[Timing, Run] = {}
+    for timing in choices:
+        try:
+            runs[timing] = run_filter(model, replace(problem, timing=timing))
+        except SimulationError as error:
+            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
+    if not runs:
+        return now or choices[0]  # the search says what is wrong
+    follows = min(strayed(r) for r in runs.values()) <= MISFIT
+    likely = {t: _after_the_first(r) if follows else _with_own_levels(r) for t, r in runs.items()}
+    LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
+    best = max(likely, key=lambda t: likely[t])
     both = Timing("jumps", best.side)
-    return both if not follows and both in choices else best
+    if not follows and both in likely:
+        return both
+    return now if now in likely and likely[best] - likely[now] < CLEARLY else best
 
 
 def _after_the_first(run: Run) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -50,6 +49,12 @@ class BeamMode(Effect):
         mode = missing_mode(panel, self.mode)
         if self.factor == 0.0:
             return
+        damping = mode.damping + self.damping
+        if damping < 0.0:
+            raise DescriptionError(
+                f"Mode {self.mode} of '{self.appendage}' would have a damping ratio of {damping:.3g}.",
+                advice="`damping` is what is added to the beam's own.",
+            )
         beam, share = panel.appendage, float(np.sqrt(self.factor))
         own = mode.model_copy(
             update={
@@ -62,13 +67,10 @@ class BeamMode(Effect):
         joint = assembly.add_joint(beam.frame, joint_model, root * placement, self.name)
         assembly.add_inertia(joint, inertia)
         omega = 2 * np.pi * mode.frequency * (1.0 + self.frequency)
-        damping = mode.damping + self.damping
         assembly.add_springs(joint, (scale**2 * omega**2,), (2 * damping * omega * scale**2,))
         assembly.add_remainder(beam.frame, -placement.act(inertia).toDynamicParameters(), root)
         seen = tuple(tuple(share * scale * x for x in station) for station in mode.shape)
-        assembly.appendages[assembly.appendages.index(panel)] = replace(
-            panel, more=(*panel.more, (joint, seen))
-        )
+        assembly.appendages[assembly.appendages.index(panel)] = panel.with_mode(self.mode, joint, seen)
 
 
 def missing_mode(panel: AppendageJoints, number: int) -> Mode:
@@ -82,10 +84,10 @@ def missing_mode(panel: AppendageJoints, number: int) -> Mode:
             f"'{beam.name}' is no beam_appendage, so its higher modes are not known.",
             advice="Use `extra_mode`, or describe the appendage as a beam.",
         )
-    if number <= beam.modes:
+    if number <= beam.modes or number in {m.number for m in panel.more}:
         raise DescriptionError(
             f"'{beam.name}' has mode {number} already.",
-            advice=f"It has {beam.modes}; this effect adds a higher one.",
+            advice=f"It has {beam.modes} of its own; this effect adds a higher one, once.",
             mode=number,
         )
     return beam.model_copy(update={"modes": number}).modal_data()[-1]

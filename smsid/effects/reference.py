@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from smsid._files import atomic_write
-from smsid.effects.appendage import Mode
+from smsid.effects.appendage import ModalAppendage, Mode
 from smsid.effects.base import catalogue
 
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
@@ -25,7 +25,7 @@ def effects_reference() -> str:
     lines: list[str] = []
     for kind, cls in sorted(catalogue().items()):
         lines += [f"### `{kind}`", "", f"{cls.summary[:1].upper()}{cls.summary[1:]}.", "", *_table(cls)]
-        if "mode" in cls.model_fields:
+        if issubclass(cls, ModalAppendage):
             lines += ["Keys of `[[effect.mode]]`:", "", *_table(Mode)]
     return "\n".join(lines).rstrip() + "\n"
 

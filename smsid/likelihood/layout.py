@@ -40,7 +40,7 @@ def appendage_parts(model: SpacecraftModel, joints: AppendageJoints) -> np.ndarr
     """Return the inertial parameters (10 bodies,) an appendage adds: its modes, and the remainder."""
     out = np.zeros(SIZE * (model.pin.njoints - 1))
     remainder = move_parameters(joints.placement, dynamic_parameters(joints.appendage.rigid_inertia()))
-    for j in joints.joints:
+    for j in joints.seen:
         own = dynamic_parameters(model.pin.inertias[j])
         out[SIZE * (j - 1) : SIZE * j] = own
         remainder = remainder - move_parameters(model.pin.jointPlacements[j], own)

@@ -58,7 +58,7 @@ class Parameters:
         spins = wheel_spins(model)
         rigid[:SIZE] += spins
         special = {int(j) for g in (model.wheels, model.modes) for j in g.joints}
-        special |= {s.joint for s in model.slosh}
+        special |= {s.joint for s in model.slosh} | {m.joint for a in model.appendages for m in a.more}
         candidates = [j for j in range(1, model.pin.njoints) if j not in special]
         bodies = tuple(j for j in candidates if is_body(rigid[SIZE * (j - 1) : SIZE * j]))
         names = body_names(model.pin)
@@ -174,6 +174,13 @@ class Parameters:
                 dk[i, self.index(f_key)] = 2 * stiffness[i] * relative
                 dd[i, self.index(f_key)] = damping[i] * relative
                 dd[i, self.index(z_key)] = 2 * omega * mass
+            for i in (row[model.pin.joints[m.joint].idx_v] for m in joints.more):
+                stiffness[i], damping[i] = stiffness[i] * self[key], damping[i] * self[key]
+                relative = self._slope(key) / self[key]
+                dk[i, self.index(key)], dd[i, self.index(key)] = (
+                    stiffness[i] * relative,
+                    damping[i] * relative,
+                )
         return stiffness, damping, dk, dd
 
     def pin_model(self) -> pin.Model:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,12 +20,23 @@ CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
 
 
 @dataclass(frozen=True)
+class FurtherMode:
+    """A mode that another effect adds to an appendage: its number, its joint, and how far that moves the
+    stations (stations, 3) by its coordinate, appendage axes.
+    """
+
+    number: int
+    joint: int
+    moved: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
 class AppendageJoints:
     """Where an appendage's modes are: joints, and ``scale`` with delta = scale * joint coordinate.
 
     ``drawn`` (stations, modes, modes) [1/(kg m)] says how far bending draws the stations in along the
-    appendage's x axis, ``-1/2 delta' drawn delta`` [m]; ``None``: not at all. ``more`` are joints that move
-    the stations, too: with each how far, (stations, 3) by its coordinate, appendage axes.
+    appendage's x axis, ``-1/2 delta' drawn delta`` [m]; ``None``: not at all. ``more`` are modes that other
+    effects add.
     """
 
     appendage: Appendage
@@ -34,19 +45,23 @@ class AppendageJoints:
     joints: tuple[int, ...]
     scale: np.ndarray
     drawn: np.ndarray | None = None
-    more: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
+    more: tuple[FurtherMode, ...] = ()
 
     @property
     def seen(self) -> tuple[int, ...]:
         """Joints that move the stations."""
-        return (*self.joints, *(joint for joint, _ in self.more))
+        return (*self.joints, *(m.joint for m in self.more))
+
+    def with_mode(self, number: int, joint: int, moved: tuple[tuple[float, ...], ...]) -> AppendageJoints:
+        """Return it with one mode more, that another effect adds."""
+        return replace(self, more=(*self.more, FurtherMode(number, joint, moved)))
 
     def moved(self, station: int) -> np.ndarray:
         """Return how far every joint that is seen moves a station, by its coordinate: (joints, 3), axes of
         the parent joint.
         """
         own = np.array([m.shape[station] for m in self.appendage.modal_data()]).reshape(-1, 3)
-        further = np.array([shape[station] for _, shape in self.more]).reshape(-1, 3)
+        further = np.array([m.moved[station] for m in self.more]).reshape(-1, 3)
         return np.vstack([own * self.scale[:, None], further]) @ self.placement.rotation.T
 
 

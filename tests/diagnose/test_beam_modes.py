@@ -11,6 +11,7 @@ from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.filter import Noise
 from smsid.diagnose.fit import evaluate
+from smsid.diagnose.nominal import nominal
 from smsid.effects import BeamMode
 
 
@@ -27,8 +28,7 @@ def plain(known, calm):
 
 @pytest.fixture(scope="module")
 def candidate(known, calm):
-    (found,) = higher_modes(known.point, calm)
-    return found
+    return next(higher_modes(known.point, calm))
 
 
 def test_signature_is_what_a_little_of_the_mode_does(known, calm, plain, candidate):
@@ -63,17 +63,41 @@ def test_it_is_found_beside_the_frequencies_that_are_tried(known, calm, candidat
     assert score.candidate.grid > len(OFF)
 
 
+def test_it_is_sought_about_the_fitted_beam(known, calm, plain, candidate):
+    """A stiffer beam than described has a faster next mode."""
+    beam = known.point.description.get_effect("panel")
+    stiffer = known.point.with_effect(beam.model_copy(update={"youngs_modulus": 1.1 * beam.youngs_modulus}))
+    there = evaluate(stiffer, known.unknowns[:1], calm)
+    faster = candidate._at(there.changes)
+    assert faster.mode.frequency == pytest.approx(np.sqrt(1.1) * candidate.mode.frequency)
+    assert candidate._at(plain.changes).mode == candidate.mode
+
+
+def test_a_description_that_has_one_can_be_diagnosed(description):
+    """Its joint is no body whose mass would be asked for."""
+    more = BeamMode(name="more", appendage="panel", mode=4, factor=0.9)
+    found = nominal(description.with_effects(more), None)
+    assert all(u.sigma > 0.0 and u.scale > 0.0 for u in found.unknowns)
+    assert not any(u.name.startswith("more.") for u in found.unknowns)
+    assert next(u for u in found.unknowns if u.name == "tank.mass").positive
+
+
 def test_only_where_it_is_seen(known, calm):
     """Not without accelerometers on the beam, and not where it swings faster than is looked."""
-    assert list(higher_modes(known.point, replace(calm, data=calm.data.thinned(6.0)))) == []
+    assert list(higher_modes(known.point, replace(calm, data=calm.data.thinned(4.0)))) == []
     blind = known.point.description.model_copy(
         update={"sensor": tuple(s for s in known.point.description.sensor if s.kind != "accelerometers")}
     )
     assert list(higher_modes(replace(known.point, description=blind), calm)) == []
 
 
-def test_the_next_but_one(known, calm):
-    """A description that has mode 4 as an effect is asked about mode 5."""
+def test_which_are_missing(known, calm):
+    """The next two, as long as they are looked at often enough; not one that is there as an effect."""
+
+    def numbers(point, rate):
+        return [c.number for c in higher_modes(point, replace(calm, data=calm.data.thinned(rate)))]
+
+    assert numbers(known.point, 25.0) == [4, 5]
+    assert numbers(known.point, 6.0) == [4]
     has = known.point.with_effect(BeamMode(name="more", appendage="panel", mode=4))
-    (candidate,) = higher_modes(has, calm)
-    assert candidate.number == 5
+    assert numbers(has, 25.0) == [5, 6]

@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -66,21 +67,49 @@ def test_between_jumps_commands_vary_linearly():
     """A torque that varies, and jumps once: held over the jump alone, from its start to its end."""
     values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
     values[8:] += [3.0, 0.0]
-    assert list(np.flatnonzero(jumping(values))) == [7]
+    assert np.argwhere(jumping(values)).tolist() == [[7, 0]]
     signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
     edges = np.array([0.0, 0.2, 0.35, 0.39, 0.4, 0.45, 1.0])
     linear = Sampled.from_samples(TIMES, values, 1)
     expected = means(linear, edges)
-    expected[2:4] = values[7]
+    expected[2:4, 0] = values[7, 0]
     np.testing.assert_allclose(means(signal, edges), expected, atol=1e-6)
-    for side, k in (("left", 7), ("right", 8)):
-        np.testing.assert_allclose(limits(signal, TIMES[8:9], side)[0], values[k], atol=1e-6)
+    for side, there in (("left", [values[7, 0], values[8, 1]]), ("right", values[8])):
+        np.testing.assert_allclose(limits(signal, TIMES[8:9], side)[0], there, atol=1e-6)
     np.testing.assert_allclose(limits(signal, TIMES[4:5], "right")[0], values[4], atol=1e-6)
 
 
-def test_what_is_mixed():
+def test_a_pulse_of_one_sample_is_two_jumps():
+    values = np.zeros((21, 1))
+    values[6:] += 1.0
+    values[12] += 2.0
+    assert np.argwhere(jumping(values)).tolist() == [[5, 0], [11, 0], [12, 0]]
+
+
+def test_times_since_the_epoch_may_have_ramps():
+    values = np.sign(TIMES - 0.48)[:, None]
+    times, _ = _with_ramps(1.7e9 + TIMES, values)
+    assert (np.diff(times) > 0.0).all()
+
+
+WAVE = np.sin(np.outer(np.arange(400) * 0.05, [1.0, 2.0, 3.0]))
+STEPS = np.sign(np.sin(np.arange(400) * 0.25))[:, None] * [1.0, 2.0, 3.0]
+NOISE = np.random.default_rng(5).standard_normal((400, 3))
+
+
+@pytest.mark.parametrize(
+    ("force", "torque", "expected"),
+    [
+        (STEPS, WAVE, True),
+        (STEPS, STEPS, False),
+        (WAVE, WAVE, False),
+        (STEPS, NOISE, False),
+        (NOISE, NOISE, False),
+        (STEPS, np.sign(NOISE), False),
+        (STEPS, np.round(3.0 * WAVE), False),
+    ],
+    ids=["both", "steps", "waves", "steps and noise", "noise", "binary noise", "rounded"],
+)
+def test_what_is_mixed(force, torque, expected):
     """Steps alone are held, waves alone vary: only both together take both."""
-    wave = np.sin(np.outer(TIMES, [1.0, 2.0, 3.0]))
-    steps = np.sign(np.sin(5.0 * TIMES))[:, None] * [1.0, 2.0, 3.0]
-    for force, torque, expected in ((steps, wave, True), (steps, steps, False), (wave, wave, False)):
-        assert mixed({"command.force": force, "command.torque": torque}) is expected  # type: ignore[arg-type]
+    assert mixed({"command.force": force, "command.torque": torque}) is expected
