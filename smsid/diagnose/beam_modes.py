@@ -122,7 +122,7 @@ class HigherMode(Searched):
             mode=self.number,
             factor=0.0,
             frequency=off,
-            damping=zeta - self._mode.damping,
+            damping=zeta,
         )
         free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
         own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, STEPS)
@@ -138,9 +138,8 @@ class HigherMode(Searched):
             if best.information_gain(samples) <= 0.0:
                 break
             effect = best.candidate.effect
-            assert isinstance(effect, BeamMode)
-            damping = effect.damping + here._mode.damping
-            grid = [(effect.frequency + float(f), d * damping) for f in offs for d in dampings]
+            assert isinstance(effect, BeamMode) and effect.damping is not None
+            grid = [(effect.frequency + float(f), d * effect.damping) for f in offs for d in dampings]
             changes = here._columns(found.changes, grid)
             (beside,) = found.projected([propagate(found.run, changes).reshape(-1, len(grid))])
             tried += len(grid)

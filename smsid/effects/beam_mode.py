@@ -21,8 +21,8 @@ class BeamMode(Effect):
     """Mode ``mode`` of a `beam_appendage` that has fewer: ``factor`` 1 is that of the uniform beam.
 
     With factor f its participation factors and its shape at the stations are sqrt(f) times the beam's, its
-    frequency is ``1 + frequency`` times, its damping ratio larger by ``damping``. The mass is taken out of
-    the rigid rest. With f = 1 and no errors this is the beam with one mode more.
+    frequency is ``1 + frequency`` times theirs. The mass is taken out of the rigid rest. With f = 1 and
+    nothing else given this is the beam with one mode more.
     """
 
     summary: ClassVar[str] = "a higher bending mode of a beam appendage, which its stations see"
@@ -38,7 +38,9 @@ class BeamMode(Effect):
     frequency: float = physical(
         "1", default=0.0, lower=-0.9, gt=-1.0, description="relative error of its frequency"
     )
-    damping: float = physical("1", default=0.0, description="error of its damping ratio")
+    damping: float | None = physical(
+        "1", default=None, lower=0.0, description="damping ratio; that of the beam when not given"
+    )
 
     def attach(self, assembly: Assembly) -> None:
         """Add the mode's joint and take its mass from the rigid rest.
@@ -49,12 +51,6 @@ class BeamMode(Effect):
         mode = missing_mode(panel, self.mode)
         if self.factor == 0.0:
             return
-        damping = mode.damping + self.damping
-        if damping < 0.0:
-            raise DescriptionError(
-                f"Mode {self.mode} of '{self.appendage}' would have a damping ratio of {damping:.3g}.",
-                advice="`damping` is what is added to the beam's own.",
-            )
         beam, share = panel.appendage, float(np.sqrt(self.factor))
         own = mode.model_copy(
             update={
@@ -67,6 +63,7 @@ class BeamMode(Effect):
         joint = assembly.add_joint(beam.frame, joint_model, root * placement, self.name)
         assembly.add_inertia(joint, inertia)
         omega = 2 * np.pi * mode.frequency * (1.0 + self.frequency)
+        damping = mode.damping if self.damping is None else self.damping
         assembly.add_springs(joint, (scale**2 * omega**2,), (2 * damping * omega * scale**2,))
         assembly.add_remainder(beam.frame, -placement.act(inertia).toDynamicParameters(), root)
         seen = tuple(tuple(share * scale * x for x in station) for station in mode.shape)
