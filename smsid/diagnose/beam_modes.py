@@ -17,7 +17,7 @@ import pinocchio as pin
 from smsid.diagnose.candidates import Score
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.fit import Fit, Projected
-from smsid.diagnose.oscillating import Springs, answers, pulls
+from smsid.diagnose.oscillating import Springs, pulled, pulls
 from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
 from smsid.effects.appendage import BeamAppendage, Mode
@@ -87,8 +87,9 @@ class HigherMode(Searched):
         omega = 2.0 * np.pi * self._mode.frequency * (1.0 + np.array([f for f, _ in tried]))
         zeta = np.array([z for _, z in tried])
         mass = float(np.sum(np.square(self._mode.translation)))
-        forces = answers(changes, self.springs, self.springs.place, omega, zeta)
-        at, _ = pulls(changes, self.springs, self.springs.place, omega, zeta)
+        place = self.springs.place
+        at, middle = pulls(changes, self.springs, place, omega, zeta)
+        forces = pulled(changes, self.springs, place, (at, middle))
         found = []
         for f, force in enumerate(forces):
             assert force.middle is not None and force.at is not None

@@ -53,12 +53,18 @@ def answers(
 
     ``omega`` [rad/s] and ``zeta`` (f,).
     """
-    axes, moves, run = springs.axes, springs.moves, changes.run
-    at, middle = pulls(changes, springs, place, omega, zeta)
+    return pulled(changes, springs, place, pulls(changes, springs, place, omega, zeta))
+
+
+def pulled(
+    changes: Changes, springs: Springs, place: np.ndarray, forces: tuple[np.ndarray, np.ndarray]
+) -> list[Change]:
+    """Return what `pulls` of unit masses, (N, f, axes, 1 + k) and (N - 1, ...), add to the motion."""
+    moves, run, (at, middle) = springs.moves, changes.run, forces
     out = []
-    for a, axis in enumerate(axes):
+    for a, axis in enumerate(springs.axes):
         straight = np.concatenate([axis, np.cross(place, axis)])
-        for f in range(len(omega)):
+        for f in range(at.shape[1]):
             for j in range(1 + len(moves)):
                 parts = []
                 for force, inverse in ((middle, run.middle_inverse), (at, run.inverse)):
