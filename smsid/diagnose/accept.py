@@ -251,12 +251,14 @@ def pruned(
                 worst, least = cause, told
         if worst is None:
             break
-        causes = [c for c in causes if c is not worst]
-        current = evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise levels may be finer
-        for cause in causes:
-            again = refit(current, cause.score_beside([u.name for u in current.unknowns]))
-            current = again if again is not None else current
-        last = current
+        left = [c for c in causes if c is not worst]
+        causes, last = [], evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise may be finer
+        for cause in left:
+            again = refit(last, cause.score_beside([u.name for u in last.unknowns]))
+            if again is None:
+                LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
+            else:
+                causes, last = [*causes, cause], again
     return causes, last
 
 

@@ -21,7 +21,6 @@ CYCLES = 1.5  # least number of them in a recording
 CENTRE = 0.7265  # of a uniform cantilever's first mode: where its moving mass sits, in lengths
 MOST_MODES = 20  # of a beam
 FURTHER = 2  # of them that are looked for
-SEEN = 3.0  # least number of samples per cycle of what accelerometers see
 PER_CYCLE = 5.0  # least number of samples
 
 
@@ -85,7 +84,7 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
         for number in missing[:FURTHER]:
             name = _unused(point, f"beam_mode_{beam.name}_{number}")
             candidate = HigherMode.of(beam, joints.placement, number, name)
-            if candidate.highest * SEEN < rate:
+            if candidate.highest * PER_CYCLE < rate:
                 yield candidate
 
 

@@ -1,11 +1,12 @@
 """A candidate refitted: what its effect frees beyond its strength is fitted where it pays, and paid for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from smsid.diagnose.accept import Levels, accept, aliases_of, cost, refit, told_apart, wald
+from smsid.diagnose.accept import Cause, Levels, accept, aliases_of, cost, pruned, refit, told_apart, wald
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
@@ -155,3 +156,15 @@ def test_how_far_from_doing_nothing(known, problem):
     flat.gram[at] *= 1e-3
     flat.gram[:, at] *= 1e-3
     assert wald(flat, one) < 1e-4 * wald(found, one) + 1e-9
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_what_cannot_be_fitted_without_another_goes_with_it(monkeypatch, fits):
+    causes = [Cause(score(50.0, 1, where), (), 50.0, ()) for where in ("joint1", "joint2")]
+    stand_in = SimpleNamespace(unknowns=(), point=None, problem=None)
+    statistic = {"joint1": 0.1, "joint2": 50.0}
+    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: statistic[candidate.location])
+    monkeypatch.setattr("smsid.diagnose.accept.evaluate", lambda *_: stand_in)
+    monkeypatch.setattr("smsid.diagnose.accept.refit", lambda *_: stand_in if fits else None)
+    kept, _ = pruned(causes, stand_in, stand_in, Levels(), 60)
+    assert [c.score.candidate.location for c in kept] == (["joint2"] if fits else [])
