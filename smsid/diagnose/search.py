@@ -108,6 +108,8 @@ def search(
 
     while True:
         asked = levels.beside_a_cause if causes else levels
+        if fitted.misfit:  # ratios count what is not followed: small ones may be of large effects
+            asked = replace(asked, linear=0.0)
         least = levels.beside * max((c.ratio for c in causes), default=0.0)
         best = next((s for s in scores if s.ratio > least and counts(s)), None)
         if best is None or len(causes) == levels.causes:
