@@ -57,7 +57,7 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Input
 
 
 def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
-    """Whether some commands of a recording jump between samples while some vary smoothly between jumps.
+    """Whether some commands (N, k) of a recording jump between samples while some vary smoothly.
 
     Noise, pulses and what is rounded are held, as far as anyone can see.
     """

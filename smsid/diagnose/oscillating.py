@@ -21,7 +21,7 @@ from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, moments, placed
 from smsid.effects.base import Effect
 from smsid.effects.extra_mode import ExtraMode
-from smsid.effects.slosh import LEAST, Slosh
+from smsid.effects.slosh import Slosh
 from smsid.simulate.trajectory import States
 
 COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
@@ -30,6 +30,7 @@ FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))
 FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))
 FINEST = (np.geomspace(0.985, 1.015, 7), (0.6, 0.8, 1.0, 1.25, 1.6))
 STEP = 1e-2  # [kg] and [m]
+LEAST = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ def answers(
 def pulled(
     changes: Changes, springs: Springs, place: np.ndarray, forces: tuple[np.ndarray, np.ndarray]
 ) -> list[Change]:
-    """Return what `pulls` of unit masses, (N, f, axes, 1 + k) and (N - 1, ...), add to the motion."""
+    """Return what ``forces`` of unit masses at a ``place`` (3,) add to the motion: those of `pulls`,
+    (N, f, axes, 1 + k) at the samples and (N - 1, ...) between.
+    """
     moves, run, (at, middle) = springs.moves, changes.run, forces
     out = []
     for a, axis in enumerate(springs.axes):

@@ -33,8 +33,13 @@ class Resolved(Candidate):
     means: tuple[tuple[str, float], ...] = ()
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
-        """Return the parameters it frees; the strength is counted from zero."""
+        """Return the parameters it frees; the strength is counted from zero.
+
+        Where it cannot be negative, it is no less than what the effect has: a slosh mass cannot be zero.
+        """
         first, *rest = super().unknowns(nominal)
+        if first.lower == 0.0:
+            first = replace(first, lower=first.nominal)
         means = dict(self.means)
         return (
             replace(first, nominal=0.0),

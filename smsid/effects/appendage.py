@@ -108,7 +108,10 @@ def _mode_joints(
 
 
 def mode_joint(mode: Mode, rigid: pin.Inertia) -> ModeJoint:
-    """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``."""
+    """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``.
+
+    Raises `DescriptionError` for a mode that moves nothing.
+    """
     lt, lr = np.asarray(mode.translation), np.asarray(mode.rotation)
     size = np.linalg.norm(lt)
     lever = rigid.inertia.trace() ** 0.5 / rigid.mass**0.5

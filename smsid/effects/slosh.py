@@ -12,8 +12,6 @@ from smsid.effects.base import Effect, Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
-LEAST = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
-
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
 
@@ -36,7 +34,7 @@ class Slosh(Effect):
         "m", default=None, description="of the equilibrium from `position`, where that is uncertain"
     )
     mass: float = physical(
-        "kg", lower=LEAST, gt=0.0, description="m_s, beside the mass of the body that carries it"
+        "kg", lower=0.0, gt=0.0, description="m_s, beside the mass of the body that carries it"
     )
     stiffness: Vector3 = physical("N/m", lower=0.0, description="of the springs along the axes of `frame`")
     damping: Vector3 = physical("N s/m", lower=0.0, description="of the dampers along the axes of `frame`")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from smsid.diagnose.additions import more_slosh
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.filter import Noise
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.oscillating import Springs, _forces, answers
+from smsid.diagnose.oscillating import LEAST, Springs, _forces, answers
 from smsid.effects import Slosh
 
 OMEGA, ZETA = np.array([3.0, 4.0, 5.0]), np.array([0.05, 0.1, 0.02])
@@ -93,3 +94,13 @@ def test_unit_mass_is_a_damped_oscillator():
             if half == 0:
                 pull = OMEGA[0] ** 2 * x[0] + 2 * ZETA[0] * OMEGA[0] * x[1]
                 np.testing.assert_allclose(found_middle[k, 0], pull + held[k], atol=1e-7)
+
+
+def test_a_slosh_mass_stays_one(known, problem):
+    """A fit may take it down to what does nothing, which no tank is below."""
+    (candidate,) = more_slosh(known.point, problem)
+    own, *_ = candidate.resolved(candidate.shapes()[0], np.array([3.0]))
+    mass = own.unknowns(())[0]
+    assert (mass.name, mass.nominal, mass.lower) == ("slosh_more.mass", 0.0, LEAST)
+    there = known.point.with_effect(own.effect).moved((mass,), np.array([-1.0]))
+    assert there.value(mass) == LEAST
