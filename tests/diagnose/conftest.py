@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from smsid.description import load_description
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
+from smsid.diagnose.fit import evaluate
 from smsid.diagnose.nominal import nominal
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -36,3 +39,14 @@ def problem(known, recording):
 
 def description_sensors(known):
     return known.point.description.effective_sensors()
+
+
+@pytest.fixture(scope="package")
+def calm(problem):
+    """Slosh and modes start at rest, and that is known."""
+    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
+
+
+@pytest.fixture(scope="package")
+def plain(known, calm):
+    return evaluate(known.point, known.unknowns[:1], calm)

@@ -9,21 +9,9 @@ from smsid.diagnose.additions import higher_modes
 from smsid.diagnose.beam_modes import OFF, STEPS
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
-from smsid.diagnose.filter import Noise
 from smsid.diagnose.fit import evaluate
 from smsid.diagnose.nominal import nominal
 from smsid.effects import BeamMode
-
-
-@pytest.fixture(scope="module")
-def calm(problem):
-    """Slosh and modes start at rest, and that is known."""
-    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
-
-
-@pytest.fixture(scope="module")
-def plain(known, calm):
-    return evaluate(known.point, known.unknowns[:1], calm)
 
 
 @pytest.fixture(scope="module")

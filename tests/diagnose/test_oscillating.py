@@ -1,30 +1,16 @@
 """A mass more on springs: its first-order signature against the filter on the whole model."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from smsid.diagnose.additions import more_slosh
 from smsid.diagnose.columns import propagate
-from smsid.diagnose.filter import Noise
 from smsid.diagnose.fit import evaluate
 from smsid.diagnose.oscillating import LEAST, Springs, _forces, answers
 from smsid.effects import Slosh
 
 OMEGA, ZETA = np.array([3.0, 4.0, 5.0]), np.array([0.05, 0.1, 0.02])
-
-
-@pytest.fixture(scope="module")
-def calm(problem):
-    """Slosh and modes start at rest, and that is known."""
-    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
-
-
-@pytest.fixture(scope="module")
-def plain(known, calm):
-    return evaluate(known.point, known.unknowns[:1], calm)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (-0.4, 0.3, 0.2)])
