@@ -207,8 +207,7 @@ def _joints(model: SpacecraftModel) -> Table:
     from rich.table import Table
 
     roles = {int(j): "wheel" for j in model.wheels.joints}
-    roles |= {int(j): "bending mode" for j in model.modes.joints}
-    roles |= {m.joint: "bending mode" for a in model.appendages for m in a.more}
+    roles |= {int(j): "bending mode" for g in (model.modes, model.further_modes) for j in g.joints}
     roles |= {j.joint: "slosh mass" for j in model.slosh}
     roles |= {int(j): f"arm '{name}'" for name, arm in model.arms.items() for j in arm.joints}
     table = Table(title="joints", title_justify="left", header_style="bold")

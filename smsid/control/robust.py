@@ -83,11 +83,9 @@ def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]
     for joint in model.slosh:
         kept += range(joint.v.start, joint.v.stop)
         names += [f"{joint.name} {axis}" for axis in "xyz"]
-    kept += model.modes.v.tolist()
-    names += list(model.modes.names)
-    for joint in (m.joint for a in model.appendages for m in a.more):
-        kept.append(int(model.pin.joints[joint].idx_v))
-        names.append(model.pin.names[joint])
+    for group in (model.modes, model.further_modes):
+        kept += group.v.tolist()
+        names += list(group.names)
     return kept, tuple(names)
 
 

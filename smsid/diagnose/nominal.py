@@ -10,7 +10,6 @@ from smsid.description.schema import Description
 from smsid.diagnose.beams import with_beams
 from smsid.diagnose.point import Combination, Point, Unknown
 from smsid.effects.appendage import Appendage
-from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
@@ -20,7 +19,6 @@ from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
-MORE = (BeamMode, ExtraMode)  # their joints are no bodies
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
 """Standard deviations where neither an estimate nor the description states any: relative to the body's own
@@ -98,9 +96,9 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
 
     model = point.base
     names = body_names(model.pin)
-    special = {int(j) for g in (model.wheels, model.modes) for j in g.joints}
+    special = {int(j) for g in (model.wheels, model.modes, model.further_modes) for j in g.joints}
     special |= {s.joint for s in model.slosh}
-    special |= {model.pin.getJointId(e.name) for e in point.description.effect if isinstance(e, MORE)}
+    special |= {model.pin.getJointId(e.name) for e in point.description.effect if isinstance(e, ExtraMode)}
     for j in range(1, model.pin.njoints):
         if j in special:
             continue

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.diagnose.channels import Block, Measured, matrix
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.simulate.trajectory import States
 from smsid.simulate.truth import find_appendage, sensed, station_indices
 
@@ -105,8 +105,8 @@ class Outputs:
 
     def _panel(self, block: Block) -> Callable[..., None]:
         panel = find_appendage(self.model, str(block.sensor.appendage))
-        kq = np.array([self.model.pin.joints[j].idx_q for j in panel.seen])
-        kv = np.array([self.model.pin.joints[j].idx_v for j in panel.seen])
+        seen = JointGroup.of(self.model.pin, panel.seen)
+        kq, kv = seen.q, seen.v
         stations = [int(i) for i in station_indices(panel, block.sensor)]
         positions = panel.appendage.station_positions()
         rest = [panel.placement.act(positions[i]) for i in stations]

@@ -16,7 +16,7 @@ from smsid.likelihood.linearised import skew
 from smsid.likelihood.prediction import Prediction, rotation_matrices
 from smsid.likelihood.sensitivity import Sensitivity
 from smsid.likelihood.timeline import Timeline
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.sensing import Sensor
 from smsid.simulate.truth import find_appendage, station_indices
 
@@ -138,6 +138,5 @@ def panel_geometry(
     for station in station_indices(panel, sensor):
         rests.append(panel.placement.act(panel.appendage.station_positions()[station]))
         shapes.append(panel.moved(station))
-    index_q = np.array([model.pin.joints[j].idx_q for j in panel.seen])
-    index_v = np.array([model.pin.joints[j].idx_v for j in panel.seen])
-    return rests, shapes, index_q, index_v
+    seen = JointGroup.of(model.pin, panel.seen)
+    return rests, shapes, seen.q, seen.v

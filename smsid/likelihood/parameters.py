@@ -57,8 +57,8 @@ class Parameters:
         rigid = theta - sum(appendages.values(), np.zeros_like(theta))
         spins = wheel_spins(model)
         rigid[:SIZE] += spins
-        special = {int(j) for g in (model.wheels, model.modes) for j in g.joints}
-        special |= {s.joint for s in model.slosh} | {m.joint for a in model.appendages for m in a.more}
+        special = {int(j) for g in (model.wheels, model.modes, model.further_modes) for j in g.joints}
+        special |= {s.joint for s in model.slosh}
         candidates = [j for j in range(1, model.pin.njoints) if j not in special]
         bodies = tuple(j for j in candidates if is_body(rigid[SIZE * (j - 1) : SIZE * j]))
         names = body_names(model.pin)

@@ -105,6 +105,11 @@ class SpacecraftModel:
     source: Source | None = None
 
     @property
+    def further_modes(self) -> JointGroup:
+        """Modes that other effects add to appendages; ``modes`` are the appendages' own."""
+        return JointGroup.of(self.pin, [m.joint for a in self.appendages for m in a.more])
+
+    @property
     def nq(self) -> int:
         """Length of q."""
         return self.pin.nq

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.errors import DescriptionError
 from smsid.model.assembly import AppendageJoints
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.sensing.sensor import Sensor
 from smsid.simulate.signals import Signal, sample
 from smsid.simulate.trajectory import States, Trajectory
@@ -187,10 +187,8 @@ def _panel_acceleration(
             f"'{panel.appendage.name}' sits on a moving link; accelerometers need the bus."
         )
     chosen = station_indices(panel, sensor)
-    joints = panel.seen
-    index_q = np.array([model.pin.joints[j].idx_q for j in joints])
-    index_v = np.array([model.pin.joints[j].idx_v for j in joints])
-    bent, bending, bends = s.q[:, index_q], s.v[:, index_v], s.a[:, index_v]
+    seen = JointGroup.of(model.pin, panel.seen)
+    bent, bending, bends = s.q[:, seen.q], s.v[:, seen.v], s.a[:, seen.v]
     own = len(panel.joints)
     delta, rate, acc = (x[:, :own] * panel.scale for x in (bent, bending, bends))
     omega = v[:, 3:]

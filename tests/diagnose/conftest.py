@@ -19,11 +19,21 @@ def description():
 
 
 @pytest.fixture(scope="package")
-def recording(description):
+def flown(description):
+    """Return the noisy recording of some seconds of an experiment, by its name and a seed."""
+
+    def fly_it(experiment, seconds, seed):
+        model = build_model(description)
+        plan = named_experiment(experiment, model).model_copy(update={"duration": seconds})
+        return fly(model, plan, np.random.default_rng(seed)).recording
+
+    return fly_it
+
+
+@pytest.fixture(scope="package")
+def recording(flown):
     """Six seconds of the second experiment, noisy."""
-    model = build_model(description)
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 6.0})
-    return fly(model, plan, np.random.default_rng(3)).recording
+    return flown("exp2", 6.0, 3)
 
 
 @pytest.fixture(scope="package")

@@ -7,17 +7,13 @@ import pytest
 
 from smsid.diagnose import diagnose
 from smsid.effects import GeometricStiffness
-from smsid.experiments import fly, named_experiment
-from smsid.model import build_model
 from smsid.recording import Recording
 
 
 @pytest.fixture(scope="module")
-def longer(description):
+def longer(flown):
     """Twelve seconds of the second experiment, noisy."""
-    model = build_model(description)
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 12.0})
-    return fly(model, plan, np.random.default_rng(5)).recording
+    return flown("exp2", 12.0, 5)
 
 
 def test_a_recording_of_another_spacecraft(description, longer):

@@ -10,16 +10,12 @@ from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.inputs import locked
 from smsid.diagnose.timing import timing_of, timings
 from smsid.effects import ThrusterGain
-from smsid.experiments import fly, named_experiment
-from smsid.model import build_model
 
 
 @pytest.fixture(scope="module")
-def thrust(description):
+def thrust(flown):
     """Half a minute of the first experiment: thrust that switches, a torque that holds the attitude."""
-    model = build_model(description)
-    plan = named_experiment("exp1", model).model_copy(update={"duration": 30.0})
-    return fly(model, plan, np.random.default_rng(4)).recording
+    return flown("exp1", 30.0, 4)
 
 
 def problem_of(point, recording):

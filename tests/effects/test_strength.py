@@ -24,8 +24,7 @@ from tests.effects.test_catalogue import example
 STRONG = sorted(kind for kind, cls in catalogue().items() if cls.strength)
 NOT_SIMULATED = {"motor_coupling", "joint_offset"}  # of arms on the ground: see smsid.arm
 RANDOM = {"quantisation": "rounding has no slope", "outliers": "drawn: its size has a slope, its share none"}
-# the state has other dimensions: see test_oscillators, test_extra_mode and
-# test_beam_mode
+# the state has other dimensions: see test_oscillators, test_extra_mode and test_beam_mode
 MORE_JOINTS = {"gear_compliance", "backlash", "extra_mode", "beam_mode"}
 PLACES = 5
 
