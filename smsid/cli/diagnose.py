@@ -94,7 +94,7 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
             for i, p in enumerate(c.parameters):
                 low, high = p.interval
                 table.add_row(
-                    f"{c.effect} ({c.shape or c.family})" if i == 0 else "",
+                    f"{c.effect} ({c.label})" if i == 0 else "",
                     c.location if i == 0 else "",
                     p.name.partition(".")[2],
                     f"{p.value:.5g}",

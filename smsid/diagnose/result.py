@@ -52,8 +52,9 @@ class Alias:
 
 @dataclass(frozen=True)
 class FoundCause:
-    """A named cause. ``shape`` is ``None`` when its siblings are not rejected; ``onset`` [s] if it began
-    midway. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value.
+    """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
+    the parameters are of. ``onset`` [s] if it began midway. ``evidence``: likelihood ratio, degrees of
+    freedom, corrected p-value.
     """
 
     effect: str
@@ -64,6 +65,12 @@ class FoundCause:
     aliases: tuple[Alias, ...]
     evidence: Mapping[str, float]
     onset: float | None = None
+    fitted: str = ""
+
+    @property
+    def label(self) -> str:
+        """The shape that is named; the family, and what was fitted, where none is."""
+        return self.shape or (f"{self.family}, fitted as {self.fitted}" if self.fitted else self.family)
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
             "information_gain": float(cause.score.information_gain(found.samples)),
         },
         onset=getattr(own.effect, "start", None),
+        fitted=own.shape,
     )
 
 
@@ -162,7 +163,7 @@ def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:
 
 def describe(cause: FoundCause) -> str:
     """Return a cause in words, with its value and those it is not told from."""
-    what = f"{cause.shape or cause.family} ({cause.effect}) at {cause.location}"
+    what = f"{cause.label} ({cause.effect}) at {cause.location}"
     if cause.parameters:
         first = cause.parameters[0].name.split(".")[1]  # the strength; a place or a phase is none
         own = [p for p in cause.parameters if p.nominal is not None or p.name.split(".")[1] == first]

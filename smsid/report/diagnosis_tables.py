@@ -25,7 +25,7 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
         yield Table(title, columns, tuple(rows))
         aliases = [
             (
-                Cell(f"{c.shape or c.family} at {c.location}"),
+                Cell(f"{c.label} at {c.location}"),
                 Cell(f"{a.shape} ({a.effect})"),
                 Cell(a.location),
                 Cell(number(a.correlation, 4), a.correlation),
@@ -40,7 +40,7 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
 
 
 def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
-    name = f"{c.shape or c.family} ({c.effect})"
+    name = f"{c.label} ({c.effect})"
     name += f", from {number(c.onset, 4)} s on" if c.onset is not None else ""
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
     out = []

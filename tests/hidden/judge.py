@@ -138,10 +138,10 @@ def _match(cause: Mapping[str, Any], injected: Injected, confirm: Confirm) -> tu
     effect, aliases = injected.effect, list(cause.get("aliases", ()))
     few = len(aliases) <= ALIASES
     own_shape = cause.get("shape")
-    if own_shape is None:
+    if own_shape is None and not effect.shapes:
         named = any(p["name"].endswith(f".{effect.parameter}") for p in cause.get("parameters", ()))
     else:
-        named = not effect.shapes or own_shape in effect.shapes
+        named = not effect.shapes or (own_shape or cause["fitted"]) in effect.shapes
     if _is(cause, effect) and named:
         return ("right", "") if few else ("right_family", f"{len(aliases)} aliases")
     for alias in aliases:

@@ -35,13 +35,17 @@ class Tank:
 
 @dataclass(frozen=True)
 class Mode:
-    """A bending mode as a mass that slides along z at `at` (3,), or runs on an arc of curvature `bend`."""
+    """A bending mode as a mass that slides along z at `at` (3,), or runs on an arc of curvature `bend`.
+
+    `seen`: how far stations move along z [kg^-1/2] where it is none of the plate's own.
+    """
 
     at: Vector
     mass: float  # L_t^2 [kg]
     omega: float  # [rad/s]
     damping: float  # ratio
     bend: float = 0.0  # 1/R of the arc [1/m]; its centre lies towards the root
+    seen: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -97,8 +97,10 @@ def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Ar
                 radius * (np.cos(q) * a - np.sin(q) * v**2),
             )
         moving.append(np.sqrt(mode.mass) * np.array([q, v, a]))
-    shapes = n.plate.shape(np.array(n.stations))  # one more mode than these moves no station
-    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving[: n.plate.modes]))
+    own = n.plate.shape(np.array(n.stations))
+    further = [mode.seen or np.zeros(len(own)) for mode in n.plate_modes()[n.plate.modes :]]
+    shapes = np.column_stack([own, *further])
+    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving))
     rows = []
     for i, x in enumerate(n.stations):
         point = np.tile(np.add(n.plate_root, (x, 0, 0)), (len(s.time), 1))

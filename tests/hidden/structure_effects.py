@@ -112,6 +112,23 @@ def _panel(n: Numbers) -> list[Hidden]:
 
         return Change(numbers=change) if x else Change()
 
+    def higher(x: float) -> Change:
+        """The plate's next mode, 2 % slower than the plate's; x is its modal mass over the plate's."""
+
+        def change(m: Numbers) -> Numbers:
+            assert m.plate is not None
+            plate, root = replace(m.plate, modes=m.plate.modes + 1), m.plate_root
+            along, about = float(plate.translation[-1]), float(plate.rotation[-1])
+            at = (root[0] + about / along, root[1], root[2])
+            seen = np.sqrt(x) * plate.shape(np.array(m.stations))[:, -1]
+            more = Mode(
+                at, x * along**2, 0.98 * float(plate.omega[-1]), plate.damping_ratio, seen=tuple(seen)
+            )
+            less = -bodies.point(more.mass, np.array(at))  # was counted as rigid
+            return replace(m.with_body("bus", less), modes=(*m.plate_modes(), more))
+
+        return Change(numbers=change) if x else Change()
+
     def drift(x: float, onset: float | None, rng: np.random.Generator) -> Change:
         def make(plant: Plant) -> Force:
             iq, iv = plant.q_of("mode1"), plant.v_of("mode1")
@@ -134,6 +151,7 @@ def _panel(n: Numbers) -> list[Hidden]:
     found = [
         Hidden("geometric_stiffness", family, "panel", "factor", "1", plain(bend), 0.1, cap=3.0),
         Hidden("extra_mode", family, "panel", "mass", "kg", plain(another), 0.2, cap=15.0, also=("bus",)),
+        Hidden("beam_mode", family, "panel", "factor", "1", plain(higher), 0.1, cap=1.0),
         Hidden(
             "frequency_drift",
             family,

@@ -25,6 +25,7 @@ SLOW = [
     *(("rigid", "backlash:gap@joint3", s, None) for s in (3.0, 10.0, 100.0)),
     *(("sms", "slosh:second@tank2", s, None) for s in (3.0, 10.0, 100.0)),
     *(("panel", "extra_mode:mass@panel", s, None) for s in (3.0, 10.0, 100.0)),
+    *(("panel", "beam_mode:factor@panel", s, None) for s in (3.0, 10.0, 25.0)),
     *(("rigid", "wheel_imbalance:static@wheel_z", s, None) for s in (3.0, 10.0, 100.0)),
     *(("rigid", "mass_loss:rate@bus", s, None) for s in (3.0, 10.0, 100.0)),
     *(("rigid", "sensor_bias:bias.x@pose.attitude", s, None) for s in (3.0, 10.0, 100.0)),

@@ -8,12 +8,12 @@ from .catalogue import hidden_effects
 from .judge import Injected, judge
 
 
-def cause(effect, location, family, shape, parameter="x", value=1.0, aliases=()):
+def cause(effect, location, family, shape, parameter="x", value=1.0, aliases=(), fitted=None):
     parameters = [{"name": f"e.{parameter}", "value": value, "sigma": 0.5, "unit": "N m", "nominal": None}]
     listed = [{"effect": e, "location": at, "family": f, "shape": s} for e, at, f, s in aliases]
     return {
         "effect": effect, "location": location, "family": family, "shape": shape,
-        "parameters": parameters, "aliases": listed,
+        "fitted": fitted or parameter, "parameters": parameters, "aliases": listed,
     }  # fmt: skip
 
 
@@ -48,6 +48,16 @@ def test_right_alone_and_in_a_set():
         document(cause(*RIGHT[:3], None, "coulomb", aliases=[VISCOUS])), [hidden(COULOMB)], lambda *_: False
     )
     assert (beside.outcome, beside.alone) == ("right", False)
+
+
+def test_what_was_fitted_counts_where_no_shape_is_named():
+    """A mode's damping, not told from another's: the parameter is called the same in both."""
+    truth = Injected(hidden_effects("panel")["beam_appendage:mode2.damping@panel"], 0.02, 3.0)
+    place = ("mode_error", "panel", "appendage")
+    for mode, expected in ((2, "right"), (1, "right_family")):
+        other = (*place, "damping of mode 3")
+        own = cause(*place, None, "damping", aliases=[other], fitted=f"damping of mode {mode}")
+        assert outcome(document(own), truth) == expected
 
 
 def test_an_alias_counts_only_when_confirmed_and_few():

@@ -178,6 +178,7 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
             "p_value": float(min(1.0, cause.score.p_value * found.candidates)),
             "information_gain": cause.score.gain(found.last.samples),
         },
+        fitted=own.shape,
     )
 
 
