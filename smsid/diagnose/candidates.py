@@ -166,22 +166,19 @@ def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
 def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any, by its place in the list."""
     changes: list[Change] = []
-    where: list[tuple[int, int]] = []
+    where: dict[int, slice] = {}
     for i, candidate in enumerate(candidates):
         try:
             own = changes_of(found, candidate)
         except SmsidError:
             continue
-        where += [(i, len(changes) + j) for j in range(len(own))]
+        if own:
+            where[i] = slice(len(changes), len(changes) + len(own))
         changes += own
     if not changes:
         return {}
-    whitened = propagate(found.run, changes)
-    flat = whitened.reshape(-1, len(changes))
-    out: dict[int, list[np.ndarray]] = {}
-    for i, column in where:
-        out.setdefault(i, []).append(flat[:, column])
-    return {i: np.column_stack(c) for i, c in out.items()}
+    flat = propagate(found.run, changes).reshape(-1, len(changes))
+    return {i: flat[:, index] for i, index in where.items()}
 
 
 def scored(found: Fit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:

@@ -20,6 +20,7 @@ from smsid.simulate.trajectory import States
 
 BACK = 1e-4  # [s] how far back a reading is compared for its rate
 DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
+BLOCK = 16  # samples whose columns are written at once: a transposition is slow row by row
 
 
 @dataclass(frozen=True)
@@ -252,33 +253,36 @@ def propagate(run: Run, changes: Sequence[Change]) -> np.ndarray:
     """Return how the whitened predictions change by each parameter: (N, rows, columns).
 
     The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.
-    The innovations change by the negative.
+    The innovations change by the negative. Each column is contiguous in memory.
     """
     n, rows, nv = run.by_a.shape
     m = len(changes)
     pushed, middle = _stacked([c.middle for c in changes])
     moved, at = _stacked([c.at for c in changes])
     seen, reading = _stacked([c.reading for c in changes])
-    out = np.empty((n, rows, m))
+    out = np.empty((m, n, rows))
+    block = np.empty((BLOCK, rows, m))
     delta = np.zeros((2 * nv, m))
     for k in range(n):
         predicted = run.sensitivity[k] @ delta
         if at is not None:
-            predicted[:, moved] += run.by_a[k] @ at[k].T
+            predicted[:, moved] += run.by_a[k] @ at[:, k].T
         if reading is not None:
-            predicted[:, seen] += reading[k].T
-        np.matmul(run.whitening[k], predicted, out=out[k])
+            predicted[:, seen] += reading[:, k].T
+        np.matmul(run.whitening[k], predicted, out=block[k % BLOCK])
+        if k % BLOCK == BLOCK - 1 or k == n - 1:
+            out[:, k - k % BLOCK : k + 1] = block[: k % BLOCK + 1].transpose(2, 0, 1)
         if k < n - 1:
             delta = run.transition[k] @ (delta - run.gain[k] @ predicted)
             if middle is not None:
-                delta[:, pushed] += run.forcing[k] @ middle[k].T
-    return out
+                delta[:, pushed] += run.forcing[k] @ middle[:, k].T
+    return out.transpose(1, 2, 0)
 
 
 def _stacked(parts: Sequence[np.ndarray | None]) -> tuple[slice | np.ndarray, np.ndarray | None]:
-    """Return the places of arrays (n, width) that are there, and these as one (n, columns, width)."""
+    """Return the places of arrays (n, width) that are there, and these as one (columns, n, width)."""
     there = [x for x in parts if x is not None]
     if not there:
         return slice(0), None
     places = [i for i, x in enumerate(parts) if x is not None]
-    return slice(None) if len(there) == len(parts) else np.array(places), np.stack(there, axis=1)
+    return slice(None) if len(there) == len(parts) else np.array(places), np.stack(there)

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dgemm
 
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
@@ -24,6 +25,7 @@ CUT = (0.05, 0.5)
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 PATIENCE = 4  # steps after which it has to be there
+AGAIN = 1e-4  # share of a column's squares below which what is left is projected once more
 TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
 
@@ -87,15 +89,19 @@ class Fit:
 
         By projection, not by differences of Gram matrices, which lose what a tight prior leaves.
         """
-        whole = np.vstack([columns, np.zeros((len(self.prior.off), columns.shape[1]))])
-        q, _ = self.factors
-        whole -= q @ (q.T @ whole)
-        return whole - q @ (q.T @ whole)
+        return self._parted(columns)[0]
 
-    def taken(self, columns: np.ndarray) -> np.ndarray:
-        """Return by how much the fitted parameters stand in for columns (N rows, d): (m, d), in scales."""
+    def _parted(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what of columns (N rows, d) is left, (N rows + priors, d), and what parameters do, (m, d)."""
+        left = np.asfortranarray(np.vstack([columns, np.zeros((len(self.prior.off), columns.shape[1]))]))
+        before = np.einsum("ij,ij->j", left, left)
         q, r = self.factors
-        return solve_triangular(r, q[: len(columns)].T @ columns)
+        own = q.T @ left
+        left = dgemm(-1.0, q.T, own, 1.0, left, trans_a=True, overwrite_c=True)  # left -= q @ own
+        rest = np.einsum("ij,ij->j", left, left) < AGAIN * before  # of little, rounding is a larger share
+        if rest.any():
+            left[:, rest] -= q @ (q.T @ left[:, rest])
+        return left, solve_triangular(r, own)
 
     def projected(self, groups: Sequence[np.ndarray]) -> list[Projected]:
         """Return groups of whitened columns, (N rows, d) each, beside the fitted parameters.
@@ -108,8 +114,7 @@ class Fit:
             some = groups[len(found) :][: max(1, int(np.searchsorted(widths, TOGETHER)))]
             whole = np.column_stack(some)
             ends = np.cumsum([g.shape[1] for g in some])[:-1]
-            left = np.split(self.left(whole), ends, axis=1)
-            taken = np.split(self.taken(whole), ends, axis=1)
+            left, taken = (np.split(x, ends, axis=1) for x in self._parted(whole))
             found += [Projected(*x) for x in zip(some, left, taken, strict=True)]
         return found
 

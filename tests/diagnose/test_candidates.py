@@ -22,8 +22,7 @@ def stub(rng, rows, fitted, prior):
     )
     own.prior.rows, own.prior.off = np.diag(prior), np.zeros(fitted)
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(rows, fitted), own.prior.rows]))
-    own.left = lambda c: Fit.left(own, c)
-    own.taken = lambda c: Fit.taken(own, c)
+    own._parted = lambda c: Fit._parted(own, c)
     own.projected = lambda groups: Fit.projected(own, groups)
     return own
 

@@ -20,8 +20,7 @@ def stub(columns, truth, rng, noise):
     own.prior.rows, own.prior.off = np.eye(2), np.zeros(2)
     own.residual = np.concatenate([residual, np.zeros(2)])
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(ROWS, 2), own.prior.rows]))
-    own.left = lambda c: Fit.left(own, c)
-    own.taken = lambda c: Fit.taken(own, c)
+    own._parted = lambda c: Fit._parted(own, c)
     own.run = SimpleNamespace(samples=ROWS)
     return own
 
