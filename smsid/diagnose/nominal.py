@@ -10,6 +10,8 @@ from smsid.description.schema import Description
 from smsid.diagnose.beams import with_beams
 from smsid.diagnose.point import Combination, Point, Unknown
 from smsid.effects.appendage import Appendage
+from smsid.effects.base import Effect, Parameter
+from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
@@ -18,6 +20,7 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
+FREE = (Slosh, Appendage, BeamMode, ExtraMode)  # effects whose parameters are nominal ones
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
@@ -109,12 +112,12 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
             value = theta[i] + point.inertial.get(column, 0.0)
             add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
     for effect in point.description.effect:
-        if not isinstance(effect, Slosh | Appendage):
+        if not isinstance(effect, FREE):
             continue
         for p in effect.parameters():
-            if (p.value == 0.0 and "damping" not in p.name) or p.name.rpartition(".")[2] in GEOMETRY:
+            scale = _size(effect, p)
+            if scale == 0.0 or p.name.rpartition(".")[2] in GEOMETRY:
                 continue
-            scale = abs(p.value) if p.value != 0.0 else 1e-3
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
     if estimate is not None and known and not (sources["estimate"] or combinations):
         raise SmsidError(
@@ -124,6 +127,15 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
             description=[u.name for u in found][:10],
         )
     return Nominal(point, (*found, *_biases(point)), combinations, sources, tuple(notes))
+
+
+def _size(effect: Effect, p: Parameter) -> float:
+    """Return what a share of an effect's parameter is taken of; zero where it stays as it is."""
+    if isinstance(effect, BeamMode) and p.name.endswith(".frequency"):
+        return 1.0 + p.value  # it is relative to the beam's
+    if p.value == 0.0 and "damping" in p.name:
+        return 1e-3
+    return abs(p.value)
 
 
 def _inertial_knowledge(point: Point, estimate: Estimate | None) -> tuple[set[str], tuple[Combination, ...]]:

@@ -20,6 +20,8 @@ from smsid.diagnose.searched import Imbalance, Leak
 from smsid.diagnose.tidal import Tidal
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
+from smsid.effects.beam_mode import BeamMode
+from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES
@@ -44,6 +46,7 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
         *_fuel(point, nominal),
         *more_slosh(point, problem),
         *_panels(point, nominal),
+        *_further_modes(point, nominal),
         *more_modes(point, problem),
         *higher_modes(point, problem),
         *_outside(point, problem),
@@ -227,6 +230,16 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         yield from _one(
             "geometric_stiffness", part.name, "appendage", "axial softening", at, {"factor": 1e-2}
         )
+
+
+def _further_modes(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
+    """Modes that other effects add to appendages, not as described."""
+    for effect in point.description.effect:
+        if isinstance(effect, BeamMode | ExtraMode):
+            size = "factor" if isinstance(effect, BeamMode) else "mass"
+            for shape, key in (("size", size), ("frequency", "frequency"), ("damping", "damping")):
+                names = [f"{effect.name}.{key}"]
+                yield from _shift(effect.kind, effect.name, "appendage", shape, names, nominal)
 
 
 def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:

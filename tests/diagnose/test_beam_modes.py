@@ -11,6 +11,7 @@ from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
 from smsid.diagnose.nominal import nominal
+from smsid.diagnose.proposals import propose
 from smsid.effects import BeamMode
 
 
@@ -59,13 +60,16 @@ def test_it_is_sought_about_the_fitted_beam(known, calm, plain, candidate):
     assert candidate._at(plain.changes).mode == candidate.mode
 
 
-def test_a_description_that_has_one_can_be_diagnosed(description):
-    """Its joint is no body whose mass would be asked for."""
-    more = BeamMode(name="more", appendage="panel", mode=4, factor=0.9)
+def test_a_description_that_has_one_can_be_diagnosed(description, calm):
+    """Its joint is no body whose mass would be asked for; how large it is, how fast, and how damped is."""
+    more = BeamMode(name="more", appendage="panel", mode=4, factor=0.9, damping=0.004)
     found = nominal(description.with_effects(more), None)
     assert all(u.sigma > 0.0 and u.scale > 0.0 for u in found.unknowns)
-    assert not any(u.name.startswith("more.") for u in found.unknowns)
+    mine = {u.name: u.sigma for u in found.unknowns if u.name.startswith("more.")}
+    assert mine == pytest.approx({"more.factor": 0.09, "more.frequency": 0.1, "more.damping": 4e-4})
     assert next(u for u in found.unknowns if u.name == "tank.mass").positive
+    shifts = [c for c in propose(found.point, calm, found.unknowns) if c.location == "more"]
+    assert {c.shape for c in shifts} == {"size", "frequency", "damping"}
 
 
 def test_only_where_it_is_seen(known, calm):
