@@ -92,7 +92,7 @@ class Fit:
         return self._parted(columns)[0]
 
     def _parted(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is left of columns (N rows, d), (N rows + priors, d), and the rest (m, d), in scales."""
+        """Return what is left of columns (N rows, d): (N rows + priors, d), and the rest (m, d), scaled."""
         left = np.asfortranarray(np.vstack([columns, np.zeros((len(self.prior.off), columns.shape[1]))]))
         before = np.einsum("ij,ij->j", left, left)
         q, r = self.factors
