@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from smsid.description import Description
 from smsid.effects import Effect
-from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage
+from smsid.identify.appendages import as_described, described_modes
 from smsid.identify.estimate import Estimate
 from smsid.identify.identified import identified_modes
 
@@ -16,16 +19,19 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
 
     A parameter that is not identifiable keeps the described value unless its 95 % interval excludes that; one
     beyond a bound goes to the bound.
-    Appendages become modal ones with the identified density, frequencies and damping.
+    Appendages become modal ones with the identified density, frequencies and damping, but for a beam that an
+    effect needs as such (`smsid.identify.appendages`).
 
     Raises:
         DescriptionError: a value an effect cannot have.
     """
     effects: list[Effect] = []
+    panels: list[ModalAppendage] = []
     notes: list[str] = []
     for effect in description.effect:
         if isinstance(effect, Appendage):
-            effects.append(_appendage(effect, estimate, notes))
+            panel = _appendage(description, effect, estimate, notes)
+            panels += [panel] if panel is not None else []
             continue
         own = {}
         for p in effect.parameters():
@@ -36,7 +42,7 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
             if own[p.name] != value:
                 notes.append(f"{p.name} = {value:.4g} {p.unit} is beyond its bound: {own[p.name]:g}")
         effects.append(effect.with_values(own) if own else effect)
-    return description.with_effects(*effects), notes
+    return as_described(description.with_effects(*effects), panels), notes
 
 
 def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
@@ -51,19 +57,24 @@ def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) ->
     return found.value
 
 
-def _appendage(effect: Appendage, estimate: Estimate, notes: list[str]) -> Appendage:
+def _appendage(
+    description: Description, effect: Appendage, estimate: Estimate, notes: list[str]
+) -> ModalAppendage | None:
+    """Return an appendage as identified, with all its modes; ``None`` where nothing was."""
     factor = _taken(f"{effect.name}.participation_factor", 1.0, estimate, notes)
     if isinstance(effect, BeamAppendage):
         described = effect.linear_density
         density = _taken(f"{effect.name}.linear_density", described, estimate, notes)
         factor = factor if density is None else density / described
     modes = {}
-    for k, mode in enumerate(effect.modal_data(), start=1):
+    described = described_modes(description, effect)
+    for k, mode in enumerate(described, start=1):
         for field in ("frequency", "damping"):
             name = f"{effect.name}.mode{k}.{field}"
             value = _taken(name, getattr(mode, field), estimate, notes)
             if value is not None:
                 modes[name] = max(value, 0.0)
     if factor is None and not modes:
-        return effect
-    return identified_modes(effect, 1.0 if factor is None else factor, ()).with_values(modes)
+        return None
+    own = identified_modes(effect, 1.0 if factor is None else factor, (), described)
+    return cast(ModalAppendage, own.with_values(modes))

@@ -28,12 +28,18 @@ def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> di
     return {int(k): int(j) for k, j in zip(rows, columns, strict=True) if apart[k, j] < limit}
 
 
-def identified_modes(appendage: Appendage, factor: float, modes: Sequence[Mode]) -> ModalAppendage:
+def identified_modes(
+    appendage: Appendage,
+    factor: float,
+    modes: Sequence[Mode],
+    described: Sequence[DescribedMode] | None = None,
+) -> ModalAppendage:
     """Return an appendage as modal data with identified frequencies and damping, its mass times ``factor``.
 
     Participation factors scale with the root of the mass, mass-normalised shapes with one over it.
+    ``described`` are the modes there are, where other effects say something of them; else its own.
     """
-    data = list(appendage.modal_data())
+    data = list(appendage.modal_data() if described is None else described)
     matched = match_modes(modes, data)
     root = float(np.sqrt(factor))
     for k, mode in enumerate(data):

@@ -10,8 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.effects.appendage import Appendage
+from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.corrected import corrected
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
@@ -63,7 +64,8 @@ def _identify(
 ) -> Identification:
     started = time.perf_counter()
     mends = _mended(description, recordings)
-    original = description
+    given = description
+    description, left_out = linear_appendages(description)
     model = described = build_model(description)
     if not model.free:
         raise NotIdentifiableError(
@@ -82,7 +84,7 @@ def _identify(
             advice="Give one recording without thrust.",
         )
     parameters: list[ParameterEstimate] = []
-    notes = [note for m in mends for note in m.notes]
+    notes = left_out + [note for m in mends for note in m.notes]
     timing: dict[str, float] = {}
     conditions: dict[str, float] = {}
     translation, momentum = None, None
@@ -97,15 +99,16 @@ def _identify(
         notes += translation.notes
         conditions |= translation.conditions
     told = translation if translation and translation.believed else None
+    linear = description
     if told:
-        description = with_translation(original, told)
+        description = with_translation(linear, told)
         model = build_model(description)
     mass = told.mass if told else model.mass
     if floating:
         if not told:
             why = "Exp. 1 does not tell them" if translation else "no Exp. 1 was given"
             notes.append(f"{why}: total mass, slosh and appendages are taken from the description")
-        perturbed = _perturbed(original, told) if told else []
+        perturbed = _perturbed(linear, told) if told else []
         momentum = identify_momentum(
             model,
             floating[0],
@@ -131,7 +134,14 @@ def _identify(
         notes=tuple(notes),
         conditions=conditions,
     )
-    return Identification(estimate, description, translation, momentum)
+    return Identification(estimate, _as_given(given, linear, description), translation, momentum)
+
+
+def _as_given(given: Description, linear: Description, identified: Description) -> Description:
+    """Return the given description with what was identified in the linear one."""
+    changed = [e for e in identified.effect if e not in linear.effect]
+    found = given.with_effects(*(e for e in changed if not isinstance(e, Appendage)))
+    return as_described(found, [e for e in changed if isinstance(e, ModalAppendage)])
 
 
 def _mended(description: Description, recordings: Sequence[Recording]) -> list[Mended]:
@@ -171,10 +181,10 @@ def _doubted(
     return [doubted(p) for p in parameters]
 
 
-def _perturbed(original: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
+def _perturbed(linear: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
     """Model and mass moved by a standard deviation along each principal direction of Exp. 1's covariance."""
     return [
-        (build_model(with_translation(original, found, change)), found.mass + change["M"])
+        (build_model(with_translation(linear, found, change)), found.mass + change["M"])
         for change in found.combined.directions()
     ]
 

@@ -193,7 +193,8 @@ def _check_free(model: SpacecraftModel, free: np.ndarray, start: float, stop: fl
             if tau[free].any():
                 raise DescriptionError(
                     "A nonlinear force acts on slosh, panels or the bus; its derivative is not known.",
-                    advice="Leave the effect out of the description for the refinement.",
+                    advice="Use the method `paper`, or leave the effect out of the description; a diagnosis "
+                    "fits the nominal parameters beside it.",
                     time=t,
                 )
 

@@ -11,13 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
 from smsid.description.schema import Description
+from smsid.effects.appendage import ModalAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
+from smsid.identify.appendages import as_described, described_modes
 from smsid.identify.identified import identified_modes
 from smsid.likelihood.layout import Layout, appendage_parts, wheel_spins
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
@@ -198,7 +201,7 @@ class Parameters:
         Dampings that came out negative are set to zero.
         """
         d = self.layout.model.description
-        effects = []
+        effects, panels = [], []
         for effect in d.effect:
             if isinstance(effect, Slosh):
                 own = {s.name: s.value for s in self.scalars if s.name.startswith(f"{effect.name}.")}
@@ -206,8 +209,10 @@ class Parameters:
         for joints in self.layout.model.appendages:
             part = joints.appendage
             own = {s.name: max(s.value, 0.0) for s in self.scalars if s.name.startswith(f"{part.name}.mode")}
-            effects.append(identified_modes(part, self[f"{part.name}.density_factor"], ()).with_values(own))
-        return d.with_effects(*effects)
+            modes = described_modes(d, part)
+            panel = identified_modes(part, self[f"{part.name}.density_factor"], (), modes)
+            panels.append(cast(ModalAppendage, panel.with_values(own)))
+        return as_described(d.with_effects(*effects), panels)
 
     def _slope(self, name: str) -> float:
         return next(s.slope for s in self.scalars if s.name == name)

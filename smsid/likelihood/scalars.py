@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.effects.slosh import Slosh
+from smsid.identify.appendages import described_modes
 from smsid.model.spacecraft import SpacecraftModel
 
 
@@ -54,7 +55,8 @@ def scalars_of(model: SpacecraftModel) -> list[Scalar]:
         key = "density" if "density" in own else "mass"
         relative = prior[key] / own[key] if key in prior else None
         found.append(Scalar(f"{part.name}.density_factor", 1.0, "1", True, 1.0, 1.0, relative))
-        for k, mode in enumerate(part.modal_data(), start=1):
+        described = described_modes(model.description, part)
+        for k, mode in enumerate(described, start=1):
             name, f, zeta = f"{part.name}.mode{k}", mode.frequency, mode.damping
             sigma = prior.get(f"mode{k}.frequency")
             found.append(Scalar(f"{name}.frequency", f, "Hz", True, f, f, sigma))
