@@ -2,68 +2,70 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from smsid.description.schema import Description
-from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.appendage import BeamAppendage, ModalAppendage
 from smsid.effects.base import Effect
 from smsid.effects.mode_error import ModeError
 from smsid.export.estimate_values import with_estimate
+from smsid.identify.appendages import as_beam
 from smsid.identify.estimate import Estimate
 
 
 def with_beams(description: Description, estimate: Estimate) -> tuple[Description, list[str], set[str]]:
     """Return `with_estimate` with beams as beams, its notes, and the names whose prior is the estimate's.
 
-    A beam gets the identified density, Young's modulus from the first mode's frequency and that mode's
-    damping; what the other modes are off by then are `mode_error` effects, so that frequencies and dampings
-    are the identified ones. Modal data would do the same, but could no longer soften as a beam does.
+    Modal data would have the same frequencies and dampings as `as_beam` has, but could no longer soften as a
+    beam does. How well these are known goes with the beam and the errors of its modes.
     """
     found, notes = with_estimate(description, estimate)
+    described = {e.name: e for e in description.effect}
+    beams: set[str] = set()
+    parts: list[Effect] = []
+    for effect in found.effect:
+        beam = described.get(effect.name)
+        if isinstance(beam, BeamAppendage) and effect != beam:
+            beams.add(beam.name)
+            parts += as_beam(beam, effect) if isinstance(effect, ModalAppendage) else [effect]
+        else:
+            parts.append(effect)
     effects: list[Effect] = []
     known: set[str] = set()
-    for effect in found.effect:
-        beam = next((e for e in description.effect if e.name == effect.name), None)
-        if isinstance(beam, BeamAppendage) and isinstance(effect, Appendage) and effect is not beam:
-            parts = _as_beam(beam, effect, estimate)
-            effects += parts
-            known |= {f"{beam.name}.{key}" for key in parts[0].prior if key not in beam.prior}
-        else:
-            effects.append(effect)
-    return found.with_effects(*effects), notes, known
+    for effect in parts:
+        told: dict[str, float] = {}
+        if isinstance(effect, BeamAppendage) and effect.name in beams:
+            told = _of_beam(effect, estimate)
+        elif isinstance(effect, ModeError) and effect.appendage in beams:
+            told = _of_mode(effect, estimate)
+        prior = {k: float(v) for k, v in told.items() if np.isfinite(v) and v > 0.0}
+        known |= {f"{effect.name}.{key}" for key in prior if key not in effect.prior}
+        effects.append(effect.model_copy(update={"prior": {**effect.prior, **prior}}) if prior else effect)
+    return found.model_copy(update={"effect": tuple(effects)}), notes, known
 
 
-def _as_beam(beam: BeamAppendage, identified: Appendage, estimate: Estimate) -> list[Effect]:
-    modes = identified.modal_data()
-    factor = identified.rigid_inertia().mass / beam.mass
-    stiffer = factor * (modes[0].frequency / beam.modal_data()[0].frequency) ** 2
-    prior = {
-        "density": _relative(estimate, f"{beam.name}.linear_density") * beam.density * factor,
+def _of_beam(beam: BeamAppendage, estimate: Estimate) -> dict[str, float]:
+    """Return the standard deviations of a beam's parameters."""
+    density = _relative(estimate, f"{beam.name}.linear_density")
+    return {
+        "density": density * beam.density,
         "damping": _sigma(estimate, f"{beam.name}.mode1.damping"),
         "youngs_modulus": beam.youngs_modulus
-        * stiffer
-        * np.hypot(
-            _relative(estimate, f"{beam.name}.linear_density"),
-            2.0 * _relative(estimate, f"{beam.name}.mode1.frequency"),
-        ),
+        * np.hypot(density, 2.0 * _relative(estimate, f"{beam.name}.mode1.frequency")),
     }
-    own = beam.model_copy(
-        update={
-            "density": beam.density * factor,
-            "youngs_modulus": beam.youngs_modulus * stiffer,
-            "damping": modes[0].damping,
-            "prior": {**beam.prior, **{k: float(v) for k, v in prior.items() if np.isfinite(v) and v > 0.0}},
-        }
-    )
-    out: list[Effect] = [own]
-    for k, (mode, plain) in enumerate(zip(modes, own.modal_data(), strict=True), start=1):
-        off = mode.frequency / plain.frequency - 1.0, mode.damping - plain.damping
-        if k > 1 and any(off):
-            name = re.sub(r"\W+", "_", f"mode_error_{beam.name}_{k}")  # that of the candidate, which goes on
-            out.append(ModeError(name=name, appendage=beam.name, mode=k, frequency=off[0], damping=off[1]))
-    return out
+
+
+def _of_mode(error: ModeError, estimate: Estimate) -> dict[str, float]:
+    """Return the standard deviations of a mode's errors: what the first mode, the beam's, is off by is in
+    them, too.
+    """
+    first, own = (f"{error.appendage}.mode{k}" for k in (1, error.mode))
+    frequency = [_relative(estimate, f"{m}.frequency") for m in (first, own)]
+    damping = [_sigma(estimate, f"{m}.damping") for m in (first, own)]
+    return {
+        "frequency": (1.0 + error.frequency) * float(np.linalg.norm(frequency)),
+        "damping": float(np.linalg.norm(damping)),
+    }
 
 
 def _sigma(estimate: Estimate, name: str) -> float:

@@ -13,6 +13,7 @@ from smsid.effects.appendage import Appendage
 from smsid.effects.base import Effect, Parameter
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.mode_error import ModeError
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.export.bodies import GROUPS, identified_bodies, parse_combination, urdf_bodies
@@ -20,7 +21,7 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
-FREE = (Slosh, Appendage, BeamMode, ExtraMode)  # effects whose parameters are nominal ones
+FREE = (Slosh, Appendage, ModeError, BeamMode, ExtraMode)  # effects whose parameters are nominal ones
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
@@ -131,9 +132,9 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
 
 def _size(effect: Effect, p: Parameter) -> float:
     """Return what a share of an effect's parameter is taken of; zero where it stays as it is."""
-    if isinstance(effect, BeamMode) and p.name.endswith(".frequency"):
+    if isinstance(effect, BeamMode | ModeError) and p.name.endswith(".frequency"):
         return 1.0 + p.value  # it is relative to the beam's
-    if p.value == 0.0 and "damping" in p.name:
+    if "damping" in p.name and (p.value == 0.0 or isinstance(effect, ModeError)):
         return 1e-3
     return abs(p.value)
 

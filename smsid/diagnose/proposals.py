@@ -22,6 +22,7 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.mode_error import ModeError
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES
@@ -210,13 +211,18 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     for joints in point.base.appendages:
         part = joints.appendage
         modes = range(1, len(joints.joints) + 1)
+        errors = [e for e in point.description.effect if isinstance(e, ModeError)]
+        known = {e.mode: e.name for e in errors if e.appendage == part.name}
         for k in modes:
-            own = [f"{part.name}.mode{k}.{key}" for key in ("frequency", "damping")]
             mode = {"appendage": part.name, "mode": k}
-            for key, name in zip(("frequency", "damping"), own, strict=True):
+            for key in ("frequency", "damping"):
                 shape = f"{key} of mode {k}"
-                yield from _shift(part.kind, part.name, "appendage", shape, [name], nominal)
-                if isinstance(part, BeamAppendage):  # its own parameters move all modes together
+                own = [f"{part.name}.mode{k}.{key}"]
+                yield from _shift(part.kind, part.name, "appendage", shape, own, nominal)
+                if k in known:
+                    own = [f"{known[k]}.{key}"]
+                    yield from _shift("mode_error", part.name, "appendage", shape, own, nominal)
+                elif isinstance(part, BeamAppendage):  # its own parameters move all modes together
                     yield from _one(
                         "mode_error", part.name, "appendage", shape, mode, {key: 1e-3}, part=f"{k}"
                     )

@@ -5,7 +5,7 @@ import pytest
 
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.proposals import propose
-from smsid.effects import BeamAppendage
+from smsid.effects import BeamAppendage, GeometricStiffness
 from smsid.export.estimate_values import with_estimate
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.model import build_model
@@ -49,6 +49,32 @@ def test_its_uncertainty_is_the_estimates(description, estimate):
     assert relative["damping"] == pytest.approx(2e-4 / 0.0054)
     # Young's modulus goes as density times frequency squared
     assert relative["youngs_modulus"] == pytest.approx(np.hypot(0.03 / 16.3, 2e-5 / 0.0459))
+
+
+def test_its_modes_are_as_uncertain_as_the_estimate_has_them(description, estimate):
+    """What the first mode, the beam's, is off by is in the errors of the others, too."""
+    found = {u.name: u for u in nominal(description, estimate).unknowns}
+    second = found["mode_error_panel_2.frequency"]
+    relative = np.hypot(1e-5 / 0.0459, 5e-6 / 0.2858)
+    assert second.sigma == pytest.approx((1.0 + second.nominal) * relative)
+    assert found["mode_error_panel_3.damping"].sigma == pytest.approx(np.hypot(2e-4, 7e-5))
+
+
+def test_a_mode_may_be_more_off_than_the_estimate_says(description, estimate, problem):
+    found = nominal(description, estimate)
+    shifts = [c for c in propose(found.point, problem, found.unknowns) if c.kind == "mode_error"]
+    assert ("mode_error_panel_2.frequency",) in [c.free for c in shifts if c.effect is None]
+    assert len(shifts) == len({c.key for c in shifts}) == 6
+
+
+def test_an_estimate_for_a_beam_that_softens(description, estimate):
+    """It still does, and its modes are known as well as those of one that does not."""
+    soft = description.with_effects(GeometricStiffness(name="soft", appendage="panel"))
+    found = nominal(soft, estimate)
+    assert {u.name: u.sigma for u in found.unknowns} == {
+        u.name: u.sigma for u in nominal(description, estimate).unknowns
+    }
+    assert found.point.description.get_effect("soft").factor == 1.0
 
 
 def test_it_may_still_soften(description, estimate, problem):
