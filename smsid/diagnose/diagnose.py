@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
-from smsid.diagnose.channels import Measured, measured
-from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels
+from smsid.diagnose.channels import measured
+from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels, without
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
@@ -142,7 +142,7 @@ def _diagnose(
     faults = stuck_channels(data) + rounded
     coarse = frozenset(f.component for f in rounded)
     whole = data.times
-    data = rougher(_less(data, faults).thinned(rate), rounded)
+    data = rougher(without(data, faults).thinned(rate), rounded)
     thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
@@ -157,14 +157,14 @@ def _diagnose(
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         faults += more
-        problem = replace(problem, data=_less(problem.data, more))
+        problem = replace(problem, data=without(problem.data, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
     partial, named = (named, ()) if decided == "unexplained" else ((), named)
     extended = extended_description(found) if decided == "explained" else description
-    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate)
+    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate, faults)
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=recording.name)
@@ -209,13 +209,14 @@ def extended_description(found: Search) -> Description:
 
 
 def _gain(
-    given: Point, found: Search, recordings: Sequence[Recording], rate: float
+    given: Point, found: Search, recordings: Sequence[Recording], rate: float, faults: Sequence[Fault]
 ) -> tuple[Gain | None, str]:
     if not recordings:
         return None, "no validation recording was given"
     last = found.last
     try:
-        return gain(given, found.nominal.point, last.point, recordings[0], last.problem, rate), ""
+        nominal = found.nominal.point
+        return gain(given, nominal, last.point, recordings[0], last.problem, rate, faults), ""
     except SmsidError as error:
         return None, f"not on '{recordings[0].name}': {error.message}"
     except np.linalg.LinAlgError as error:
@@ -230,12 +231,6 @@ def _foreign(found: Search) -> str:
     if left > FOREIGN:
         return f"Even with everything refitted, {100 * left:.0f} % of the motion is left unexplained."
     return ""
-
-
-def _less(data: Measured, faults: Sequence[Fault]) -> Measured:
-    for fault in faults:
-        data = data.without(fault.samples)
-    return data
 
 
 def _per_channel(faults: Sequence[Fault]) -> list[Fault]:

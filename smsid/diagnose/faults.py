@@ -34,6 +34,13 @@ class Fault:
     samples: np.ndarray
 
 
+def without(data: Measured, faults: Sequence[Fault]) -> Measured:
+    """Return the data without the samples of faults."""
+    for fault in faults:
+        data = data.without(fault.samples)
+    return data
+
+
 def stuck_channels(data: Measured) -> list[Fault]:
     """Return the channels that repeat one value to the end of the recording, or for long within it.
 

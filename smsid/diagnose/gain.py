@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.diagnose.channels import measured
+from smsid.diagnose.faults import Fault, outliers, stuck_channels, without
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point
 from smsid.model.spacecraft import SpacecraftModel
@@ -52,16 +54,31 @@ class Gain:
 
 
 def gain(
-    given: Point, nominal: Point, extended: Point, recording: Recording, like: Problem, rate: float
+    given: Point,
+    nominal: Point,
+    extended: Point,
+    recording: Recording,
+    like: Problem,
+    rate: float,
+    faults: Sequence[Fault] = (),
 ) -> Gain:
     """Return what the extension gains on a recording, thinned to ``rate`` [Hz].
 
-    Noise levels and timing are those of ``like``.
+    Noise levels and timing are those of ``like``. With the extended model, what is stuck or an outlier in
+    components with such ``faults`` is left out, as it was where they were found.
     """
     first, second = (_read(point, recording, like, rate) for point in (given, nominal))
-    third = second if extended is nominal else _read(extended, recording, like, rate)
+    stuck, wild = (frozenset(f.component for f in faults if f.kind == kind) for kind in ("stuck", "outliers"))
+    third = second
+    if extended is not nominal or stuck or wild:
+        third = _read(extended, recording, like, rate, stuck)
     closed = [run_filter(*first), run_filter(*second)]
     closed.append(closed[1] if third is second else run_filter(*third))
+    if wild:
+        model, problem = third
+        here = [f for f in outliers(problem.data, closed[2]) if f.component in wild]
+        third = model, replace(problem, data=without(problem.data, here))
+        closed[2] = run_filter(*third)
     data = third[1].data
     begin = float(data.times[0]) + SETTLE  # corrected up to there only, to find its start
     opened = [run_filter(*read, until=begin) for read in (first, third)]
@@ -78,9 +95,18 @@ def gain(
     return Gain(name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels))
 
 
-def _read(point: Point, recording: Recording, like: Problem, rate: float) -> tuple[SpacecraftModel, Problem]:
+def _read(
+    point: Point,
+    recording: Recording,
+    like: Problem,
+    rate: float,
+    stuck: frozenset[str] = frozenset(),
+) -> tuple[SpacecraftModel, Problem]:
     model = point.model()
-    fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
+    whole = measured(model, recording, point.description.effective_sensors())
+    if stuck:
+        whole = without(whole, [f for f in stuck_channels(whole) if f.component in stuck])
+    fresh = whole.thinned(rate)
     data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
     return model, replace(like, recording=recording, data=data)
 
