@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from smsid.campaign.case import Case
 from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.identify.appendages import described_modes
 from smsid.identify.momentum import Regression, carried_by_bus
 from smsid.identify.pipeline import Identification
 from smsid.model import SpacecraftModel, build_model
@@ -43,7 +44,7 @@ def _appendage(effect: Appendage, case: Case) -> dict[str, float]:
         out[f"{effect.name}.linear_density"] = effect.linear_density
     elif effect == case.guess.get_effect(effect.name):
         out[f"{effect.name}.participation_factor"] = 1.0  # relative to the starting guess
-    for k, mode in enumerate(effect.modal_data(), start=1):
+    for k, mode in enumerate(described_modes(case.truth, effect), start=1):
         out[f"{effect.name}.mode{k}.frequency"] = mode.frequency
         out[f"{effect.name}.mode{k}.damping"] = mode.damping
     return out

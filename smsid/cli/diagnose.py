@@ -115,6 +115,7 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
         parts.append(
             f"whitened rms: {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, "
             f"{g.whitened_extended:.3f} extended (noise: 1); {100 * g.explained:.1f} % of the excess gone"
+            + (f"; {g.left_out} readings of faulty sensors left out" if g.left_out else "")
         )
     elif d.gain_reason:
         parts.append(f"gain not evaluated: {d.gain_reason}")

@@ -25,8 +25,9 @@ def with_beams(description: Description, estimate: Estimate) -> tuple[Descriptio
     parts: list[Effect] = []
     for effect in found.effect:
         beam = described.get(effect.name)
-        if isinstance(beam, BeamAppendage) and effect != beam:
-            beams.add(beam.name)
+        if isinstance(beam, BeamAppendage):
+            if any(p.name.startswith(f"{beam.name}.") for p in estimate.parameters):
+                beams.add(beam.name)
             parts += as_beam(beam, effect) if isinstance(effect, ModalAppendage) else [effect]
         else:
             parts.append(effect)
@@ -46,7 +47,9 @@ def with_beams(description: Description, estimate: Estimate) -> tuple[Descriptio
 
 def _of_beam(beam: BeamAppendage, estimate: Estimate) -> dict[str, float]:
     """Return the standard deviations of a beam's parameters."""
-    density = _relative(estimate, f"{beam.name}.linear_density")
+    # the linear method calls it so where effects correct the beam's modes
+    names = [f"{beam.name}.{key}" for key in ("linear_density", "participation_factor")]
+    density = next((_relative(estimate, name) for name in names if name in estimate), np.nan)
     return {
         "density": density * beam.density,
         "damping": _sigma(estimate, f"{beam.name}.mode1.damping"),

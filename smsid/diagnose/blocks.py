@@ -179,7 +179,8 @@ def _hidden(found: Fit) -> list[tuple[str, str, list[Change]]]:
     ]
     groups += [
         (f"mode {name}", [(int(kq), int(kv))])
-        for name, kq, kv in zip(model.modes.names, model.modes.q, model.modes.v, strict=True)
+        for g in (model.modes, model.further_modes)
+        for name, kq, kv in zip(g.names, g.q, g.v, strict=True)
     ]
     for name, dofs in groups:
         own: list[Change] = []

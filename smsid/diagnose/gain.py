@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.diagnose.channels import measured
 from smsid.diagnose.faults import Fault, outliers, stuck_channels, without
-from smsid.diagnose.filter import Problem, Run, run_filter
+from smsid.diagnose.filter import Problem, run_filter
 from smsid.diagnose.point import Point
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -33,7 +33,8 @@ class Gain:
     """The model as given, with its nominal parameters refitted, and extended, on a validation recording.
 
     ``whitened`` are rms of the whitened innovations by model (noise floor: 1), ``excess`` what their sums of
-    squares exceed the expected ones by.
+    squares exceed the expected ones by. ``left_out`` readings of faulty sensors do not count for the extended
+    model; where it simulates alone they count for none.
     """
 
     recording: str
@@ -45,6 +46,7 @@ class Gain:
     excess_nominal: float
     excess_extended: float
     channels: tuple[ChannelGain, ...]
+    left_out: int = 0
 
     @property
     def explained(self) -> float:
@@ -86,13 +88,17 @@ def gain(
     rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
     channels = []
     later = data.times > begin
+    there = np.isfinite(opened[1].errors)
     for block in data.blocks:
-        errors = [_open_loop(run, later, block.rows) for run in opened]
+        errors = [_open_loop(np.where(there, run.errors, np.nan), later, block.rows) for run in opened]
         noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
         unit = recording.unit(block.channel)
         channels.append(ChannelGain(block.channel, unit, errors[0], errors[1], noise))
     name, samples = recording.name, closed[0].samples
-    return Gain(name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels))
+    left_out = samples - closed[2].samples
+    return Gain(
+        name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels), left_out
+    )
 
 
 def _read(
@@ -111,6 +117,6 @@ def _read(
     return model, replace(like, recording=recording, data=data)
 
 
-def _open_loop(run: Run, later: np.ndarray, rows: slice) -> float:
-    x = run.errors[later, rows]
+def _open_loop(errors: np.ndarray, later: np.ndarray, rows: slice) -> float:
+    x = errors[later, rows]
     return float(np.sqrt(np.nanmean(x**2))) if np.isfinite(x).any() else float("nan")

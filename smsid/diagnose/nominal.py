@@ -9,7 +9,7 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.diagnose.beams import with_beams
 from smsid.diagnose.point import Combination, Point, Unknown
-from smsid.effects.appendage import Appendage
+from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.base import Effect, Parameter
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
@@ -112,8 +112,11 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
             column = 10 * (j - 1) + i
             value = theta[i] + point.inertial.get(column, 0.0)
             add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
+    modal = {e.name for e in point.description.effect if isinstance(e, ModalAppendage)}
     for effect in point.description.effect:
         if not isinstance(effect, FREE):
+            continue
+        if isinstance(effect, ModeError) and effect.appendage in modal:  # frequencies are the appendage's own
             continue
         for p in effect.parameters():
             scale = _size(effect, p)
@@ -133,7 +136,8 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
 def _size(effect: Effect, p: Parameter) -> float:
     """Return what a share of an effect's parameter is taken of; zero where it stays as it is."""
     if isinstance(effect, BeamMode | ModeError) and p.name.endswith(".frequency"):
-        return 1.0 + p.value  # it is relative to the beam's
+        described = isinstance(effect, BeamMode) or p.value != 0.0 or p.sigma is not None
+        return 1.0 + p.value if described else 0.0  # it is relative to the beam's
     if "damping" in p.name and (p.value == 0.0 or isinstance(effect, ModeError)):
         return 1e-3
     return abs(p.value)

@@ -11,12 +11,15 @@ import re
 from collections.abc import Sequence
 from typing import TypeVar
 
+import numpy as np
+
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
 from smsid.effects.base import Effect
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.mode_error import ModeError
+from smsid.errors import DescriptionError
 from smsid.identify.identified import identified_modes
 
 E = TypeVar("E", bound=Effect)
@@ -27,13 +30,29 @@ BEAMS_ONLY = {  # effects that no other appendage can have, and why the linear m
 
 
 def described_modes(description: Description, appendage: Appendage) -> tuple[Mode, ...]:
-    """Return an appendage's modes with what `mode_error` effects of a description correct."""
+    """Return an appendage's modes with what `mode_error` effects of a description correct.
+
+    Springs and dampers of several errors of one mode add up, as in the simulation.
+
+    Raises:
+        DescriptionError: an error of a mode that the appendage does not have.
+    """
     modes = list(appendage.modal_data())
+    plain = tuple(modes)
+    springs, dampers = [1.0] * len(modes), [m.damping for m in modes]  # in those of the appendage's frequency
     for error in _of(description, appendage, ModeError):
-        old = modes[error.mode - 1]
-        damping = max(old.damping + error.damping, 0.0)
-        update = {"frequency": old.frequency * (1.0 + error.frequency), "damping": damping}
-        modes[error.mode - 1] = old.model_copy(update=update)
+        if error.mode > len(modes):
+            raise DescriptionError(
+                f"'{appendage.name}' has {len(modes)} modes of its own, not {error.mode}.",
+                advice="What a further mode is off by is its own `frequency` and `damping`.",
+                effect=error.name,
+            )
+        k, grown = error.mode - 1, 1.0 + error.frequency
+        springs[k] += grown**2 - 1.0
+        dampers[k] += (plain[k].damping + error.damping) * grown - plain[k].damping
+        share = float(np.sqrt(max(springs[k], 0.0)))
+        update = {"frequency": plain[k].frequency * share, "damping": max(dampers[k] / share, 0.0)}
+        modes[k] = plain[k].model_copy(update=update)
     return tuple(modes)
 
 
@@ -68,6 +87,8 @@ def as_described(description: Description, identified: Sequence[ModalAppendage])
             effects += as_beam(effect, mine)
         elif mine is not None:
             effects.append(mine)
+        elif isinstance(effect, BeamMode) and effect.appendage in found:
+            effects.append(_as_before(effect, description, effects))
         elif not (isinstance(effect, ModeError) and effect.appendage in found):
             effects.append(effect)
     return description.model_copy(update={"effect": tuple(effects)})
@@ -96,6 +117,18 @@ def as_beam(beam: BeamAppendage, identified: Appendage) -> list[Effect]:
             name = re.sub(r"\W+", "_", f"mode_error_{beam.name}_{k}")  # that of a diagnosis, which goes on
             out.append(ModeError(name=name, appendage=beam.name, mode=k, frequency=off[0], damping=off[1]))
     return out
+
+
+def _as_before(effect: BeamMode, description: Description, identified: Sequence[Effect]) -> BeamMode:
+    """Return a further mode with the frequency and damping it had: what they are relative to has moved."""
+    old, new = (
+        next(e for e in effects if isinstance(e, BeamAppendage) and e.name == effect.appendage)
+        for effects in (description.effect, identified)
+    )
+    plain, moved = (b.model_copy(update={"modes": effect.mode}).modal_data()[-1] for b in (old, new))
+    frequency = (1.0 + effect.frequency) * plain.frequency / moved.frequency - 1.0
+    damping = plain.damping if effect.damping is None else effect.damping
+    return effect.model_copy(update={"frequency": frequency, "damping": damping})
 
 
 def _of(description: Description, appendage: Appendage, kind: type[E]) -> list[E]:

@@ -27,7 +27,7 @@ def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
     out = np.zeros_like(theta)
     tanks = {j.joint for j in model.slosh}
     parent = list(model.pin.parents)
-    modes = {int(j) for j in model.modes.joints} | {int(j) for j in model.wheels.joints}
+    modes = {int(j) for g in (model.modes, model.further_modes, model.wheels) for j in g.joints}
     for j in modes - tanks:
         if parent[j] == 1:
             out[:10] += move_parameters(model.pin.jointPlacements[j], theta[10 * (j - 1) : 10 * j])

@@ -65,8 +65,10 @@ def _identify(
     started = time.perf_counter()
     mends = _mended(description, recordings)
     given = description
-    description, left_out = linear_appendages(description)
-    model = described = build_model(description)
+    model = described = build_model(given)
+    description, left_out = linear_appendages(given)
+    if description != given:
+        model = described = build_model(description)
     if not model.free:
         raise NotIdentifiableError(
             f"'{description.name}' is welded to the ground.",

@@ -122,7 +122,8 @@ def carried_matrix(at: Parameters, regressor: Regressor) -> np.ndarray:
     """Matrix (10 bodies, 10 bodies) that adds wheels and undeformed modes to the bus, as `carried_by_bus`."""
     model = at.layout.model
     out = np.zeros((regressor.columns, regressor.columns))
-    joints = {int(j) for g in (model.modes, model.wheels) for j in g.joints} - {s.joint for s in model.slosh}
+    joints = {int(j) for g in (model.modes, model.further_modes, model.wheels) for j in g.joints}
+    joints -= {s.joint for s in model.slosh}
     parents = list(model.pin.parents)
     for j in sorted(joints):
         if parents[j] != 1:

@@ -190,7 +190,8 @@ class Parameters:
         """Return the Pinocchio model with these inertias."""
         model, theta = self.layout.model.pin.copy(), self.theta()
         changed = {*self.layout.bodies, *(s.joint for s in self.layout.model.slosh), 1}
-        changed |= {int(j) for j in self.layout.model.modes.joints}
+        groups = (self.layout.model.modes, self.layout.model.further_modes)
+        changed |= {int(j) for g in groups for j in g.joints}
         for j in changed:
             model.inertias[j] = pin.Inertia.FromDynamicParameters(theta[SIZE * (j - 1) : SIZE * j])
         return model

@@ -81,6 +81,8 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
         if told
         else "The model as given has no significant excess on the held-out data: there is nothing to gain."
     )
+    if g.left_out:
+        text += f" {g.left_out} readings of sensors that are found faulty there, too, are left out with it."
     rows, table, values = [], [], []
     for c in g.channels:
         shown = "rad" if c.channel.endswith(".attitude") else unit(c.unit)  # compared as rotation vectors

@@ -151,7 +151,17 @@ def _panel(n: Numbers) -> list[Hidden]:
     found = [
         Hidden("geometric_stiffness", family, "panel", "factor", "1", plain(bend), 0.1, cap=3.0),
         Hidden("extra_mode", family, "panel", "mass", "kg", plain(another), 0.2, cap=15.0, also=("bus",)),
-        Hidden("beam_mode", family, "panel", "factor", "1", plain(higher), 0.1, cap=1.0),
+        Hidden(
+            "beam_mode",
+            family,
+            "panel",
+            "factor",
+            "1",
+            plain(higher),
+            0.1,
+            cap=1.0,
+            shapes=(f"mode {n.plate.modes + 1 if n.plate else 1}",),
+        ),
         Hidden(
             "frequency_drift",
             family,

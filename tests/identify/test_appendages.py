@@ -7,13 +7,17 @@ import pytest
 
 from smsid.effects import BeamMode, GeometricStiffness, ModeError
 from smsid.effects.appendage import BeamAppendage, ModalAppendage
+from smsid.errors import DescriptionError
 from smsid.export import with_estimate
 from smsid.identify import identify
 from smsid.identify.appendages import as_beam, as_described, described_modes, linear_appendages
 from smsid.identify.estimate import Estimate, judged
 from smsid.identify.identified import identified_modes
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.parameters import Parameters
 from smsid.model import build_model
+from smsid.model.regressor import Regressor
 
 from .support import noisy, paper, reference
 
@@ -67,6 +71,45 @@ def test_a_beam_bends_as_the_identified_appendage():
     np.testing.assert_allclose(accelerations(beam), expected, rtol=1e-10)
 
 
+def test_errors_of_one_mode_add_up():
+    twice = [ModeError(name=n, appendage="panel", mode=1, frequency=0.05, damping=1e-3) for n in "ab"]
+    described = paper().with_effects(*twice)
+    linear, _ = linear_appendages(described)
+    np.testing.assert_allclose(accelerations(linear), accelerations(described), rtol=1e-10)
+
+
+def test_an_error_of_a_mode_there_is_not():
+    beyond = ModeError(name="beyond", appendage="panel", mode=4)
+    with pytest.raises(DescriptionError, match="has 3 modes"):
+        described_modes(paper().with_effects(beyond), paper().get_effect("panel"))
+
+
+def test_a_further_mode_stays_where_it_was():
+    """Though the beam it is relative to is another; its damping, too, and how much of it there is."""
+    found = build_model(as_described(paper().with_effects(MORE), [identified(paper())]))
+    before = build_model(paper().with_effects(MORE))
+    (v,) = before.further_modes.v
+    place = [list(m.spring_v).index(v) for m in (found, before)]
+    mass = [m.pin.inertias[int(m.further_modes.joints[0])].mass for m in (found, before)]
+    assert mass[0] == pytest.approx(0.97 * mass[1], rel=1e-12)
+    for a, b in ((found.stiffness, before.stiffness), (found.damping, before.damping)):
+        assert a[place[0]] / mass[0] == pytest.approx(b[place[1]] / mass[1], rel=1e-12)
+
+
+def test_the_bus_has_the_whole_panel_whatever_modes_it_has():
+    """What the linear method, which leaves a further mode out, calls the bus."""
+    plain, more = (build_model(d) for d in (paper(), paper().with_effects(MORE)))
+    bus = []
+    for model in (plain, more):
+        regressor = Regressor(model)
+        bus.append((regressor.parameters + carried_by_bus(model, regressor))[:10])
+        at = Parameters.of(model)
+        np.testing.assert_allclose(
+            carried_matrix(at, regressor) @ at.theta(), carried_by_bus(model, regressor)
+        )
+    np.testing.assert_allclose(bus[1], bus[0], rtol=1e-10)
+
+
 @pytest.mark.parametrize("effects", [ERRORS, (*ERRORS, SOFT), (*ERRORS, SOFT, MORE)])
 def test_identified_in_the_terms_of_the_description(effects):
     """No correction counts twice, and what needs a beam finds one."""
@@ -75,7 +118,8 @@ def test_identified_in_the_terms_of_the_description(effects):
     linear, _ = linear_appendages(found)
     expected = paper().with_effects(identified(described))
     np.testing.assert_allclose(accelerations(linear), accelerations(expected), rtol=1e-10)
-    assert [e for e in found.effect if e in (SOFT, MORE)] == [e for e in effects if e in (SOFT, MORE)]
+    kinds = [type(e) for e in found.effect if isinstance(e, GeometricStiffness | BeamMode)]
+    assert kinds == [type(e) for e in effects if isinstance(e, GeometricStiffness | BeamMode)]
     build_model(found)
 
 

@@ -31,4 +31,8 @@ def test_a_beam_with_a_mode_more_has_the_same_bus(urdf: Path) -> None:
     step[at] = 1e-6
     up, up_damping, _, _ = found.moved(step).springs()
     assert dk[row, at] == pytest.approx((up[row] - stiffness[row]) / 1e-6, rel=1e-4)
+    heavier = found.moved(step * 1e5)
+    bodies = np.concatenate([i.toDynamicParameters() for i in list(heavier.pin_model().inertias)[1:]])
+    masses = [theta.reshape(-1, 10)[:, 0].sum() for theta in (bodies, heavier.theta())]
+    assert masses[0] == pytest.approx(masses[1], rel=1e-12)
     assert dd[row, at] == pytest.approx((up_damping[row] - damping[row]) / 1e-6, rel=1e-4)
