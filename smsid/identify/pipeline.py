@@ -65,7 +65,7 @@ def _identify(
     started = time.perf_counter()
     mends = _mended(description, recordings)
     given = description
-    model = described = build_model(given)
+    model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
     description, left_out = linear_appendages(given)
     if description != given:
         model = described = build_model(description)

@@ -67,10 +67,9 @@ def identify_streamed(
     """Identify inertial parameters as `identify_momentum` does, ``length`` [s] at a time.
 
     ``model`` carries slosh and appendages, these as `linear_appendages` gives them, ``mass`` is M [kg]; the
-    recording starts at rest. Errors of the
-    columns are those that noise once more shows, as there; its repetitions, and the errors of Exp. 1, are
-    not carried over. ``length`` is rounded to whole samples at ``rate`` [Hz] and should hold a few periods
-    of the slowest mode. Raises what `step_a` and `step_b` raise.
+    recording starts at rest. Errors of the columns are those that noise once more shows, as there; its
+    repetitions, and the errors of Exp. 1, are not carried over. ``length`` is rounded to whole samples at
+    ``rate`` [Hz] and should hold a few periods of the slowest mode. Raises what `step_a` and `step_b` raise.
     """
     check_on_bus(model)
 

@@ -16,7 +16,7 @@ def stuck(values, rng):
 
 def wild(values, rng):
     hit = rng.choice(np.arange(50, len(values) - 50), 12, replace=False)
-    values[hit, AXIS] += 2e-4
+    values[hit, AXIS] += 4e-4
 
 
 @pytest.mark.parametrize(("kind", "spoil"), [("stuck", stuck), ("outliers", wild)])
@@ -31,6 +31,6 @@ def test_what_a_fault_spoils_is_explained_by_it(kind, spoil, known, problem, rec
     elsewhere = gain(
         *points, spoiled, problem, 100.0, [Fault(kind, CHANNEL, f"{CHANNEL}[x]", 0.0, 1.0, fault.samples)]
     )
-    assert blind.excess_given == seeing.excess_given > 20.0 * np.sqrt(2.0 * blind.samples)
+    assert blind.excess_given == seeing.excess_given > 30.0 * np.sqrt(2.0 * blind.samples)
     assert blind.explained == pytest.approx(0.0, abs=1e-9) == elsewhere.explained
-    assert seeing.explained > 0.95
+    assert seeing.explained > 0.97

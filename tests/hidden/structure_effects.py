@@ -93,6 +93,8 @@ def _spring(tank: str, cubic: float, quadratic: float) -> Change:
 
 
 def _panel(n: Numbers) -> list[Hidden]:
+    assert n.plate is not None
+
     def mode(k: int, **factors: float) -> Change:
         def change(m: Numbers) -> Numbers:
             modes = list(m.plate_modes())
@@ -160,7 +162,7 @@ def _panel(n: Numbers) -> list[Hidden]:
             plain(higher),
             0.1,
             cap=1.0,
-            shapes=(f"mode {n.plate.modes + 1 if n.plate else 1}",),
+            shapes=(f"mode {n.plate.modes + 1}",),
         ),
         Hidden(
             "frequency_drift",
