@@ -16,11 +16,13 @@ from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 NEAR = 0.5  # least correlation of two candidates that are taken for each other
+BEYOND = 0.001  # chance of how far one explains more than what is there, by which the latter is rejected
 NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
 CONTAINED = 0.99  # correlation with a candidate of more parameters above which these can do the same
 AS_GOOD = 0.9  # the same, where they explain more than the one does
 FEW = 2  # aliases that are named whatever their chances are
 REST = 0.05  # chance of all that are left out beside them
+AXES = (".x", ".y", ".z")
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -89,6 +91,9 @@ def accept(
     if best.ratio > levels.linear:
         close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
         contenders += close[: levels.contenders - 1]
+        if _begins(best):  # large and curved, what is there all the time scores less than it explains
+            still = next((s for s in rivals if not _begins(s)), None)
+            contenders += [] if still is None or any(s is still for s in contenders) else [still]
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
         found = refit(current, s)
@@ -119,6 +124,10 @@ def accept(
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
     beside = tuple(u.name for u in current.unknowns)
     return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
+
+
+def _begins(s: Score) -> bool:
+    return getattr(s.candidate.effect, "start", None) is not None
 
 
 def aliases_of(
@@ -152,6 +161,9 @@ def aliases_of(
 def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> bool:
     """Whether a rival is rejected beside the winner.
 
+    Were it what is there, the winner would explain no more than it does but for chance, on as many degrees
+    of freedom as the winner has: beyond that it is rejected, however few its parameters are.
+
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
     nothing then, but that what it has more explains no more than chance does. One that only looks like the
     winner (a friction that goes with the cosine of a small angle) is rejected by what it leaves. Nor does its
@@ -161,6 +173,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
     lead = winner.ratio - rival.ratio
+    if lead > float(chi2.isf(BEYOND, max(winner.freedom, 1))):
+        return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if set(a.free) <= set(b.free):
             return -lead < float(chi2.isf(NESTED, more))
@@ -220,22 +234,38 @@ def refit(current: Fit, s: Score) -> Fit | None:
 
 
 def _with_more(found: Fit, candidate: Candidate) -> Fit:
-    """Return the fit with a candidate's further parameters free too, where they gain what they cost."""
-    if not candidate.also:
-        return found
-    parameters = {p.name: p for p in candidate.instance(found.point).parameters()}
-    more = tuple(
+    """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
+    them, else those that do alone (the components of a vector together).
+    """
+    known = {p.name: p for p in candidate.instance(found.point).parameters()} if candidate.also else {}
+    more = [
         Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
         for n in candidate.also
-        for p in (parameters[n],)
-    )
-    try:
-        larger = fit(found.point, (*found.unknowns, *more), found.problem, iterations=4)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("%s: %s stay as they are: %s", candidate.key, candidate.also, error)
+        for p in (known[n],)
+    ]
+    price = float(np.log(found.run.samples))
+
+    def freed(found: Fit, some: Sequence[Unknown]) -> tuple[float, Fit]:
+        try:
+            larger = fit(found.point, (*found.unknowns, *some), found.problem, iterations=4)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], error)
+            return 0.0, found
+        return 2.0 * (found.objective - larger.objective), larger
+
+    if not more:
         return found
-    gained = 2.0 * (found.objective - larger.objective)
-    return larger if gained > len(more) * np.log(found.run.samples) else found
+    gained, larger = freed(found, more)
+    if gained > len(more) * price:
+        return larger
+    groups: dict[str, list[Unknown]] = {}
+    for u in more:
+        groups.setdefault(u.name[:-2] if u.name.endswith(AXES) else u.name, []).append(u)
+    if len(groups) > 1 and gained > price:
+        for some in groups.values():
+            gained, larger = freed(found, some)
+            found = larger if gained > len(some) * price else found
+    return found
 
 
 def pruned(

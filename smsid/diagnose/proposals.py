@@ -129,9 +129,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             varying = {"position_cos": 1e-3, "position_sin": 1e-3}
             yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
             with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
-            yield from _one(
-                "joint_friction", name, "friction", "stribeck", at, with_stribeck, ["stribeck_rate"]
-            )
+            curve = ["stribeck_rate", "stribeck_exponent"]
+            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck, curve)
             none = at | {"inertia": 0.0}
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
             gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
@@ -266,12 +265,9 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
         yield from _one("actuator_delay", "thruster", "actuator", "delay", late, {"delay": 1e-3})
     for frame in ("body", "inertial"):
         at = {"frame": frame}
-        yield from _one(
-            "external_wrench", f"bus_{frame}", "external", f"force, {frame}", at, _vector("force", 1e-4)
-        )
-        yield from _one(
-            "external_wrench", f"bus_{frame}", "external", f"torque, {frame}", at, _vector("torque", 1e-4)
-        )
+        for what in ("force", "torque"):
+            shape, free = f"{what}, {frame}", _vector(what, 1e-4)
+            yield from _one("external_wrench", "bus", "external", shape, at, free, part=frame)
     orbit: dict[str, Any] = {"gradient": 0.0, "prior": {f"turn.{axis}": 1.0 for axis in AXES}}
     free = {"gradient": 1e-8, **_vector("turn", 1e-2)}
     for c in _one("gravity_gradient", "bus", "external", "gravity gradient", orbit, free):

@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 class JointFriction(Starting):
     """Friction torque on one joint of an arm or wheel, against its rate qd.
 
-    ``-viscous qd - (coulomb + stribeck exp(-(qd/stribeck_rate)^2) + load |tau| + position_cos cos q
-    + position_sin sin q) tanh(qd / smoothing)``, with tau the torque that drives the joint (where its motion
-    is prescribed, nothing drives it, and the load takes no part).
+    ``-viscous qd - (coulomb + stribeck exp(-|qd/stribeck_rate|^stribeck_exponent) + load |tau|
+    + position_cos cos q + position_sin sin q) tanh(qd / smoothing)``, with tau the torque that drives the
+    joint (where its motion is prescribed, nothing drives it, and the load takes no part).
 
-    Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, with a Gaussian Stribeck
-    curve; load-dependent harmonic drives: Taghirad and Belanger, J. Dyn. Syst. Meas. Control 120 (1998) 311.
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, whose Stribeck curve has
+    the exponent of Bo and Pavelescu, Wear 82 (1982) 277: 2 is Gauss's curve, 1 Tustin's; load-dependent
+    harmonic drives: Taghirad and Belanger, J. Dyn. Syst. Meas. Control 120 (1998) 311.
     """
 
     summary: ClassVar[str] = (
@@ -54,6 +55,13 @@ class JointFriction(Starting):
         default=0.05,
         description="rate at which `stribeck` has fallen to 37 %",
     )
+    stribeck_exponent: float = physical(
+        "1",
+        lower=0.5,
+        upper=4.0,
+        default=2.0,
+        description="how sharply `stribeck` falls about that rate: 2 is a Gaussian, 1 an exponential",
+    )
     load: float = physical(
         "1", lower=0.0, default=0.0, description="Coulomb torque per torque that drives the joint"
     )
@@ -75,6 +83,7 @@ class JointFriction(Starting):
             assembly.add_springs(number, (0.0,), (viscous,))
             viscous = 0.0
         coulomb, stribeck, rate = self.coulomb, self.stribeck, self.stribeck_rate
+        exponent = self.stribeck_exponent
         cos, sin, load, smoothing, active = (
             self.position_cos,
             self.position_sin,
@@ -89,7 +98,7 @@ class JointFriction(Starting):
             qd = v[index]
             size = coulomb
             if stribeck:
-                size += stribeck * np.exp(-((qd / rate) ** 2))
+                size += stribeck * np.exp(-(abs(qd / rate) ** exponent))
             if cos or sin:
                 c, s = (np.cos(q[place]), np.sin(q[place])) if turns else (q[place], q[place + 1])
                 size += cos * c + sin * s

@@ -17,14 +17,15 @@ from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
 RATE = "joint_friction_joint2.stribeck_rate"
+EXPONENT = "joint_friction_joint2.stribeck_exponent"
 
 
-@pytest.fixture(scope="module")
-def rubbing(description, known):
-    """The nominal fit of six seconds with friction at joint 2, and the score of a Stribeck friction there."""
-    friction = {"joint": "joint2", "coulomb": 0.1, "stribeck": 0.1, "stribeck_rate": 0.15}
-    truth = description.with_effects(JointFriction(kind="joint_friction", name="rub", **friction))
-    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+def rubbed(description, known, friction, duration=6.0):
+    """The nominal fit of some seconds with friction at joint 2, the score of a Stribeck friction there."""
+    truth = description.with_effects(
+        JointFriction(kind="joint_friction", name="rub", joint="joint2", **friction)
+    )
+    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": duration})
     recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
     data = measured(known.point.base, recording, known.point.description.effective_sensors()).thinned(25.0)
     problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
@@ -35,16 +36,30 @@ def rubbing(description, known):
     return current, score
 
 
+@pytest.fixture(scope="module")
+def rubbing(description, known):
+    """Of a curve that falls at another rate."""
+    return rubbed(description, known, {"coulomb": 0.1, "stribeck": 0.1, "stribeck_rate": 0.15})
+
+
 def test_the_rate_of_a_stribeck_curve_is_fitted_where_it_is_another(rubbing):
     current, score = rubbing
     found = refit(current, score)
     names = [u.name for u in found.unknowns]
     assert RATE in names
-    paid = (score.freedom + 1) * np.log(current.run.samples)
+    paid = (score.freedom + len({RATE, EXPONENT} & set(names))) * np.log(current.run.samples)
     assert cost(current, score, found) == pytest.approx(paid)
     start = next(p.value for p in score.candidate.effect.parameters() if p.name == RATE)
     value = found.point.value(found.unknowns[names.index(RATE)])
     assert abs(value - 0.15) < abs(start - 0.15)
+
+
+def test_how_sharply_a_stribeck_curve_falls_is_fitted_where_it_is_no_gaussian(description, known):
+    friction = {"coulomb": 0.1, "stribeck": 0.15, "stribeck_rate": 0.08, "stribeck_exponent": 1.0}
+    current, score = rubbed(description, known, friction, duration=12.0)
+    found = refit(current, score)
+    value = next(found.point.value(u) for u in found.unknowns if u.name == EXPONENT)
+    assert 2.0 - value > 3.0 * found.sigma(EXPONENT)
 
 
 def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
@@ -70,6 +85,12 @@ def test_a_sibling_with_more_parameters_is_rejected_by_what_they_explain(more, e
     """Not by their price: two parameters cost 18 at 10000 samples."""
     winner, rival = score(100.0, 1), score(100.0 + extra, 1 + more)
     assert told_apart(winner, rival, 10_000, Levels()) is rejected
+
+
+def test_one_that_explains_far_less_is_rejected_however_few_its_parameters_are():
+    """Six parameters cost 55 at 10000 samples; beside them, one that explains next to nothing is no rival."""
+    for rival, rejected in ((0.4, True), (30.0, False)):
+        assert told_apart(score(45.0, 6), score(rival, 1, "joint2"), 10_000, Levels()) is rejected
 
 
 def test_one_as_large_elsewhere_is_rejected_by_the_criterion():

@@ -109,10 +109,10 @@ RATES = np.array([-2.0, -0.05, -0.004, 0.0, 0.01, 0.3])
 def test_friction_by_rate_load_and_angle(folder: Path, rate: float, torque: float) -> None:
     friction = JointFriction(
         name="f", joint="hinge", viscous=0.3, coulomb=0.2, stribeck=0.1, stribeck_rate=0.04, load=0.05,
-        position_cos=0.07, position_sin=-0.03, smoothing=0.01, start=2.0,
+        stribeck_exponent=1.3, position_cos=0.07, position_sin=-0.03, smoothing=0.01, start=2.0,
     )  # fmt: skip
     model, q = one_joint(folder, friction), np.array([0.7])
-    size = 0.2 + 0.1 * np.exp(-((rate / 0.04) ** 2)) + 0.05 * abs(torque)
+    size = 0.2 + 0.1 * np.exp(-(abs(rate / 0.04) ** 1.3)) + 0.05 * abs(torque)
     size += 0.07 * np.cos(0.7) - 0.03 * np.sin(0.7)
     expected = torque - 0.3 * rate - size * np.tanh(rate / 0.01)
     found = [model.acceleration(t, q, np.array([rate]), np.array([torque]))[0] * INERTIA for t in (1.9, 2.0)]

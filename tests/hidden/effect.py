@@ -23,7 +23,8 @@ class Hidden:
     hidden, in `unit`; its value goes into `make(value, onset [s], rng)`. guess: where the search for the
     limit starts. power: how the signal grows with the value. cap: the largest value worth simulating.
     signed: both signs make sense. onset: it may begin midway. rule: "distance" when the limit follows from
-    the distance between channels with and without it, else the limit itself [unit].
+    the distance between channels with and without it, else the limit itself [unit]. beside: what else one
+    that names its kind, place and shape may mean (the other axes of a vector), as `make` at the same value.
     """
 
     kind: str | None
@@ -42,6 +43,7 @@ class Hidden:
     rule: float | None = None
     also: tuple[str, ...] = ()
     label: str = ""
+    beside: tuple[Make, ...] = ()
 
     @property
     def name(self) -> str:

@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -216,21 +216,37 @@ def distance_after(signal: Array, others: Array) -> float:
     return float(np.sqrt(max(signal @ signal - np.sum((u.T @ signal) ** 2), 0.0)))
 
 
+@dataclass(frozen=True)
+class Named:
+    """What a diagnosis names: a kind, where (anywhere with `None`) and which shape of it (any)."""
+
+    kind: str
+    location: str | None = None
+    shape: str | None = None
+
+    def means(self, effect: Hidden) -> bool:
+        """Whether a hidden effect is of what is named."""
+        kind = self.kind in (effect.kind, *effect.others)
+        place = self.location is None or self.location in (effect.location, *effect.also)
+        return kind and place and (self.shape is None or not effect.shapes or self.shape in effect.shapes)
+
+
 def cannot_separate(
-    exp: Experiment, truth: Hidden, value: float, kind: str, location: str | None, onset: float | None = None
+    exp: Experiment, truth: Hidden, value: float, named: Named, onset: float | None = None
 ) -> bool:
-    """Whether this experiment cannot tell the hidden value from effects of that kind (at that location).
+    """Whether this experiment cannot tell the hidden value from what is named.
 
     What begins midway is compared with what begins then.
     """
     signal = exp.signal(truth, value, onset)
     columns = []
     for other in hidden_effects(exp.world).values():
-        same = other.kind == kind or kind in other.others
-        if same and (location is None or location in (other.location, *other.also)):
-            one = strength_one(exp.world, other.name)
-            if one is not None and other.rule is None:
-                columns.append(exp.signal(other, min(one, other.cap), onset if other.onset else None))
+        one = strength_one(exp.world, other.name)
+        if not named.means(other) or one is None or other.rule is not None:
+            continue
+        for make in (other.make, *other.beside):
+            own = replace(other, make=make)
+            columns.append(exp.signal(own, min(one, other.cap), onset if other.onset else None))
     if not columns:
         return False
     return distance_after(signal, np.array(columns).T) < SEPARATION

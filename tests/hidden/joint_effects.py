@@ -1,6 +1,7 @@
 """Hidden effects of joints and wheels: friction, drivetrain, and three that no catalogue has.
 
-Shapes differ on purpose from tanh and Gauss: the sign is smoothed by a root, Stribeck decays exponentially.
+Shapes differ on purpose from the catalogue's: the sign is smoothed by a root, Stribeck friction falls as a
+Lorentz curve.
 """
 
 from __future__ import annotations
@@ -34,9 +35,11 @@ def joint_effects(n: Numbers) -> list[Hidden]:
         found += [
             _friction(joint, "viscous", "N m s/rad", 6e-4, viscous, cap=8.0),
             _friction(joint, "coulomb", "N m", 7e-5, coulomb, cap=2.0),
-            _friction(joint, "stribeck", "N m", 5e-5, stribeck, cap=2.0),
+            _friction(joint, "stribeck", "N m", 5e-5, stribeck, cap=2.0, beside=(coulomb,)),
             _friction(joint, "load", "1", 3e-6, load, cap=0.2),
-            _friction(joint, "position_cos", "N m", 7e-5, position, cap=2.0, signed=True),
+            _friction(
+                joint, "position_cos", "N m", 7e-5, position, cap=2.0, signed=True, beside=(quarter_on,)
+            ),
             Hidden(
                 "motor_inertia",
                 ("drivetrain",),
@@ -113,9 +116,11 @@ def coulomb(plant: Plant, iq: int, iv: int, size: float) -> float:
 
 
 def stribeck(plant: Plant, iq: int, iv: int, size: float) -> float:
-    """Coulomb friction of the same size, and as much again at low rates."""
+    """Coulomb friction of the same size, and as much again at low rates: the curve of Hess and Soom, ASME J.
+    Tribology 112 (1990) 147.
+    """
     v = plant.qvel[iv]
-    return -size * _sign(v) * (1.0 + np.exp(-abs(v) / 0.05))
+    return -size * _sign(v) * (1.0 + 1.0 / (1.0 + (v / 0.05) ** 2))
 
 
 def load(plant: Plant, iq: int, iv: int, size: float) -> float:
@@ -127,6 +132,11 @@ def load(plant: Plant, iq: int, iv: int, size: float) -> float:
 def position(plant: Plant, iq: int, iv: int, size: float) -> float:
     """Coulomb friction that varies with the angle."""
     return -size * np.cos(plant.qpos[iq]) * _sign(plant.qvel[iv])
+
+
+def quarter_on(plant: Plant, iq: int, iv: int, size: float) -> float:
+    """The same, a quarter of a turn on."""
+    return -size * np.sin(plant.qpos[iq]) * _sign(plant.qvel[iv])
 
 
 def _ripple(plant: Plant, iq: int, iv: int, size: float) -> float:
@@ -148,7 +158,15 @@ def _force(joint: str, law: Callable[[Plant, int, int, float], float], size: flo
 
 
 def _friction(
-    joint: str, parameter: str, unit: str, guess: float, law: Callable, *, cap: float, signed: bool = False
+    joint: str,
+    parameter: str,
+    unit: str,
+    guess: float,
+    law: Callable,
+    *,
+    cap: float,
+    signed: bool = False,
+    beside: tuple[Callable, ...] = (),
 ) -> Hidden:
     return Hidden(
         "joint_friction",
@@ -162,6 +180,7 @@ def _friction(
         signed=signed,
         onset=True,
         shapes=SHAPES[parameter],
+        beside=tuple(lambda x, onset, rng, law=law: _force(joint, law, x, onset) for law in beside),
     )
 
 

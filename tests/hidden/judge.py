@@ -56,8 +56,8 @@ class Judgement:
     notes: tuple[str, ...] = field(default=())
 
 
-Confirm = Callable[[Injected, str, str], bool]
-"""Whether the experiment cannot tell what was hidden from a kind at a location."""
+Confirm = Callable[[Injected, str, str, str], bool]
+"""Whether the experiment cannot tell what was hidden from a kind at a location with a shape."""
 
 
 def judge(document: Mapping[str, Any], truth: Sequence[Injected], confirm: Confirm) -> Judgement:
@@ -147,7 +147,7 @@ def _match(cause: Mapping[str, Any], injected: Injected, confirm: Confirm) -> tu
     for alias in aliases:
         shape = alias.get("shape")
         if _is(alias, effect) and (shape is None or not effect.shapes or shape in effect.shapes):
-            if few and confirm(injected, cause["effect"], cause["location"]):
+            if few and confirm(injected, cause["effect"], cause["location"], own_shape or cause["fitted"]):
                 return "right_by_alias", ""
             why = "alias not confirmed by the Fisher information" if few else f"{len(aliases)} aliases"
             return ("right_family" if _same_family(cause, effect) else None), why

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .fisher import cannot_separate, experiment
+from .fisher import Named, cannot_separate, experiment
 from .flight import Files, write_run
 from .judge import Injected, Judgement, judge
 from .plan import Run
@@ -78,9 +78,9 @@ def diagnosed(files: Files, folder: Path) -> tuple[Any, dict[str, Any]]:
 def judged(run: Run, document: dict[str, Any]) -> Judgement:
     """Judge a document; aliases are confirmed by the run's own experiment."""
 
-    def confirm(injected: Injected, kind: str, location: str) -> bool:
-        own = experiment(run.world)
-        return cannot_separate(own, injected.effect, injected.value, kind, location, injected.onset)
+    def confirm(injected: Injected, kind: str, location: str, shape: str) -> bool:
+        other = Named(kind, location, shape)
+        return cannot_separate(experiment(run.world), injected.effect, injected.value, other, injected.onset)
 
     return judge(document, run.hidden, confirm)
 

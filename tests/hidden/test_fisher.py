@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from . import fisher
 from .catalogue import hidden_effects
 from .experiment import RATE
-from .fisher import DETECTION, Experiment, distance_after
+from .fisher import DETECTION, Experiment, Named, distance_after
 from .flight import fly
 from .limits import strength_one, table
 from .numbers import WORLDS, moved, nominal
@@ -108,9 +108,25 @@ def test_aliases_are_confirmed_only_near_the_limit(short):
     """A viscous and a Coulomb friction of the same joint merge at the limit, not at a hundred times it."""
     name = "joint_friction:coulomb@joint1"
     effect, one = hidden_effects("arm")[name], short.limit(name).value
-    assert fisher.cannot_separate(short, effect, 0.3 * one, "joint_friction", "joint1")
-    assert not fisher.cannot_separate(short, effect, 100 * one, "torque_gain", "joint3")
-    assert not fisher.cannot_separate(short, effect, 0.3 * one, "no_such_kind", "joint1")
+    assert fisher.cannot_separate(short, effect, 0.3 * one, Named("joint_friction", "joint1", "viscous"))
+    assert not fisher.cannot_separate(short, effect, 100 * one, Named("torque_gain", "joint3"))
+    assert not fisher.cannot_separate(short, effect, 0.3 * one, Named("no_such_kind", "joint1"))
+
+
+def test_another_shape_is_another_name(short):
+    """Large enough to be told from a viscous one, a Coulomb friction is taken for its own shape only."""
+    name = "joint_friction:coulomb@joint1"
+    effect, one = hidden_effects("arm")[name], short.limit(name).value
+    for shape, merges in (("viscous", False), ("coulomb", True), (None, True)):
+        named = Named("joint_friction", "joint1", shape)
+        assert fisher.cannot_separate(short, effect, 20 * one, named) is merges, shape
+
+
+def test_a_vector_is_named_with_all_its_axes():
+    found = hidden_effects("rigid")["external_wrench:torque@bus_body"]
+    assert Named("external_wrench", "bus", "torque, body").means(found)
+    assert not Named("external_wrench", "bus", "torque, inertial").means(found)
+    assert len(found.beside) == 3
 
 
 def test_what_begins_late_is_told_from_less(short):
@@ -118,8 +134,8 @@ def test_what_begins_late_is_told_from_less(short):
     name = "joint_friction:coulomb@joint1"
     effect, size = hidden_effects("arm")[name], 4 * short.limit(name).value
     assert np.linalg.norm(short.signal(effect, size, 7.5)) < 0.5 * np.linalg.norm(short.signal(effect, size))
-    assert not fisher.cannot_separate(short, effect, size, "torque_gain", "joint3")
-    assert fisher.cannot_separate(short, effect, size, "torque_gain", "joint3", 7.9)
+    assert not fisher.cannot_separate(short, effect, size, Named("torque_gain", "joint3"))
+    assert fisher.cannot_separate(short, effect, size, Named("torque_gain", "joint3"), 7.9)
 
 
 def test_the_table_names_effects_that_exist():
@@ -132,7 +148,8 @@ def test_the_table_names_effects_that_exist():
 @pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS)
 def test_the_table_is_what_is_found(world):
-    """Limits found anew (cached in build/) are those of the table."""
+    """Limits found anew (cached in build/) are those of the table, of what has any that may be hidden."""
     exp = fisher.experiment(world)
     for name, value in table()[world].items():
-        assert exp.limit(name).value == pytest.approx(value, rel=0.02), name
+        if value <= hidden_effects(world)[name].cap:
+            assert exp.limit(name).value == pytest.approx(value, rel=0.02), name
