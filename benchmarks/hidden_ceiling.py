@@ -22,7 +22,8 @@ from _common import RESULTS, ROOT, environment, write_result
 from rich.console import Console
 
 from smsid.diagnose import Levels
-from tests.hidden.ceiling import held_out, recognised, signals
+from smsid.diagnose.gain import SETTLE
+from tests.hidden.ceiling import held_out, open_loop, recognised, signals
 from tests.hidden.flight import write_run
 from tests.hidden.numbers import WORLDS
 from tests.hidden.plan import draw_effect
@@ -58,6 +59,7 @@ def ceiling(world: str, seed: int) -> dict[str, Any]:
         drawn = [draw_effect(world, rng, strength) for _ in range(DRAWS)]
         shares[f"{strength:g}"] = round(recognised(known, drawn, count, level, rng), 4)
     left = held_out(world)
+    ratios = open_loop(world, rng, settle=SETTLE)
     return {
         "sources": sources(),
         "seed": seed,
@@ -68,6 +70,10 @@ def ceiling(world: str, seed: int) -> dict[str, Any]:
         "held_out": {
             "expected": float(f"{left.sum():.4g}"),
             "eigenvalues": [float(f"{x:.4g}") for x in left if x > 1e-3],
+            "open_loop": {
+                "median": round(float(np.median(ratios)), 3),
+                "within_1.1": round(float(np.mean(ratios <= 1.1)), 3),
+            },
         },
     }
 

@@ -45,7 +45,7 @@ def test_names_as_diagnose_prints_them(candidates, text: str):
 
 
 def test_names_with_a_comma(candidates):
-    first, second = resolved("force, body at bus_body,bias at imu.acceleration", candidates)
+    first, second = resolved("force, body at bus,bias at imu.acceleration", candidates)
     assert first.kind == "external_wrench" and second.kind == "sensor_bias"
 
 

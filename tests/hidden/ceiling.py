@@ -118,6 +118,41 @@ def chance(eigenvalues: Array, most: float, rng: np.random.Generator, draws: int
     return float(np.mean((errors**2 + 2.0 * errors * noise).sum(axis=1) <= most))
 
 
+def open_loop(world: str, rng: np.random.Generator, *, settle: float, draws: int = 400) -> Array:
+    """Errors (draws,) of a simulation of the held-out flight with an efficient estimate of the nominal
+    parameters, over those with the true numbers; each starts from the state that its first ``settle`` seconds
+    show it. A channel counts by its mean square in its noise.
+    """
+    information, exp = _information(experiment(world, 0)), experiment(world, 1)
+    half = np.linalg.cholesky(np.linalg.inv(information + np.eye(len(information))))
+    columns, sigma = exp.nuisances()
+    nominal, starts = columns[:, sigma < FLAT], columns[:, sigma == FLAT]
+    early, weight = _rows(exp, settle)
+    found = np.linalg.pinv(starts[early])
+    off = nominal[~early] - starts[~early] @ (found @ nominal[early])
+    drift, scale = starts[~early], np.sqrt(weight[~early])
+    ratios = np.zeros(draws)
+    for k in range(draws):
+        seen = rng.standard_normal(len(early))
+        true = seen[~early] - drift @ (found @ seen[early])
+        estimated = true + off @ (half @ rng.standard_normal(len(half)))
+        ratios[k] = np.linalg.norm(scale * estimated) / np.linalg.norm(scale * true)
+    return ratios
+
+
+def _rows(exp: Experiment, settle: float) -> tuple[np.ndarray, Array]:
+    """Which whitened values (rows,) are of the first seconds, and the weights of the later ones: one over how
+    many its channel has.
+    """
+    early, weight = [], []
+    later = exp.commands.time > settle
+    for name, x in exp.nominal.items():
+        width = 3 if name == "pose.attitude" else x.shape[1]  # a rotation vector
+        early.append(np.repeat(~later, width))
+        weight.append(np.full(len(later) * width, 1.0 / (later.sum() * width)))
+    return np.concatenate(early), np.concatenate(weight)
+
+
 def _information(exp: Experiment) -> Array:
     """Fisher information (k, k) of the nominal parameters in prior sigmas, the initial state free."""
     columns, sigma = exp.nuisances()

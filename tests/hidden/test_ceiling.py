@@ -1,13 +1,16 @@
 """What the experiments allow, against what these numbers mean."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
+from . import ceiling
 from .catalogue import hidden_effects
-from .ceiling import Signals, chance, held_out, recognised, same
+from .ceiling import Signals, chance, held_out, open_loop, recognised, same
+from .fisher import FLAT
 from .judge import Injected
 
 LEVEL, MANY = 0.003, 100
@@ -66,6 +69,28 @@ def test_chance_of_what_an_estimate_costs(eigenvalue: float, most: float):
     z, noise = rng.standard_normal((2, 100_000)) * np.sqrt(eigenvalue), rng.standard_normal(100_000)
     expected = float(np.mean((z[0] + noise) ** 2 - noise**2 <= most))
     assert chance(np.array([eigenvalue]), most, rng, draws=20000) == pytest.approx(expected, abs=0.01)
+
+
+class Flight:
+    """Five seconds to settle and a hundred more at 1 Hz of one channel; its start only shows early, a nominal
+    parameter of prior 1 only later, by ``size`` times the noise.
+    """
+
+    def __init__(self, size: float):
+        time = np.arange(106.0)
+        self.commands = SimpleNamespace(time=time)
+        self.nominal = {"pose.position": np.zeros((len(time), 1))}
+        columns = np.array([size * (time > 5.0), time <= 5.0], dtype=float).T
+        self.nuisances = lambda: (columns, np.array([1.0, FLAT]))
+
+
+@pytest.mark.parametrize(("first", "expected"), [(0.0, 10.0), (1.0, 1.0)])
+def test_a_simulation_errs_by_what_the_first_flight_left_unknown(monkeypatch, first, expected):
+    """A flight that tells nothing leaves ten times the noise; one that tells it to a tenth, next to none."""
+    monkeypatch.setattr(ceiling, "experiment", lambda world, number: Flight((10.0, first)[number == 0]))
+    ratios = open_loop("any", np.random.default_rng(1), settle=5.0)
+    error = np.sqrt(np.mean(ratios**2 - 1.0))
+    assert error == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.slow
