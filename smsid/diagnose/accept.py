@@ -103,22 +103,19 @@ def accept(
         if ratio > SURPLUS * s.ratio + levels.linear:
             # the others' fit had perhaps not come to rest: what do they reach from here without it?
             current = _without(current, found, s.candidate)
-            ratio = 2.0 * (current.objective - found.objective)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
         told = wald(found, s.candidate)
         if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
             LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
             continue
-        fitted.append((ratio - cost(current, s, found), s, found))
+        fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
     if not fitted:
         return None
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
-    value = ratio - cost(current, winner, found)
     if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
         return None
     reached = {id(s): v for v, s, _ in fitted}
-    reached[id(winner)] = value
     if best.ratio > levels.linear:
         near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
@@ -162,7 +159,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     """Whether a rival is rejected beside the winner.
 
     Were it what is there, the winner would explain no more than it does but for chance, on as many degrees
-    of freedom as the winner has: beyond that it is rejected, however few its parameters are.
+    of freedom as the winner has and for every variant of it that was searched: beyond that it is rejected,
+    however few its parameters are. (Not above ``levels.linear``, where linear scores are not believed.)
 
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
     nothing then, but that what it has more explains no more than chance does. One that only looks like the
@@ -173,7 +171,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
     lead = winner.ratio - rival.ratio
-    if lead > float(chi2.isf(BEYOND, max(winner.freedom, 1))):
+    chance = BEYOND / a.grid
+    if winner.ratio <= levels.linear and lead > float(chi2.isf(chance, max(winner.freedom, 1))):
         return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if set(a.free) <= set(b.free):
@@ -245,27 +244,23 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     ]
     price = float(np.log(found.run.samples))
 
-    def freed(found: Fit, some: Sequence[Unknown]) -> tuple[float, Fit]:
+    def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:
         try:
             larger = fit(found.point, (*found.unknowns, *some), found.problem, iterations=4)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], error)
-            return 0.0, found
-        return 2.0 * (found.objective - larger.objective), larger
+            return -np.inf, found
+        return 2.0 * (found.objective - larger.objective) - len(some) * price, larger
 
     if not more:
         return found
-    gained, larger = freed(found, more)
-    if gained > len(more) * price:
-        return larger
+    paid, larger = freed(more)
     groups: dict[str, list[Unknown]] = {}
     for u in more:
         groups.setdefault(u.name[:-2] if u.name.endswith(AXES) else u.name, []).append(u)
-    if len(groups) > 1 and gained > price:
-        for some in groups.values():
-            gained, larger = freed(found, some)
-            found = larger if gained > len(some) * price else found
-    return found
+    if len(groups) > 1 and (np.isneginf(paid) or -price * (len(more) - 1) < paid <= 0.0):
+        paid, larger = max((freed(some) for some in groups.values()), key=lambda x: x[0])
+    return larger if paid > 0.0 else found
 
 
 def pruned(

@@ -41,7 +41,7 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     """
     if not _may_begin(s.candidate):
         return s
-    times = current.run.states.time
+    times, loud = current.run.states.time, loudest(current.run)
     own = changes_of(current, s.candidate) if _may_be_cut(s.candidate) else None
 
     def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
@@ -54,8 +54,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
         return max(chain((known,), scores), key=lambda x: x.ratio)
 
     first, last = float(times[0]), float(times[-1])
-    count, grid = ONSETS, (ROUNDS + MORE) * ONSETS
-    best = best_of(s, _within(first, last, count), grid)
+    count, grid = ONSETS, (ROUNDS + MORE) * ONSETS + 1
+    best = best_of(s, np.append(_within(first, last, count), loud), grid)
     if own is not None and best.ratio > STRONG:  # sharp, and cheap
         count, grid = DENSE, grid + DENSE
         best = best_of(best, _within(first, last, count), grid)
@@ -74,16 +74,23 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
     """Return the scores of the ``count`` candidates that explain most when they begin midway.
 
-    Over a coarse grid: what a candidate does from a time on is what it does all the time, cut off before.
+    Over a coarse grid and the loudest sample, at which a sensor that jumps does so: what a candidate does
+    from a time on is what it does all the time, cut off before.
     """
     tried = [s for s in scores if s.freedom and _may_begin(s.candidate) and _may_be_cut(s.candidate)]
     times = current.run.states.time
-    marks = np.linspace(times[0], times[-1], COARSE + 2)[1:-1].tolist()
+    marks = [*np.linspace(times[0], times[-1], COARSE + 2)[1:-1].tolist(), loudest(current.run)]
     every = [(s.candidate, changes_of(current, s.candidate), t) for s in tried for t in marks]
     ratios = np.array([x.ratio for x in _cut_scores(current, every)])
     best = ratios.reshape(len(tried), len(marks)).max(axis=1, initial=0.0)
     chosen = sorted(range(len(tried)), key=lambda i: -best[i])[:count]
     return [tried[i] for i in chosen if best[i] > tried[i].ratio]
+
+
+def loudest(run: Run) -> float:
+    """Return the time [s] of the sample with the largest sum of squared innovations; not the first one's."""
+    squares = (run.innovations**2).sum(axis=1)
+    return float(run.states.time[1 + int(np.argmax(squares[1:]))])
 
 
 def poor(found: Fit) -> bool:

@@ -270,7 +270,7 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("external_wrench", "bus", "external", shape, at, free, part=frame)
     orbit: dict[str, Any] = {"gradient": 0.0, "prior": {f"turn.{axis}": 1.0 for axis in AXES}}
     free = {"gradient": 1e-8, **_vector("turn", 1e-2)}
-    for c in _one("gravity_gradient", "bus", "external", "gravity gradient", orbit, free):
+    for c in _one("gravity_gradient", "spacecraft", "external", "gravity gradient", orbit, free):
         yield _as(Tidal, c)
 
 

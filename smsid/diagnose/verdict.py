@@ -19,6 +19,8 @@ MOSTLY = 0.9  # share of what the noise does not explain that causes take away w
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
+    frozenset(("force, body", "force, inertial")): "turn the spacecraft: one turns with it, one does not",
+    frozenset(("torque, body", "torque, inertial")): "turn the spacecraft: one turns with it, one does not",
     frozenset(("actuator", "sensor")): "command a step with the sensor at rest, then move with no command",
     frozenset(("friction", "actuator")): "hold the joint against a torque, then move it at constant rate",
     frozenset(

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from smsid.diagnose.accept import Cause, Levels, accept, aliases_of, cost, pruned, refit, told_apart, wald
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
@@ -89,8 +90,37 @@ def test_a_sibling_with_more_parameters_is_rejected_by_what_they_explain(more, e
 
 def test_one_that_explains_far_less_is_rejected_however_few_its_parameters_are():
     """Six parameters cost 55 at 10000 samples; beside them, one that explains next to nothing is no rival."""
-    for rival, rejected in ((0.4, True), (30.0, False)):
-        assert told_apart(score(45.0, 6), score(rival, 1, "joint2"), 10_000, Levels()) is rejected
+    beyond = float(chi2.isf(0.001, 6))
+    for lead, rejected in ((beyond + 0.1, True), (beyond - 0.1, False)):
+        assert told_apart(score(45.0, 6), score(45.0 - lead, 1, "joint2"), 10_000, Levels()) is rejected
+    assert not told_apart(score(5000.0, 6), score(4970.0, 1, "joint2"), 10_000, Levels()), (
+        "not to be believed"
+    )
+
+
+def test_what_was_searched_is_paid_for_when_rivals_are_rejected():
+    winner = score(45.0, 1)
+    searched = replace(winner, candidate=replace(winner.candidate, grid=205))
+    for lead, rejected in ((float(chi2.isf(0.001 / 205, 1)) + 0.1, True), (12.0, False)):
+        assert told_apart(searched, score(45.0 - lead, 1, "joint2"), 10_000, Levels()) is rejected
+
+
+def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
+    """Strong and curved, it explains more than its linear score, and more than the one that begins."""
+    begun, still = score(5000.0, 1), score(2000.0, 1, "joint2")
+    effect = JointFriction(name="late", joint="joint1", start=3.0)
+    begun = replace(begun, candidate=replace(begun.candidate, effect=effect))
+    run = SimpleNamespace(samples=10_000)
+    fits = {
+        x: SimpleNamespace(objective=o, run=run, unknowns=()) for x, o in (("joint1", 500.0), ("joint2", 0.0))
+    }
+    monkeypatch.setattr("smsid.diagnose.accept.refit", lambda current, s: fits[s.candidate.location])
+    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 1e3)
+    current = SimpleNamespace(objective=3000.0, run=run, unknowns=())
+    cause, found = accept(current, begun, [begun, still], Levels(), 60)
+    assert cause.score is still
+    assert found is fits["joint2"]
+    assert cause.ratio == pytest.approx(6000.0)
 
 
 def test_one_as_large_elsewhere_is_rejected_by_the_criterion():

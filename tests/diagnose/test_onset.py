@@ -8,7 +8,7 @@ import pytest
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.onset import always, beginning, moved_start, price, with_onset
+from smsid.diagnose.onset import always, beginning, loudest, moved_start, price, with_onset
 from smsid.diagnose.proposals import propose
 
 ALIAS = 9.2
@@ -18,7 +18,7 @@ def hidden(fitted, key, size, start):
     """The fit with its innovations moved as by a candidate that begins at a time."""
     point, problem, unknowns = fitted
     found = evaluate(point, unknowns, problem)
-    kinds = ("torque_gain", "joint_friction", "external_wrench")
+    kinds = ("torque_gain", "joint_friction", "external_wrench", "sensor_bias")
     candidates = [c for c in propose(point, problem, unknowns) if c.kind in kinds]
     one = next(c for c in candidates if c.key == key)
     begun = replace(one, effect=one.effect.model_copy(update={"start": start}))
@@ -51,6 +51,19 @@ def test_the_time_is_found_where_there_is_one(fitted, start):
     else:
         assert begun.candidate.effect.start == pytest.approx(start, abs=0.1)
         assert begun.ratio - own.ratio > price(ALIAS)
+
+
+@pytest.mark.parametrize("start", [2.34, 5.02])
+def test_a_sensor_that_jumps_is_found_at_the_very_sample(fitted, start):
+    """All that shows of it is one sample, which no grid of beginnings has."""
+    key = ("sensor_bias", "encoder.joint_position[joint2]", "bias")
+    found, scores = hidden(fitted, key, 60.0, start)
+    assert key in {s.candidate.key for s in beginning(found, scores, 3)}
+    own = next(s for s in scores if s.candidate.key == key)
+    begun = with_onset(found, own, ALIAS).candidate.effect.start
+    samples = found.run.states.time[found.run.used.any(axis=1)]
+    assert np.searchsorted(samples, begun) == np.searchsorted(samples, start)
+    assert loudest(found.run) == pytest.approx(start, abs=0.021), "the sample, or the one it is first seen in"
 
 
 def test_what_only_its_onset_shows_is_among_those_that_begin(fitted):

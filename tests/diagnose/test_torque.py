@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from smsid.cli.app import app
 from smsid.datasets import have, tx40
 from smsid.description import load_description, save_description
 from smsid.diagnose import Diagnosis, diagnose
+from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.equations import torque_equations
-from smsid.diagnose.torque.fit import Prior, fit_torques, learn_noise
+from smsid.diagnose.torque.fit import Prior, Term, effects_of, fit_torques, learn_noise
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
+from smsid.effects import JointFriction
 from smsid.model import build_model
 from smsid.recording import save_recording
 from tests.diagnose.torque_world import CASES, Case, described, on, recorded
@@ -53,6 +56,23 @@ def test_what_is_hidden_is_named(name, estimate):
         (p,) = [p for c in found.causes for p in c.parameters if p.name.rpartition(".")[2] == field]
         assert abs(p.value - value) < max(4.0 * p.sigma, 0.05 * abs(value)), (p.value, p.sigma)
         assert p.sigma < 0.2 * abs(value)
+
+
+def test_a_stribeck_curve_is_written_as_it_was_fitted():
+    """By a Gaussian, also where the description has a friction of that name with another curve."""
+    known = JointFriction(name="joint_friction_joint2", joint="joint2", viscous=0.1, stribeck_exponent=1.0)
+    log = recorded(seed=1)
+    candidates = torque_candidates(torque_equations(described(), log, cutoff=20.0), log, known=False)
+    one = next(c for c in candidates if (c.location, c.shape) == ("joint2", "stribeck"))
+    found = SimpleNamespace(
+        equations=SimpleNamespace(description=described().with_effects(known)),
+        terms=(Term(one, (0, 1)),),
+        term_values=lambda term: (np.array([2.0, 3.0]), np.eye(2)),
+    )
+    (written,) = [e for e in effects_of(found) if e.name == known.name]
+    assert (written.coulomb, written.stribeck, written.viscous) == (2.0, 3.0, 0.1)
+    assert written.stribeck_rate == one.effect.stribeck_rate
+    assert written.stribeck_exponent == 2.0
 
 
 @pytest.mark.parametrize("name", [n for n, c in CASES.items() if c.effect is None])

@@ -88,7 +88,7 @@ def _outer(n: Numbers) -> list[Hidden]:
         ),
         Hidden(
             "gravity_gradient", ("external",), "bus", "rate", "rad/s", plain(_gradient), 1e-3,
-            cap=0.02, power=2.0, shapes=("gravity gradient",),
+            cap=0.02, power=2.0, also=("spacecraft",),
         ),
     ]  # fmt: skip
     directions = (np.array([0.6, -0.5, 0.62]), np.array([-0.4, 0.7, 0.59]))

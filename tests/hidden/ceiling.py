@@ -147,7 +147,7 @@ def _rows(exp: Experiment, settle: float) -> tuple[np.ndarray, Array]:
     early, weight = [], []
     later = exp.commands.time > settle
     for name, x in exp.nominal.items():
-        width = 3 if name == "pose.attitude" else x.shape[1]  # a rotation vector
+        width = 3 if name == "pose.attitude" else x[0].size  # a rotation vector
         early.append(np.repeat(~later, width))
         weight.append(np.full(len(later) * width, 1.0 / (later.sum() * width)))
     return np.concatenate(early), np.concatenate(weight)

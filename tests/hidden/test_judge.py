@@ -69,6 +69,16 @@ def test_an_alias_counts_only_when_confirmed_and_few():
     assert outcome(document(crowd), hidden(COULOMB)) == "wrong_family"
 
 
+@pytest.mark.parametrize(("shape", "fitted"), [("delay", None), (None, "delay")])
+def test_what_is_named_is_confirmed_with_its_shape(shape, fitted):
+    """Or with the one that was fitted where none is named."""
+    asked = []
+    alias = ("joint_friction", "joint2", "friction", "coulomb")
+    delay = cause("actuator_delay", "joint2", "actuator", shape, "delay", aliases=[alias], fitted=fitted)
+    judge(document(delay), [hidden(COULOMB)], lambda truth, *named: asked.append(named) or True)
+    assert asked == [("actuator_delay", "joint2", "delay")]
+
+
 def test_family_shape_and_place():
     assert outcome(document(cause(*VISCOUS)), hidden(COULOMB)) == "right_family"
     assert (

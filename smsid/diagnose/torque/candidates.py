@@ -168,7 +168,7 @@ def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
         lambda e, load: np.sin(angle(e)) * sign(e, load),
     )  # fmt: skip
     for rate in STRIBECK_RATES:
-        curve = effect.model_copy(update={"stribeck_rate": rate})
+        curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
         yield make(
             "stribeck", ("coulomb", "stribeck"), sign,
             lambda e, load, rate=rate: np.exp(-((e.motion.v[:, j] / rate) ** 2)) * sign(e, load),

@@ -229,7 +229,8 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
             continue
         here = made.get(effect.name, effect)
         if term.candidate.shape == "stribeck":
-            here = here.model_copy(update={"stribeck_rate": getattr(effect, "stribeck_rate")})  # noqa: B009
+            curve = ("stribeck_rate", "stribeck_exponent")  # of the columns it was fitted by
+            here = here.model_copy(update={key: getattr(effect, key) for key in curve})
         bounds = {p.name: (p.lower, p.upper) for p in here.parameters()}
         values, _ = found.term_values(term)
         own = {
