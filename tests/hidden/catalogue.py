@@ -20,15 +20,26 @@ LEFT_OUT = {  # places whose effects one world shows well enough
 @cache
 def hidden_effects(world: str) -> dict[str, Hidden]:
     """Every effect that the world may hide."""
+    found = _effects(world, every=False)
+    left_out = LEFT_OUT.get(world, ())
+    return {name: h for name, h in found.items() if h.location not in left_out}
+
+
+@cache
+def nameable_effects(world: str) -> dict[str, Hidden]:
+    """Every effect of the world that a diagnosis may name, hidden or not."""
+    return _effects(world, every=True)
+
+
+def _effects(world: str, *, every: bool) -> dict[str, Hidden]:
     n = WORLDS[world]
     found = [
         *joint_effects(n),
         *body_effects(n),
         *structure_effects(n),
         *actuator_effects(n),
-        *sensor_effects(n),
+        *sensor_effects(n, every=every),
     ]
-    found = [h for h in found if h.location not in LEFT_OUT.get(world, ())]
     by_name = {h.name: h for h in found}
     if len(by_name) != len(found):
         names = [h.name for h in found]

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .catalogue import hidden_effects
+from .catalogue import hidden_effects, nameable_effects
 from .effect import Hidden
 from .experiment import Commands, commands
 from .flight import fly
@@ -240,13 +240,13 @@ def cannot_separate(
     """
     signal = exp.signal(truth, value, onset)
     columns = []
-    for other in hidden_effects(exp.world).values():
-        one = strength_one(exp.world, other.name)
-        if not named.means(other) or one is None or other.rule is not None:
+    for other in nameable_effects(exp.world).values():
+        if not named.means(other) or other.rule is not None:
             continue
+        size = min(strength_one(exp.world, other.name) or other.guess, other.cap)
         for make in (other.make, *other.beside):
             own = replace(other, make=make)
-            columns.append(exp.signal(own, min(one, other.cap), onset if other.onset else None))
+            columns.append(exp.signal(own, size, onset if other.onset else None))
     if not columns:
         return False
     return distance_after(signal, np.array(columns).T) < SEPARATION

@@ -122,8 +122,13 @@ def _coloured(name: str, size: float, rng: np.random.Generator) -> Change:
     return Change(command=command)
 
 
-def sensor_effects(n: Numbers) -> list[Hidden]:
-    """Everything that may be wrong with a world's sensors."""
+SCALED = ("angular_rate", "acceleration", "wheel_rate", "joint_velocity")
+TURNED = ("angular_rate", "acceleration")
+LATE = ("joint_position", "angular_rate", "acceleration", "attitude", "position", "velocity")
+
+
+def sensor_effects(n: Numbers, *, every: bool = False) -> list[Hidden]:
+    """What may be wrong with a world's sensors; with ``every``, also what one channel shows for others."""
     found: list[Hidden] = []
     for channel in channel_names(n):
         source, quantity = channel.split(".")
@@ -144,7 +149,7 @@ def sensor_effects(n: Numbers) -> list[Hidden]:
                     cap=1e5 * sigma, signed=True, onset=True, also=also, others=turn,
                 )
             )  # fmt: skip
-            if quantity in ("angular_rate", "acceleration", "wheel_rate", "joint_velocity"):
+            if quantity in SCALED or (every and quantity != "attitude"):
                 found.append(
                     Hidden(
                         "sensor_scale", SENSOR, place, f"scale{index}", "1",
@@ -152,7 +157,7 @@ def sensor_effects(n: Numbers) -> list[Hidden]:
                         cap=0.5, signed=True, also=also,
                     )
                 )  # fmt: skip
-            if quantity in ("angular_rate", "acceleration"):
+            if quantity in TURNED or (every and quantity in ("position", "velocity")):
                 found.append(
                     Hidden(
                         "sensor_misalignment", SENSOR, channel, f"angles{index}", "rad",
@@ -160,7 +165,7 @@ def sensor_effects(n: Numbers) -> list[Hidden]:
                         cap=0.4, signed=True, also=also,
                     )
                 )  # fmt: skip
-        if quantity in ("joint_position", "angular_rate", "acceleration", "attitude", "position", "velocity"):
+        if quantity in LATE or (every and quantity == "joint_velocity"):
             found.append(
                 Hidden(
                     "sensor_delay", SENSOR, channel, "delay", "s",

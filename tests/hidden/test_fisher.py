@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from . import fisher
-from .catalogue import hidden_effects
+from .catalogue import hidden_effects, nameable_effects
 from .experiment import RATE
 from .fisher import DETECTION, Experiment, Named, distance_after
 from .flight import fly
@@ -120,6 +120,26 @@ def test_another_shape_is_another_name(short):
     for shape, merges in (("viscous", False), ("coulomb", True), (None, True)):
         named = Named("joint_friction", "joint1", shape)
         assert fisher.cannot_separate(short, effect, 20 * one, named) is merges, shape
+
+
+def test_what_no_run_hides_can_be_named():
+    """The torque constant of a wheel that the panel's world leaves out, and a scale no channel shows."""
+    for world, name in (
+        ("panel", "torque_gain:error@wheel_z"),
+        ("arm", "sensor_scale:scale@encoder.joint_position[joint2]"),
+    ):
+        assert name in nameable_effects(world)
+        assert name not in hidden_effects(world)
+        assert set(hidden_effects(world)) < set(nameable_effects(world))
+
+
+def test_what_no_run_hides_is_compared_with(short):
+    """Below the limit a bias passes for anything, a scale of that encoder; a hundred times it, no longer."""
+    named = Named("sensor_scale", "encoder.joint_position[joint1]")
+    effect = hidden_effects("arm")["sensor_bias:bias@encoder.joint_position[joint1]"]
+    one = short.limit(effect.name).value
+    assert fisher.cannot_separate(short, effect, 0.3 * one, named)
+    assert not fisher.cannot_separate(short, effect, 100 * one, named)
 
 
 def test_a_vector_is_named_with_all_its_axes():
