@@ -134,6 +134,8 @@ def _dry_friction(model: SpacecraftModel) -> Mapping[int, float]:
     found: dict[int, float] = {}
     effects = model.description.effect
     for effect in effects:
+        if isinstance(effect, JointFriction):
+            _refuse_beyond_coulomb(model.description.name, effect)
         if isinstance(effect, JointFriction) and effect.coulomb > 0.0:
             index = model.pin.joints[model.pin.getJointId(effect.joint)].idx_v
             found[index] = found.get(index, 0.0) + effect.coulomb
@@ -150,6 +152,19 @@ def _dry_friction(model: SpacecraftModel) -> Mapping[int, float]:
             kinds=kinds,
         )
     return found
+
+
+def _refuse_beyond_coulomb(name: str, effect: JointFriction) -> None:
+    """Refuse what a joint of MuJoCo has no word for."""
+    parts = [k for k in ("stribeck", "load", "position_cos", "position_sin") if getattr(effect, k)]
+    if effect.start is not None and any(getattr(effect, k) for k in effect.strength):
+        parts.append("start")
+    if parts:
+        raise DescriptionError(
+            f"The friction '{effect.name}' of '{name}' has {', '.join(parts)}: no counterpart in MuJoCo.",
+            advice="Export without the MuJoCo XML (--no-mujoco), or a description without these effects.",
+            kinds=[effect.kind],
+        )
 
 
 def _tendons(model: SpacecraftModel) -> list[str]:

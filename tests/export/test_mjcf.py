@@ -79,6 +79,15 @@ def test_coulomb_friction_is_dry_friction_at_speed():
     np.testing.assert_allclose(data.qacc, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "more", [{"stribeck": 0.5}, {"load": 0.1}, {"position_cos": 0.2}, {"position_sin": 0.2}, {"start": 3.0}]
+)
+def test_friction_of_another_law_is_refused_and_not_cut_down_to_coulomb(more):
+    arm = arm_with(JointFriction(name="rub", joint="joint3", coulomb=1.5, **more))
+    with pytest.raises(DescriptionError, match=rf"'rub'.*{next(iter(more))}.*--no-mujoco"):
+        write_mjcf(build_model(arm))
+
+
 def test_a_mode_that_twists_and_bends_is_refused_by_name():
     mode = Mode(frequency=1.0, damping=0.01, translation=(0.0, 0.0, 1.0), rotation=(0.0, -1.0, 0.3))
     panel = ModalAppendage(
