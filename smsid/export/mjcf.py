@@ -134,9 +134,10 @@ def _dry_friction(model: SpacecraftModel) -> Mapping[int, float]:
     found: dict[int, float] = {}
     effects = model.description.effect
     for effect in effects:
-        if isinstance(effect, JointFriction):
-            _refuse_beyond_coulomb(model.description.name, effect)
-        if isinstance(effect, JointFriction) and effect.coulomb > 0.0:
+        if not isinstance(effect, JointFriction):
+            continue
+        _refuse_beyond_coulomb(model.description.name, effect)
+        if effect.coulomb > 0.0:
             index = model.pin.joints[model.pin.getJointId(effect.joint)].idx_v
             found[index] = found.get(index, 0.0) + effect.coulomb
     written = sum(
