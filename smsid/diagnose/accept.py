@@ -93,7 +93,8 @@ def accept(
         contenders += close[: levels.contenders - 1]
         if _begins(best):  # large and curved, what is there all the time scores less than it explains
             still = next((s for s in rivals if not _begins(s)), None)
-            contenders += [] if still is None or any(s is still for s in contenders) else [still]
+            if still is not None and not any(s is still for s in contenders):
+                contenders.append(still)
     fitted: list[tuple[float, Score, Fit]] = []
     for s in contenders:
         found = refit(current, s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,12 +14,11 @@ from scipy.linalg.blas import dgemm
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point, Unknown
+from smsid.diagnose.straight import straight
 from smsid.errors import SmsidError
-from smsid.model.regressor import dynamic_parameters
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
-LITTLE = 1e-4  # share of a step by which its first order is found
 HALVINGS = 6  # times a step is cut at most, each time to between a twentieth and a half of it
 CUT = (0.05, 0.5)
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
@@ -227,7 +226,7 @@ def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem:
     for _ in range(HALVINGS):
         reached = np.inf
         try:
-            point = _straight(found.point, unknowns, share * step * found.scales)
+            point = straight(found.point, unknowns, share * step * found.scales)
             if point.physical():
                 model = point.model()
                 run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
@@ -239,38 +238,6 @@ def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem:
         bend = reached - found.objective + share * slope
         share *= float(np.clip(0.5 * share * slope / bend, *CUT)) if np.isfinite(bend) else 0.5
     return None
-
-
-def _straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
-    """Return the point a step away, the bodies' inertial parameters moved as the step means to first order.
-
-    A payload's mass times its place is no straight line, and what bodies are together is known far better
-    than what each is: the link it is on, or hangs at on springs, makes up for the bend.
-    """
-    end = start.moved(unknowns, step)
-    if all(u.kind == "inertial" for u in unknowns):
-        return end
-    links = frozenset(u.column // 10 + 1 for u in unknowns if u.kind == "inertial")
-    near, a_little, far = (_inertias(p, links) for p in (start, start.moved(unknowns, LITTLE * step), end))
-    if not len(near) == len(a_little) == len(far):
-        raise SmsidError("The step takes away a body that an effect has added.", advice="Take a shorter one.")
-    bend = far - near - (a_little - near) / LITTLE
-    shift = {u.column: bend[u.column] for u in unknowns if u.kind == "inertial" and bend[u.column] != 0.0}
-    inertial = {c: v - shift.get(c, 0.0) for c, v in ({**dict.fromkeys(shift, 0.0), **end.inertial}).items()}
-    return replace(end, inertial=inertial)
-
-
-def _inertias(point: Point, links: Set[int]) -> np.ndarray:
-    """Return the inertial parameters (10 n,) of the bodies, those of links with all that hangs at them and
-    is no link itself, at rest.
-    """
-    model = point.model().pin
-    bodies = list(model.inertias)
-    for j in range(model.njoints - 1, 1, -1):
-        if j not in links and bodies[j].mass > 0.0:
-            carrier = model.parents[j]
-            bodies[carrier] = bodies[carrier] + model.jointPlacements[j].act(bodies[j])
-    return np.concatenate([dynamic_parameters(i) for i in bodies[1:]])
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:

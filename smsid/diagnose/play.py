@@ -14,7 +14,8 @@ from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
 from smsid.effects.elastic_gear import Backlash
 
-SHARES = (0.7, 0.2, 0.06)  # of the joint's torque (rms): with more, play is hardly told from a soft gear
+# of the joint's torque (rms): with more, play is hardly told from a soft gear
+SHARES = (0.7, 0.2, 0.06, 0.015, 0.003)
 IDLE = 1e-6  # [N m] of a joint that is not driven
 
 

@@ -138,7 +138,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             gear["prior"] = {"motor_inertia": rotor}
             springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
             yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
-            for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, ["turn_torque"]):
+            crossing = ["turn_torque", "sharpness"]
+            for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, crossing):
                 yield _as(Play, c, dof=int(v))
 
 

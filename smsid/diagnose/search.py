@@ -25,6 +25,7 @@ from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
 
 LOGGER = logging.getLogger(__name__)
+CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
@@ -115,7 +116,7 @@ def search(
         if best is None or len(causes) == levels.causes:
             break
         leading = [best, *(s for s in scores if s is not best)][: levels.contenders]
-        if best.ratio > levels.linear:  # strong enough for something that is there in part to pass as another
+        if best.ratio > min(CLEAR, levels.linear):  # enough for what is there in part to pass as another
             known = {s.candidate.key for s in leading}
             more = beginning(current, scores, levels.contenders)
             leading += [s for s in more if s.candidate.key not in known]

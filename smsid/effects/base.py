@@ -51,7 +51,8 @@ class Effect(Table):
 
     ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
     this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
-    changes nothing at all.
+    changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
+    for an effect that is no more than that.
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name).
     """
@@ -60,6 +61,7 @@ class Effect(Table):
     family: ClassVar[str] = "other"
     aliases: ClassVar[tuple[str, ...]] = ()
     strength: ClassVar[tuple[str, ...]] = ()
+    point_mass: ClassVar[tuple[str, str] | None] = None
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(

@@ -131,14 +131,21 @@ class Backlash(ElasticGear):
     turn_torque: float = physical(
         "N m", lower=1e-6, default=0.3, description="torque that takes the motor across, when quasistatic"
     )
+    sharpness: float = physical(
+        "1", lower=1.0, upper=8.0, default=2.0, description="how suddenly that torque takes it to the teeth"
+    )
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
         return self.gap == 0.0
 
     def bent(self, torque: np.ndarray) -> np.ndarray:
-        """Return half the gap, to the side the motor pushes; the teeth do not give."""
-        return 0.5 * self.gap * np.tanh(torque / self.turn_torque)
+        """Return half the gap, to the side the motor pushes; the teeth do not give.
+
+        With x the torque over ``turn_torque`` and n the ``sharpness``: ``x / (1 + |x|^n)^(1/n)`` of it.
+        """
+        n, x = self.sharpness, torque / self.turn_torque
+        return 0.5 * self.gap * x / (1.0 + np.abs(x) ** n) ** (1.0 / n)
 
     def attach(self, assembly: Assembly) -> None:
         """Add rotor and teeth."""

@@ -30,6 +30,7 @@ class MassLoss(Starting):
     aliases: ClassVar[tuple[str, ...]] = ("body_error", "thruster_gain")
     grows: ClassVar[bool] = True
     strength: ClassVar[tuple[str, ...]] = ("rate",)
+    point_mass: ClassVar[tuple[str, str] | None] = ("rate", "position")
     kind: Literal["mass_loss"] = "mass_loss"
     frame: str | None = Field(default=None, description="frame it leaves from; the bus frame when not given")
     position: Vector3 = physical("m", default=(0.0, 0.0, 0.0), description="where it leaves, in `frame`")

@@ -97,6 +97,7 @@ class Assembly:
     twists: dict[int, Twist] = field(default_factory=dict)  # joint: twist that its encoder adds at once
     slosh: dict[str, int] = field(default_factory=dict)
     appendages: list[AppendageJoints] = field(default_factory=list)
+    described: list[np.ndarray] = field(default_factory=list)  # bodies (10,) before any effect, with wheels
 
     def frame(self, name: str | None) -> tuple[int, pin.SE3]:
         """Return the joint that carries a frame (default: the bus) and the frame's placement on it.
@@ -152,11 +153,15 @@ class Assembly:
         )
 
     def scale_body(self, frame: str | None, factor: float) -> None:
-        """Multiply the inertial parameters of the body that carries a frame, as of a wrong density."""
+        """Multiply the inertial parameters a body has as described, as of a wrong density.
+
+        What other effects add to it (the root of a panel, a payload) stays what it is.
+        """
         joint, _ = self.frame(frame)
         if joint and factor != 1.0:
-            body = self.model.inertias[joint]
-            self.model.inertias[joint] = pin.Inertia(factor * body.mass, body.lever, factor * body.inertia)
+            more = (factor - 1.0) * self.described[joint]
+            total = self.model.inertias[joint].toDynamicParameters() + more
+            self.model.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
 
     def add_imbalance(self, wheel: int, theta: np.ndarray) -> None:
         """Add inertial parameters (10,) without mass, in the joint's frame, to what turns about a joint.

@@ -73,6 +73,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
             with _placed("wheel", wheel.name):
                 wheels.append(_add_wheel(assembly, wheel))
         source = replace(source, wheeled=model.copy(), wheels=tuple(wheels))
+    assembly.described = [i.toDynamicParameters() for i in model.inertias]
     for effect in d.effect:
         with _placed("effect", effect.name):
             assembly.owner = effect.name

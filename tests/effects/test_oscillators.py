@@ -255,12 +255,19 @@ def test_a_quasistatic_gear_is_what_a_stiff_one_settles_to(folder: Path) -> None
     np.testing.assert_allclose(stiff - rigid, share * twist, rtol=1e-3)
 
 
-def test_quasistatic_backlash_follows_the_torque(folder: Path) -> None:
-    gear = Backlash(name="g", joint="hinge", gap=0.02, quasistatic=True, motor_inertia=0.0)
+@pytest.mark.parametrize(("sharpness", "alike", "within"), [(1.5, "arctan", 0.04), (2.75, "tanh", 0.03)])
+def test_quasistatic_backlash_follows_the_torque(folder: Path, sharpness: float, alike: str, within: float):
+    gear = Backlash(name="g", joint="hinge", gap=0.02, quasistatic=True, turn_torque=0.4, sharpness=sharpness)
     model = one_joint(folder, gear)
     assert model.nv == 1
-    tau, a = np.array([[-5.0], [0.0], [5.0]]), np.zeros((3, 1))
-    np.testing.assert_allclose(model.encoder_twist(tau, a)[:, 0], [-0.01, 0.0, 0.01], atol=1e-12)
+    tau = np.linspace(-300.0, 300.0, 601)[:, None]
+    twist = model.encoder_twist(tau, np.zeros_like(tau))[:, 0] / 0.01
+    x = tau[:, 0] / 0.4
+    known = {"arctan": 2.0 / np.pi * np.arctan(0.5 * np.pi * x), "tanh": np.tanh(x)}[alike]
+    np.testing.assert_allclose(twist, known, atol=within)
+    np.testing.assert_allclose(twist, -twist[::-1], atol=1e-14)
+    assert twist[300] == 0.0 and (np.diff(twist) >= 0.0).all()
+    np.testing.assert_allclose(twist[[0, -1]], [-1.0, 1.0], atol=1.1 * 0.4 / 300.0)
 
 
 def test_a_rotor_counted_in_the_link_adds_no_inertia(folder: Path) -> None:

@@ -241,7 +241,7 @@ def _backlash(joint: str, gap: float) -> Change:
     """
     if not gap:
         return Change()
-    return _ahead(joint, lambda torque: 0.5 * gap * torque / np.sqrt(torque**2 + 0.25))
+    return _ahead(joint, lambda torque: 0.5 * gap * np.tanh(2.0 * torque))
 
 
 def _ahead(joint: str, angle: Callable[[np.ndarray], np.ndarray]) -> Change:
