@@ -9,12 +9,15 @@ The linear beam moves its points across their rest line only. A beam that does n
 
 the kinetic energy gains
 
-    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2,
+    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2 + P omega_x omega_z + Q omega_y,
+    P = int rho u w dx,   Q = int rho (u w_dot - w u_dot) dx,
 
-and the potential energy of gravity g gains ``S e . g``. The equations of motion that follow (Lagrange for
-eta, Kirchhoff for the root) are added whole: on the modes the geometric stiffness ``K_g = -a A + |e x
-omega|^2 B`` with a the root's specific acceleration along e (compression when it points to the tip), and on
-the root the reaction of the mass drawn in, so that energy and momentum, both with T', are conserved exactly.
+all that is of first order in u, with z the direction of bending; the last two are of third order in eta, and
+as large as the rest where a soft beam swings far on a root that turns and hardly accelerates. The potential
+energy of gravity g gains ``S e . g``. The equations of motion that follow (Lagrange for eta, Kirchhoff for
+the root) are added whole: on the modes the geometric stiffness ``K_g = -a A + |e x omega|^2 B`` with a the
+root's specific acceleration along e (compression when it points to the tip), what the swing adds to that, and
+on the root the reaction of the mass drawn in, so that energy and momentum, with T', are conserved.
 
 Source: Kane, Ryan, Banerjee, J. Guidance 10 (1987) 139; Hanagud and Sarkar, J. Guidance 12 (1989) 438;
 derived here from T'.
@@ -87,6 +90,7 @@ class Foreshortening:
         a, b = foreshortening_matrices(beam.length, beam.modes)
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
         self.a, self.b = factor * a, factor * b
+        self.c = factor / np.sqrt(beam.mass) * deflected_moments(beam.length, beam.modes)
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
         self.rows = 6 + np.arange(len(panel.joints))
@@ -112,12 +116,19 @@ class Foreshortening:
         a_eta, b_eta = self.a @ eta, self.b @ eta
         s, s_dot = 0.5 * eta @ a_eta, rate @ a_eta
         r, r_dot = 0.5 * eta @ b_eta, rate @ b_eta
+        rises, sinks = self.c @ eta, np.tensordot(eta, self.c, 1)  # of u by w's coordinate, of w by u's
+        across, along = 0.5 * rises @ eta, sinks @ eta
+        swing, p, p_dot = across - along, eta @ across, rate @ (across + along)
+        by_eta = rises - rises.T - sinks  # derivatives of swing
 
         mass = np.zeros((6 + n, 6 + n))
         mass[:3, 3:6] = s * self.cross
         mass[3:6, :3] = -s * self.cross
         mass[3:6, 3:6] = -2.0 * r * self.across
+        mass[3, 5] += p
+        mass[5, 3] += p
         mass[0, 6:] = mass[6:, 0] = -a_eta  # the axis is the first
+        mass[4, 6:] = mass[6:, 4] = swing
 
         turning = skew(omega)
         turned, drawn, flat = turning[:, 0], turning @ linear, self.across @ omega
@@ -126,6 +137,10 @@ class Foreshortening:
         bias[0] -= rate @ self.a @ rate
         bias[3:6] -= s * (self.cross @ drawn) + 2.0 * r_dot * flat + 2.0 * r * (turning @ flat)
         bias[6:] += (turned @ turned) * b_eta - drawn[0] * a_eta
+        x, y, z = omega
+        bias[3:6] += np.array([p_dot * z, rate @ by_eta @ rate, p_dot * x])
+        bias[3:6] += turning @ np.array([p * z, swing @ rate, p * x])
+        bias[6:] += 2.0 * y * ((rises - rises.T) @ rate) - x * z * (across + along)
         return chain.T @ mass @ chain, chain.T @ bias
 
 
@@ -145,6 +160,21 @@ def foreshortening_matrices(length: float, modes: int) -> tuple[np.ndarray, np.n
     a.setflags(write=False)
     b.setflags(write=False)
     return a, b
+
+
+@cache
+def deflected_moments(length: float, modes: int) -> np.ndarray:
+    """Return C (modes, modes, modes) [1/m^1], ``C_kij = 1/L int phi_k D_ij dx`` with D as `drawn_in`.
+
+    With shapes of mean square one and eta mass-normalised, int rho u w dx is ``1/2 C eta eta eta`` over the
+    root of the mass.
+    """
+    beam = Cantilever.with_modes(length, modes)
+    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
+    x = 0.5 * length * (nodes + 1.0)
+    found = np.einsum("x,xk,xij->kij", 0.5 * weights, beam.shape(x), drawn_in(length, modes, tuple(x)))
+    found.setflags(write=False)
+    return found
 
 
 @cache

@@ -77,8 +77,8 @@ def test_a_beam_pushed_along_its_axis_buckles_where_a_column_does(urdf: Path) ->
 def energy_of_shortening(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> tuple[float, np.ndarray]:
     """Kinetic energy and momentum (p, h about the inertial origin) of the points' moving in, by quadrature.
 
-    To second order in the deflection: the velocity of a point at x drawn in by u is that of the rest line
-    plus ``u' e + omega x u e``; the beam of the model moves its points across only.
+    To first order in u, by which a point at x is drawn in: its velocity is that of a point of the model's
+    beam, which moves across only, plus ``u' e + omega x u e``.
     """
     panel = model.appendages[0]
     nodes, weights = np.polynomial.legendre.leggauss(60)
@@ -98,11 +98,13 @@ def energy_of_shortening(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -
         return np.interp(x, fine, summed)
 
     u, du = -0.5 * inwards(eta, eta), -inwards(eta, rate)
+    shapes = np.array([beam.shape(a) for a in x]) / np.sqrt(LINEAR * LENGTH)
+    bent, bending = shapes @ eta, shapes @ rate
     turn, root, e = pin.Quaternion(q[3:7]).toRotationMatrix(), panel.placement.translation, np.eye(3)[0]
     energy, p, h = 0.0, np.zeros(3), np.zeros(3)
     for k in range(len(x)):
-        place = root + x[k] * e
-        along = v[:3] + np.cross(v[3:6], place)
+        place = root + x[k] * e + bent[k] * np.eye(3)[2]
+        along = v[:3] + np.cross(v[3:6], place) + bending[k] * np.eye(3)[2]
         more = du[k] * e + np.cross(v[3:6], u[k] * e)
         energy += w[k] * along @ more
         p += w[k] * turn @ more

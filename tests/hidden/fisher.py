@@ -45,6 +45,7 @@ SEED = 20  # of the chance in an effect, for its limit
 
 LAW_FILES = (
     "effect", "joint_effects", "body_effects", "structure_effects", "signal_effects", "plant", "sensors",
+    "shortening",
 )  # fmt: skip
 
 

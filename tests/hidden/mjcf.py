@@ -135,15 +135,6 @@ def _spring(joint: str, axis: str, drive: Drivetrain) -> str:
 def _mode(k: int, mode: Mode) -> str:
     spring = float(mode.mass * mode.omega**2)
     damper = float(2 * mode.damping * mode.omega * mode.mass)
-    if mode.bend:
-        radius = float(1.0 / mode.bend)
-        joint = (
-            f'<joint name="mode{k}" type="hinge" axis="0 -1 0" pos="{text([-radius, 0, 0])}" '
-            f'stiffness="{spring * radius**2!r}" damping="{damper * radius**2!r}"/>'
-        )
-    else:
-        joint = (
-            f'<joint name="mode{k}" type="slide" axis="0 0 1" stiffness="{spring!r}" damping="{damper!r}"/>'
-        )
+    joint = f'<joint name="mode{k}" type="slide" axis="0 0 1" stiffness="{spring!r}" damping="{damper!r}"/>'
     mass = inertial(bodies.theta(mode.mass, np.zeros(3), TINY * np.eye(3)))
     return f'<body name="mode{k}" pos="{text(mode.at)}">{joint}{mass}</body>'

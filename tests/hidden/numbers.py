@@ -35,7 +35,7 @@ class Tank:
 
 @dataclass(frozen=True)
 class Mode:
-    """A bending mode as a mass that slides along z at `at` (3,), or runs on an arc of curvature `bend`.
+    """A bending mode as a mass that slides along z at `at` (3,).
 
     `seen`: how far stations move along z [kg^-1/2] where it is none of the plate's own.
     """
@@ -44,7 +44,6 @@ class Mode:
     mass: float  # L_t^2 [kg]
     omega: float  # [rad/s]
     damping: float  # ratio
-    bend: float = 0.0  # 1/R of the arc [1/m]; its centre lies towards the root
     seen: tuple[float, ...] = ()
 
 
@@ -74,7 +73,7 @@ class Numbers:
     plate: Plate | None = None
     plate_root: Vector = (1.5, 0.0, 0.0)
     modes: tuple[Mode, ...] | None = None  # by default those of the plate
-    bend: float = 0.0  # share of the physical curvature of the plate's modes
+    bend: float = 0.0  # share by which the plate, as it bends, is drawn in: 1 does not stretch
     armature: Vector = (0.0, 0.0, 0.0)  # motor inertia of the joints [kg m2]
     drivetrain: Mapping[str, Drivetrain] = field(default_factory=dict)
     point: Vector = (0.5, 1.5, 0.6)  # of pose sensor and IMU [m]
@@ -99,10 +98,9 @@ class Numbers:
         if self.plate is None:
             return ()
         p, root = self.plate, self.plate_root
-        bend = self.bend * curvature(p)
         return tuple(
-            Mode((root[0] + r / t, root[1], root[2]), t**2, w, p.damping_ratio, float(b))
-            for t, r, w, b in zip(p.translation, p.rotation, p.omega, bend, strict=True)
+            Mode((root[0] + r / t, root[1], root[2]), t**2, w, p.damping_ratio)
+            for t, r, w in zip(p.translation, p.rotation, p.omega, strict=True)
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from . import bodies
 from .mjcf import bus_theta, write
 from .numbers import JOINTS, Numbers
+from .shortening import Shortening
 
 Array = np.ndarray
 Force = Callable[[], None]
@@ -34,7 +35,7 @@ class Plant:
             for k in range(self.model.nu)
             if self.model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
         }
-        self.forces: list[Force] = []
+        self.forces: list[Force] = [Shortening(self)] if numbers.bend else []
         self.hooks: list[Callable[[float], None]] = []  # called before every step with its length [s]
 
     def q_of(self, joint: str) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .numbers import JOINTS, WHEELS, Numbers
 from .plant import Change, Motion, States
+from .shortening import drawn
 
 Array = np.ndarray
 
@@ -82,31 +83,33 @@ def exact(motion: Motion, s: States, lever: Mapping[str, Array]) -> dict[str, Ar
 
 
 def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Array:
-    """Specific force (N, stations, 3) of the panel's points; those of a mode move along z."""
+    """Specific force (N, stations, 3) of the panel's points: across by its modes, along as it is drawn in."""
     plant, n = motion.plant, motion.plant.numbers
     assert n.plate is not None
     moving = []
     for k, mode in enumerate(n.plate_modes(), start=1):
         iq, iv = plant.q_of(f"mode{k}"), plant.v_of(f"mode{k}")
         q, v, a = s.qpos[:, iq], s.qvel[:, iv], s.qacc[:, iv]
-        if mode.bend:
-            radius = 1 / mode.bend
-            q, v, a = (
-                radius * np.sin(q),
-                radius * np.cos(q) * v,
-                radius * (np.cos(q) * a - np.sin(q) * v**2),
-            )
         moving.append(np.sqrt(mode.mass) * np.array([q, v, a]))
     own = n.plate.shape(np.array(n.stations))
     further = [mode.seen or np.zeros(len(own)) for mode in n.plate_modes()[n.plate.modes :]]
     shapes = np.column_stack([own, *further])
-    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, np.array(moving))
+    modal = np.array(moving)
+    u, du, ddu = np.einsum("sk,kdn->dsn", shapes, modal)
+    along = (
+        n.bend * drawn(n, np.array(n.stations)) if n.bend else np.zeros((len(own), len(moving), len(moving)))
+    )
+    eta, rate, rise = modal.transpose(1, 0, 2)
+    x0 = -0.5 * np.einsum("kn,skl,ln->sn", eta, along, eta)
+    x1 = -np.einsum("kn,skl,ln->sn", eta, along, rate)
+    x2 = -np.einsum("kn,skl,ln->sn", eta, along, rise) - np.einsum("kn,skl,ln->sn", rate, along, rate)
     rows = []
     for i, x in enumerate(n.stations):
         point = np.tile(np.add(n.plate_root, (x, 0, 0)), (len(s.time), 1))
+        point[:, 0] += x0[i]
         point[:, 2] += u[i]
         relative, extra = np.zeros_like(point), np.zeros_like(point)
-        relative[:, 2], extra[:, 2] = du[i], ddu[i]
+        relative[:, 0], relative[:, 2], extra[:, 0], extra[:, 2] = x1[i], du[i], x2[i], ddu[i]
         swing = np.cross(alpha, point) + np.cross(w, np.cross(w, point)) + 2 * np.cross(w, relative)
         rows.append(base + swing + extra)
     return np.stack(rows, axis=1)
