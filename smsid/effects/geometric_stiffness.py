@@ -164,7 +164,7 @@ def foreshortening_matrices(length: float, modes: int) -> tuple[np.ndarray, np.n
 
 @cache
 def deflected_moments(length: float, modes: int) -> np.ndarray:
-    """Return C (modes, modes, modes) [1/m^1], ``C_kij = 1/L int phi_k D_ij dx`` with D as `drawn_in`.
+    """Return C (modes, modes, modes) [1/m], ``C_kij = 1/L int phi_k D_ij dx`` with D as `drawn_in`.
 
     With shapes of mean square one and eta mass-normalised, int rho u w dx is ``1/2 C eta eta eta`` over the
     root of the mass.
