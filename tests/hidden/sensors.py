@@ -96,9 +96,9 @@ def _panel(motion: Motion, s: States, base: Array, w: Array, alpha: Array) -> Ar
     shapes = np.column_stack([own, *further])
     modal = np.array(moving)
     u, du, ddu = np.einsum("sk,kdn->dsn", shapes, modal)
-    along = (
-        n.bend * drawn(n, np.array(n.stations)) if n.bend else np.zeros((len(own), len(moving), len(moving)))
-    )
+    along = np.zeros((len(own), len(moving), len(moving)))
+    if n.bend:  # of the plate's own modes, and no others
+        along = n.bend * drawn(n, np.array(n.stations))
     eta, rate, rise = modal.transpose(1, 0, 2)
     x0 = -0.5 * np.einsum("kn,skl,ln->sn", eta, along, eta)
     x1 = -np.einsum("kn,skl,ln->sn", eta, along, rate)

@@ -34,10 +34,8 @@ class Shortening:
         self.mass = 0.5 * weights * n.plate.mass
         self.rest = np.add(n.plate_root, np.outer(x, [1.0, 0.0, 0.0]))
         self.scale = np.sqrt([m.mass for m in n.plate_modes()])  # mass-normalised per coordinate
-        self.across, self.along = (
-            n.plate.shape(x) * self.scale,
-            drawn(n, x) * np.outer(self.scale, self.scale),
-        )
+        self.across = n.plate.shape(x) * self.scale
+        self.along = drawn(n, x) * np.outer(self.scale, self.scale)
         modes = range(1, len(self.scale) + 1)
         self.q = np.array([plant.q_of(f"mode{k}") for k in modes])
         self.v = np.array([plant.v_of(f"mode{k}") for k in modes])
