@@ -16,10 +16,12 @@ LITTLE = 1e-4  # share of a step by which its first order is found
 
 
 def straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
-    """Return the point a step away, the bodies' inertial parameters moved as the step means to first order.
+    """Return the point a step (unknowns,) away, in the parameters' units, bodies moved as it means.
 
     A payload's mass times its place is no straight line, and what bodies are together is known far better
     than what each is: the link it is on, or hangs at on springs, makes up for the bend.
+
+    Raises `SmsidError` when the step takes away a body that an effect has added.
     """
     end = _rooted(start, start.moved(unknowns, step))
     if all(u.kind == "inertial" for u in unknowns):
