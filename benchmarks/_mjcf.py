@@ -1,9 +1,6 @@
 """Any Pinocchio model as MJCF, and states and forces in MuJoCo's conventions.
 
 MuJoCo's free joint has linear velocity and force in inertial axes, the angular ones in body axes.
-MuJoCo wants mass and a proper inertia on every moving body. Where a body lacks them, some are lent from its
-parent in a way that leaves the motion as it was: rotational inertia to a body that only slides, mass on the
-axis and inertia across it to a body that only turns.
 """
 
 from __future__ import annotations
@@ -14,9 +11,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from smsid.model.assembly import move_parameters, parameters_to_matrix
-
-LENT = 1e-6  # [kg], [kg m^2] what is lent to bodies that lack it
+from smsid.errors import DescriptionError
+from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, with_lent_inertia
 
 
 class UnsupportedError(Exception):
@@ -91,8 +87,8 @@ def mujoco_twin(
     """
     try:
         mj = mujoco.MjModel.from_xml_string(write_mjcf(model, stiffness, damping))
-    except ValueError as error:
-        raise UnsupportedError(f"MuJoCo refuses the model: {error}") from error
+    except (DescriptionError, ValueError) as error:
+        raise UnsupportedError(f"The model cannot be one of MuJoCo's: {error}") from error
     dof = np.empty(model.nv, dtype=int)
     for j in range(1, model.njoints):
         first = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, f"{j}.0")
@@ -107,8 +103,8 @@ def write_mjcf(
     """Return the model as MJCF text; joint ``j`` of Pinocchio becomes ``j.0`` (``j.1``, ``j.2``)."""
     stiffness = np.zeros(model.nv) if stiffness is None else stiffness
     damping = np.zeros(model.nv) if damping is None else damping
-    subspace = _subspaces(model)
-    theta = _with_lent_inertia(model, subspace)
+    axes = joint_axes(model)
+    theta = with_lent_inertia(model, axes)
     children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
     for j in range(1, model.njoints):
         children[model.parents[j]].append(j)
@@ -116,84 +112,29 @@ def write_mjcf(
     def body(j: int) -> str:
         place = model.jointPlacements[j]
         x, y, z, w = pin.Quaternion(place.rotation).coeffs()
-        text = f'<body name="b{j}" pos="{_text(place.translation)}" quat="{_text([w, x, y, z])}">'
+        text = f'<body name="b{j}" pos="{numbers(place.translation)}" quat="{numbers([w, x, y, z])}">'
         k = model.joints[j].idx_v
         if model.joints[j].nq == 7:
             if not place.isIdentity(1e-15):
                 raise UnsupportedError("A free joint away from the origin.")
             text += f'<freejoint name="{j}.0"/>'
         else:
-            for i, column in enumerate(subspace[j].T):
+            for i, column in enumerate(axes[j].T):
                 kind, axis = ("slide", column[:3]) if column[:3].any() else ("hinge", column[3:])
                 text += (
-                    f'<joint name="{j}.{i}" type="{kind}" axis="{_text(axis)}" '
+                    f'<joint name="{j}.{i}" type="{kind}" axis="{numbers(axis)}" '
                     f'stiffness="{float(stiffness[k + i])!r}" damping="{float(damping[k + i])!r}"/>'
                 )
-        return text + _inertial(theta[j]) + "".join(body(c) for c in children[j]) + "</body>\n"
+        return text + inertial(theta[j]) + "".join(body(c) for c in children[j]) + "</body>\n"
 
     return (
         '<mujoco><compiler angle="radian" autolimits="false" inertiafromgeom="false" balanceinertia="false"/>'
-        f'<option gravity="{_text(model.gravity.linear)}" integrator="RK4">'
+        f'<option gravity="{numbers(model.gravity.linear)}" integrator="RK4">'
         '<flag contact="disable" constraint="disable"/></option><worldbody>'
         + "".join(body(c) for c in children[0])
         + "</worldbody></mujoco>"
     )
 
 
-def _subspaces(model: pin.Model) -> dict[int, np.ndarray]:
-    """Motion subspace (6, nv) of every joint; raises for those that are not free, hinges or slides."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model), np.zeros(model.nv))
-    found = {}
-    for j in range(1, model.njoints):
-        s = np.asarray(data.joints[j].S).reshape(6, -1)
-        simple = s.shape[1] == 1 and not (s[:3].any() and s[3:].any())
-        if not (simple or model.joints[j].nq == 7 or model.joints[j].shortname() == "JointModelTranslation"):
-            raise UnsupportedError(f"Joint '{model.names[j]}' is a {model.joints[j].shortname()}.")
-        found[j] = s
-    return found
-
-
-def _with_lent_inertia(model: pin.Model, subspace: dict[int, np.ndarray]) -> list[np.ndarray]:
-    theta = [np.asarray(i.toDynamicParameters()) for i in model.inertias]
-    for j in range(model.njoints - 1, 0, -1):
-        about = parameters_to_matrix(_about_centre(theta[j])) if theta[j][0] > 0.0 else np.zeros((3, 3))
-        if theta[j][0] > 0.0 and np.linalg.eigvalsh(about)[0] > 1e-9:
-            continue
-        column = subspace[j][:, 0]
-        if column[:3].any():
-            lent = np.array([0.0, 0, 0, 0, LENT, 0, LENT, 0, 0, LENT])
-        else:
-            axis = column[3:]
-            spin = float(axis @ parameters_to_matrix(theta[j]) @ axis)
-            across = max(spin / 2, LENT) * (np.eye(3) - np.outer(axis, axis))
-            xx, xy, xz, _, yy, yz, _, _, zz = across.ravel()
-            lent = np.array([LENT if theta[j][0] <= 0.0 else 0.0, 0, 0, 0, xx, xy, yy, xz, yz, zz])
-        theta[j] = theta[j] + lent
-        if model.parents[j]:
-            theta[model.parents[j]] = theta[model.parents[j]] - move_parameters(
-                model.jointPlacements[j], lent
-            )
-    return theta
-
-
-def _about_centre(theta: np.ndarray) -> np.ndarray:
-    centre = theta[1:4] / theta[0]
-    return move_parameters(pin.SE3(np.eye(3), -centre), theta)
-
-
-def _inertial(theta: np.ndarray) -> str:
-    own = _about_centre(theta)
-    xx, xy, yy, xz, yz, zz = own[4:]
-    return (
-        f'<inertial mass="{float(theta[0])!r}" pos="{_text(theta[1:4] / theta[0])}" '
-        f'fullinertia="{_text([xx, yy, zz, xy, xz, yz])}"/>'
-    )
-
-
 def _rotation(q: np.ndarray) -> np.ndarray:
     return pin.Quaternion(*q[[6, 3, 4, 5]]).toRotationMatrix()
-
-
-def _text(values: object) -> str:
-    return " ".join(repr(float(v)) for v in np.ravel(values))

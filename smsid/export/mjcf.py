@@ -1,10 +1,7 @@
 """The whole spacecraft as MuJoCo XML: rigid bodies, wheels, slosh and bending masses, motors and thrust.
 
 What Pinocchio calls a joint becomes one or three MuJoCo joints of the same name (``tank.x``, ``tank.y``,
-``tank.z`` for a slosh mass); a mode's coordinate is delta / L_t, as in the model. MuJoCo wants mass and a
-proper inertia on every moving body. Where a body lacks them, some are lent from its parent in a way that
-leaves the motion as it was: rotational inertia to a body that only slides, mass on the axis and inertia
-across it to a body that only turns.
+``tank.z`` for a slosh mass); a mode's coordinate is delta / L_t, as in the model.
 """
 
 from __future__ import annotations
@@ -17,12 +14,9 @@ import pinocchio as pin
 
 from smsid.effects import JointFriction, MotorCoupling, TorqueOffset
 from smsid.errors import DescriptionError
-from smsid.model.assembly import move_parameters, parameters_to_matrix
+from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, with_lent_inertia
 from smsid.model.regressor import body_names
 from smsid.model.spacecraft import SpacecraftModel
-
-LENT = 1e-6
-"""[kg], [kg m^2] lent to bodies that lack it."""
 
 WRITTEN = (JointFriction, MotorCoupling, TorqueOffset)
 """Effects with nonlinear forces that have a counterpart."""
@@ -41,8 +35,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
             panel), or an effect with forces that have no counterpart there.
     """
     p = model.pin
-    subspace = _subspaces(p)
-    theta = _with_lent_inertia(p, subspace)
+    axes = joint_axes(p)
+    theta = with_lent_inertia(p, axes)
     springs = dict(
         zip(model.spring_v.tolist(), zip(model.stiffness, model.damping, strict=True), strict=True)
     )
@@ -58,15 +52,15 @@ def write_mjcf(model: SpacecraftModel) -> str:
         if p.joints[j].nq == 7:
             return [f"{indent}<freejoint name={quoteattr(p.names[j])}/>"]
         lines = []
-        for i, column in enumerate(subspace[j].T):
+        for i, column in enumerate(axes[j].T):
             k = p.joints[j].idx_v + i
             kind, axis = ("slide", column[:3]) if column[:3].any() else ("hinge", column[3:])
             stiffness, damping = springs.get(k, (0.0, 0.0))
-            extra = f' armature="{_text(p.armature[k])}"' if p.armature[k] > 0.0 else ""
-            extra += f' frictionloss="{_text(dry[k])}"' if dry.get(k, 0.0) > 0.0 else ""
+            extra = f' armature="{numbers(p.armature[k])}"' if p.armature[k] > 0.0 else ""
+            extra += f' frictionloss="{numbers(dry[k])}"' if dry.get(k, 0.0) > 0.0 else ""
             lines.append(
-                f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{_text(axis)}" '
-                f'stiffness="{_text(stiffness)}" damping="{_text(damping)}"{extra}{_range(p, j)}/>'
+                f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
+                f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
             )
         return lines
 
@@ -77,10 +71,10 @@ def write_mjcf(model: SpacecraftModel) -> str:
         x, y, z, w = pin.Quaternion(place.rotation).coeffs()
         lines = [
             f"{indent}<body name={quoteattr(names[j - 1])} "
-            f'pos="{_text(place.translation)}" quat="{_text([w, x, y, z])}">'
+            f'pos="{numbers(place.translation)}" quat="{numbers([w, x, y, z])}">'
         ]
         lines += joint_lines(j, indent + "  ")
-        lines.append(f"{indent}  {_inertial(theta[j])}")
+        lines.append(f"{indent}  {inertial(theta[j])}")
         lines += [f"{indent}  {site}" for site in sites.get(j, [])]
         for c in children[j]:
             lines += body_lines(c, depth + 1)
@@ -97,7 +91,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             f"<mujoco model={quoteattr(model.description.name)}>",
             *(["  <!-- modal amplitudes [kg^.5 m]: " + "; ".join(scales) + " -->"] if scales else []),
             '  <compiler angle="radian" autolimits="false" inertiafromgeom="false" balanceinertia="false"/>',
-            f'  <option gravity="{_text(p.gravity.linear)}" integrator="RK4" timestep="0.005"/>',
+            f'  <option gravity="{numbers(p.gravity.linear)}" integrator="RK4" timestep="0.005"/>',
             "  <worldbody>",
             *(f"    {site}" for site in sites.get(0, [])),
             *body,
@@ -107,7 +101,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             *_actuators(model),
             "  </actuator>",
             "  <keyframe>",
-            f'    <key name="home" qpos="{_text(_home(model, children))}"/>',
+            f'    <key name="home" qpos="{numbers(_home(model, children))}"/>',
             "  </keyframe>",
             "</mujoco>",
             "",
@@ -126,7 +120,7 @@ def _range(p: pin.Model, j: int) -> str:
     low, high = p.lowerPositionLimit[joint.idx_q], p.upperPositionLimit[joint.idx_q]
     if not (np.isfinite(low) and np.isfinite(high) and low < high) or max(-low, high) > 1e6:
         return ""
-    return f' limited="true" range="{_text([low, high])}"'
+    return f' limited="true" range="{numbers([low, high])}"'
 
 
 def _dry_friction(model: SpacecraftModel) -> Mapping[int, float]:
@@ -174,11 +168,11 @@ def _tendons(model: SpacecraftModel) -> list[str]:
     for effect in model.description.effect:
         if isinstance(effect, MotorCoupling):
             lines.append(
-                f'    <fixed name={quoteattr(effect.name)} damping="{_text(effect.viscous)}" '
-                f'frictionloss="{_text(effect.coulomb)}" armature="{_text(effect.inertia)}">'
+                f'    <fixed name={quoteattr(effect.name)} damping="{numbers(effect.viscous)}" '
+                f'frictionloss="{numbers(effect.coulomb)}" armature="{numbers(effect.inertia)}">'
             )
             lines += [
-                f'      <joint joint={quoteattr(j)} coef="{_text(w)}"/>'
+                f'      <joint joint={quoteattr(j)} coef="{numbers(w)}"/>'
                 for j, w in zip(effect.joints, effect.weights, strict=True)
             ]
             lines.append("    </fixed>")
@@ -189,10 +183,12 @@ def _sites(model: SpacecraftModel) -> dict[int, list[str]]:
     """Thrust point and sensors on the bus, by joint."""
     if not model.free:
         return {}
-    found = [f'<site name="thrust" pos="{_text(model.thrust_point)}"/>']
+    found = [f'<site name="thrust" pos="{numbers(model.thrust_point)}"/>']
     for sensor in model.description.sensor:
         if sensor.appendage is None and sensor.kind in ("pose", "imu"):
-            found.append(f'<site name={quoteattr(f"sensor/{sensor.name}")} pos="{_text(sensor.position)}"/>')
+            found.append(
+                f'<site name={quoteattr(f"sensor/{sensor.name}")} pos="{numbers(sensor.position)}"/>'
+            )
     return {1: found}
 
 
@@ -203,7 +199,7 @@ def _actuators(model: SpacecraftModel) -> list[str]:
         limit = d.thrust.max_force
         for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
             bound = _bound(limit) if k < 3 else ""
-            gear = _text(np.eye(6)[k])
+            gear = numbers(np.eye(6)[k])
             lines.append(f'    <motor name="thrust.{axis}" site="thrust" gear="{gear}"{bound}/>')
     own = {w.joint or w.name: w.max_torque for w in d.wheel}
     for group in (model.wheels, model.arm_joints):
@@ -215,13 +211,13 @@ def _actuators(model: SpacecraftModel) -> list[str]:
         if isinstance(effect, TorqueOffset) and effect.torque != 0.0:
             lines.append(
                 f"    <general name={quoteattr(effect.name)} joint={quoteattr(effect.joint)} "
-                f'biastype="affine" gainprm="0" biasprm="{_text(-effect.torque)} 0 0"/>'
+                f'biastype="affine" gainprm="0" biasprm="{numbers(-effect.torque)} 0 0"/>'
             )
     return lines
 
 
 def _bound(limit: float | None) -> str:
-    return "" if limit is None else f' ctrllimited="true" ctrlrange="{_text([-limit, limit])}"'
+    return "" if limit is None else f' ctrllimited="true" ctrlrange="{numbers([-limit, limit])}"'
 
 
 def _home(model: SpacecraftModel, children: dict[int, list[int]]) -> list[float]:
@@ -244,60 +240,3 @@ def _home(model: SpacecraftModel, children: dict[int, list[int]]) -> list[float]
     for c in children[0]:
         visit(c)
     return out
-
-
-def _subspaces(p: pin.Model) -> dict[int, np.ndarray]:
-    """Motion subspace (6, nv) of every joint; refuses those that are not free, hinges or slides."""
-    data = p.createData()
-    pin.forwardKinematics(p, data, pin.neutral(p), np.zeros(p.nv))
-    found = {}
-    for j in range(1, p.njoints):
-        s = np.asarray(data.joints[j].S).reshape(6, -1)
-        simple = s.shape[1] == 1 and not (s[:3].any() and s[3:].any())
-        if not (simple or p.joints[j].nq == 7 or p.joints[j].shortname() == "JointModelTranslation"):
-            raise DescriptionError(
-                f"Joint '{p.names[j]}' is a {p.joints[j].shortname()}, which MuJoCo does not have.",
-                advice="Export without the MuJoCo XML (--no-mujoco).",
-                joint=p.names[j],
-            )
-        found[j] = s
-    return found
-
-
-def _with_lent_inertia(p: pin.Model, subspace: dict[int, np.ndarray]) -> list[np.ndarray]:
-    theta = [np.asarray(i.toDynamicParameters()) for i in p.inertias]
-    for j in range(p.njoints - 1, 0, -1):
-        about = parameters_to_matrix(_about_centre(theta[j])) if theta[j][0] > 0.0 else np.zeros((3, 3))
-        if theta[j][0] > 0.0 and np.linalg.eigvalsh(about)[0] > 1e-9:
-            continue
-        column = subspace[j][:, 0]
-        if column[:3].any():
-            lent = np.array([0.0, 0, 0, 0, LENT, 0, LENT, 0, 0, LENT])
-        else:
-            axis = column[3:]
-            spin = float(axis @ parameters_to_matrix(theta[j]) @ axis)
-            across = max(spin / 2, LENT) * (np.eye(3) - np.outer(axis, axis))
-            xx, xy, xz, _, yy, yz, _, _, zz = across.ravel()
-            lent = np.array([LENT if theta[j][0] <= 0.0 else 0.0, 0, 0, 0, xx, xy, yy, xz, yz, zz])
-        theta[j] = theta[j] + lent
-        if p.parents[j]:
-            theta[p.parents[j]] = theta[p.parents[j]] - move_parameters(p.jointPlacements[j], lent)
-    return theta
-
-
-def _about_centre(theta: np.ndarray) -> np.ndarray:
-    centre = theta[1:4] / theta[0]
-    return move_parameters(pin.SE3(np.eye(3), -centre), theta)
-
-
-def _inertial(theta: np.ndarray) -> str:
-    own = _about_centre(theta)
-    xx, xy, yy, xz, yz, zz = own[4:]
-    return (
-        f'<inertial mass="{_text(theta[0])}" pos="{_text(theta[1:4] / theta[0])}" '
-        f'fullinertia="{_text([xx, yy, zz, xy, xz, yz])}"/>'
-    )
-
-
-def _text(values: object) -> str:
-    return " ".join(repr(float(v)) for v in np.ravel(np.asarray(values, dtype=float)))
