@@ -23,6 +23,7 @@ AS_GOOD = 0.9  # the same, where they explain more than the one does
 FEW = 2  # aliases that are named whatever their chances are
 REST = 0.05  # chance of all that are left out beside them
 AXES = (".x", ".y", ".z")
+STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
 
 
@@ -296,6 +297,8 @@ def wald(found: Fit, candidate: Candidate) -> float:
     names = [u.name for u in found.unknowns]
     index = [names.index(n) for n in candidate.free]
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
+    if (np.abs(shift) < STILL * np.array(candidate.steps))[_strengths(candidate)].all():
+        return 0.0  # no mass, whatever its spring and its place are
     covariance = found.covariance()[np.ix_(index, index)]
     told = np.diag(covariance) > 0.0
     if not told.any():
@@ -303,3 +306,11 @@ def wald(found: Fit, candidate: Candidate) -> float:
     covariance, shift = covariance[np.ix_(told, told)], shift[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
     return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
+
+
+def _strengths(candidate: Candidate) -> np.ndarray:
+    """Return which of the free parameters (d,) make the effect do something: the first, unless it says."""
+    fields = [name.split(".")[1] for name in candidate.free]
+    stated = fields if candidate.effect is None else candidate.effect.strength
+    named = np.array([field in stated for field in fields])
+    return named if named.any() else np.arange(len(fields)) == 0

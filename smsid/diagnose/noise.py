@@ -134,7 +134,11 @@ def _with_noise(found: Fitted) -> Fitted:
         factor = noise_factors(found.fit.problem.data, found.fit.run)
         if np.abs(factor - 1.0).max() < 0.03:
             break
-        found = _scaled(found, factor)
+        try:
+            found = _scaled(found, factor)
+        except SimulationError as error:  # the fit's last step is not filtered again
+            LOGGER.info("noise levels stay as they are: %s", error)
+            break
     return found
 
 

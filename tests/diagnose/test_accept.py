@@ -13,7 +13,7 @@ from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import fit
 from smsid.diagnose.proposals import propose
-from smsid.effects import JointFriction
+from smsid.effects import JointFriction, Slosh
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -207,6 +207,21 @@ def test_how_far_from_doing_nothing(known, problem):
     flat.gram[at] *= 1e-3
     flat.gram[:, at] *= 1e-3
     assert wald(flat, one) < 1e-4 * wald(found, one) + 1e-9
+
+
+@pytest.mark.parametrize(("mass", "there"), [(1e-9, False), (0.2, True)])
+def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
+    """Its mass went where it does nothing: how well its spring is known then says nothing."""
+    tank = Slosh(name="more", position=(0.0,) * 3, mass=1e-9, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
+    names, steps = ("more.mass", "more.stiffness.x"), (0.1, 0.01)
+    candidate = Candidate("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
+    fitted = tank.with_values({"more.mass": mass + 1e-17, "more.stiffness.x": 3.0})
+    found = SimpleNamespace(
+        unknowns=candidate.unknowns(()),
+        point=known.point.with_effect(fitted),
+        covariance=lambda: np.diag([1e-8, 1e-6]),
+    )
+    assert (wald(found, candidate) > 1e6) is there
 
 
 @pytest.mark.parametrize("fits", [True, False])

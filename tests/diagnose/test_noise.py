@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from smsid.diagnose.noise import fit_with_noise, misfit_factors, noise_factors, strayed
+from smsid.diagnose.fit import fit
+from smsid.diagnose.noise import (
+    Fitted,
+    fit_with_noise,
+    misfit_factors,
+    noise_factors,
+    refitted,
+    strayed,
+)
+from smsid.errors import SimulationError
 
 N = 20000
 
@@ -76,3 +85,17 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
 def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
     assert fit_with_noise(known.point, wrong, known.unknowns[:1]).misfit
+
+
+def test_a_fit_that_is_not_filtered_again_keeps_its_noise_levels(known, problem, monkeypatch):
+    """The last step of a fit is taken on trust; where it led must not cost the diagnosis."""
+    at_once = fit(known.point, known.unknowns[:1], problem)
+    found = Fitted(at_once, np.ones(problem.data.rows))
+
+    def lost(*_, **__):
+        raise SimulationError("lost")
+
+    monkeypatch.setattr("smsid.diagnose.noise.noise_factors", lambda *_: np.full(problem.data.rows, 2.0))
+    assert refitted(found, strong=True).factors == pytest.approx(2.0 * 2.0)
+    monkeypatch.setattr("smsid.diagnose.noise.fit", lost)
+    assert refitted(found, strong=True) is found
