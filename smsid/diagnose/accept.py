@@ -119,7 +119,16 @@ def accept(
         return None
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
-        near = [s for s in contenders if value - reached.get(id(s), -np.inf) < levels.alias]
+        explains = {id(s): replace(s, ratio=2.0 * (current.objective - f.objective)) for _, s, f in fitted}
+
+        def as_good(s: Score) -> bool:
+            """Whether a contender is no worse by what it costs, or can do the same at any price."""
+            ahead = value - reached.get(id(s), -np.inf)
+            if ahead < levels.alias or id(s) not in explains:
+                return ahead < levels.alias
+            return not told_apart(explains[id(winner)], explains[id(s)], samples, levels)
+
+        near = [s for s in contenders if as_good(s)]
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
     beside = tuple(u.name for u in current.unknowns)
     return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found

@@ -123,6 +123,27 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
     assert cause.ratio == pytest.approx(6000.0)
 
 
+@pytest.mark.parametrize("same", [True, False])
+def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, same):
+    """A friction that goes with the cosine of a small angle, and Coulomb friction."""
+    columns = np.random.default_rng(0).standard_normal((5000, 3))
+    winner = replace(score(2843.0, 1), columns=columns[:, :1])
+    rival = score(2843.2, 2)
+    rival = replace(
+        rival,
+        candidate=replace(rival.candidate, free=("b", "c")),
+        columns=columns[:, :2] if same else columns[:, 1:],
+    )
+    run = SimpleNamespace(samples=10_000)
+    fits = {id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=()) for s in (winner, rival)}
+    monkeypatch.setattr("smsid.diagnose.accept.refit", lambda current, s: fits[id(s)])
+    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 1e3)
+    current = SimpleNamespace(objective=0.0, run=run, unknowns=())
+    cause, _ = accept(current, winner, [winner, rival], Levels(), 60)
+    assert cause.score is winner
+    assert [s for s, _ in cause.aliases] == ([rival] if same else [])
+
+
 def test_one_as_large_elsewhere_is_rejected_by_the_criterion():
     winner = score(100.0, 1)
     for ratio, rejected in ((95.0, False), (92.0, True)):
