@@ -1,4 +1,4 @@
-"""A cause is accepted by a refit beside its rivals, and left out where others make it unnecessary."""
+"""A cause is accepted by a refit beside its rivals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.candidates import Candidate, Score, correlation
-from smsid.diagnose.fit import Fit, evaluate, fit
+from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.point import Unknown
 from smsid.errors import SmsidError
 
@@ -104,7 +104,7 @@ def accept(
         ratio = 2.0 * (current.objective - found.objective)
         if ratio > SURPLUS * s.ratio + levels.linear:
             # the others' fit had perhaps not come to rest: what do they reach from here without it?
-            current = _without(current, found, s.candidate)
+            current = without_candidate(current, found, s.candidate)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
         told = wald(found, s.candidate)
         if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
@@ -204,7 +204,7 @@ def cost(current: Fit, s: Score, found: Fit) -> float:
     return s.ratio - s.information_gain(samples) + len(more) * float(np.log(samples))
 
 
-def _without(current: Fit, found: Fit, candidate: Candidate) -> Fit:
+def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     """Return the better of a fit and its continuation from where a candidate's refit ended, without it."""
     point = found.point
     if candidate.effect is not None:
@@ -274,41 +274,18 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     return larger if paid > 0.0 else found
 
 
-def pruned(
-    causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int
-) -> tuple[list[Cause], Fit]:
-    """Leave out causes that the others made unnecessary, by Wald's statistic."""
-    while len(causes) > 1:
-        worst, least = None, np.inf
-        for cause in causes:
-            told = wald(last, cause.score.candidate)
-            p = 0.5 * cause.score.sides * chi2.sf(told, len(cause.score.candidate.free)) * tried
-            if p > levels.candidate and told < least:
-                worst, least = cause, told
-        if worst is None:
-            break
-        left = [c for c in causes if c is not worst]
-        causes, last = [], evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise may be finer
-        for cause in left:
-            again = refit(last, cause.score_beside([u.name for u in last.unknowns]))
-            if again is None:
-                LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
-            else:
-                causes, last = [*causes, cause], again
-    return causes, last
-
-
-def wald(found: Fit, candidate: Candidate) -> float:
+def wald(found: Fit, candidate: Candidate, *, held: bool = False) -> float:
     """Return Wald's statistic of a candidate's parameters at a fit: how far they are from doing nothing.
 
     Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
+    ``held``: with its further parameters, which mean nothing without the effect, as they are.
     """
     names = [u.name for u in found.unknowns]
     index = [names.index(n) for n in candidate.free]
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
     if (np.abs(shift) < STILL * np.array(candidate.steps))[_strengths(candidate)].all():
         return 0.0  # no mass, whatever its spring and its place are
-    covariance = found.covariance()[np.ix_(index, index)]
+    covariance = found.covariance(candidate.also if held else ())[np.ix_(index, index)]
     told = np.diag(covariance) > 0.0
     if not told.any():
         return 0.0

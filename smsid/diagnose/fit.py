@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -122,11 +122,13 @@ class Fit:
         """Scales of the parameters (m,)."""
         return np.array([u.scale for u in self.unknowns])
 
-    def covariance(self) -> np.ndarray:
-        """Return the posterior covariance (m, m) in the parameters' units."""
-        size = np.sqrt(np.diag(self.gram))  # scales differ by more than pinv takes for nothing
+    def covariance(self, held: Collection[str] = ()) -> np.ndarray:
+        """Return the posterior covariance (m, m) in the parameters' units; those ``held`` have none."""
+        free = np.array([u.name not in held for u in self.unknowns])
+        gram = np.where(np.outer(free, free), self.gram, 0.0)
+        size = np.sqrt(np.diag(gram))  # scales differ by more than pinv takes for nothing
         size = np.where(size > 0.0, size, 1.0)
-        inverse = np.linalg.pinv(self.gram / np.outer(size, size), hermitian=True)
+        inverse = np.linalg.pinv(gram / np.outer(size, size), hermitian=True)
         return inverse * np.outer(self.scales / size, self.scales / size)
 
     def sigma(self, name: str) -> float:

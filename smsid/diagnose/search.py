@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from smsid.diagnose.accept import Cause, Levels, accept, pruned
+from smsid.diagnose.accept import Cause, Levels, accept
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.erratic import erratic
@@ -21,6 +21,7 @@ from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
+from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
 from smsid.errors import RecordingError
 

@@ -1,0 +1,55 @@
+"""Causes are left out that others, found later, made unnecessary."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from scipy.stats import chi2
+
+from smsid.diagnose.accept import Cause, Levels, refit, wald, without_candidate
+from smsid.diagnose.fit import Fit, evaluate
+
+LOGGER = logging.getLogger(__name__)
+
+
+def pruned(
+    causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int
+) -> tuple[list[Cause], Fit]:
+    """Leave out causes that the others made unnecessary, by Wald's statistic.
+
+    One that is far from doing nothing as far as its further parameters are what they are (the gap of a
+    backlash, which goes with the torque of its crossing) is left out only where it is not missed.
+    """
+
+    def chance(cause: Cause, statistic: float) -> float:
+        return 0.5 * cause.score.sides * tried * float(chi2.sf(statistic, len(cause.score.candidate.free)))
+
+    needed: list[Cause] = []
+    while len(causes) > 1:
+        told = {id(c): wald(last, c.score.candidate) for c in causes if not any(c is n for n in needed)}
+        doubted = [c for c in causes if id(c) in told and chance(c, told[id(c)]) > levels.candidate]
+        if not doubted:
+            break
+        worst = min(doubted, key=lambda c: told[id(c)])
+        left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
+        if chance(worst, wald(last, worst.score.candidate, held=True)) <= levels.candidate:
+            rest = without_candidate(rest, last, worst.score.candidate)  # perhaps it had not come to rest
+            if chance(worst, 2.0 * (rest.objective - last.objective)) <= levels.candidate:
+                LOGGER.info("%s is missed", worst.score.candidate.key)
+                needed.append(worst)
+                continue
+        causes, last = left, rest
+    return causes, last
+
+
+def _fitted(causes: Sequence[Cause], last: Fit, nominal: Fit) -> tuple[list[Cause], Fit]:
+    """Return the causes that can be fitted one after the other from the nominal model, and their fit."""
+    kept, found = [], evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise may be finer
+    for cause in causes:
+        again = refit(found, cause.score_beside([u.name for u in found.unknowns]))
+        if again is None:
+            LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
+        else:
+            kept, found = [*kept, cause], again
+    return kept, found

@@ -1,0 +1,55 @@
+"""Causes that others made unnecessary are left out; those that are missed stay."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.accept import Cause, Levels
+from smsid.diagnose.candidates import Candidate, Score
+from smsid.diagnose.prune import pruned
+
+
+def cause(location):
+    """A cause without columns."""
+    own = Candidate("joint_friction", location, "friction", "viscous", None, ("a",), (1.0,))
+    nothing = np.zeros((0, 1))
+    return Cause(Score(own, 50.0, 1, nothing[0:0], nothing, 1.0, nothing, nothing), (), 50.0, ())
+
+
+def fitted(objective):
+    return SimpleNamespace(unknowns=(), point=None, problem=None, objective=objective)
+
+
+def left(monkeypatch, held, rest, continued=None, fits=True):
+    """Where the causes are that stay of two, of which the first's statistic is 0.1.
+
+    ``held`` is that with its further parameters held, ``rest`` the objective without it, ``continued`` where
+    that comes to from where it was; with it, it is zero.
+    """
+
+    def wald(found, candidate, *, held_=held, **held):
+        return 50.0 if candidate.location == "joint2" else held_ if held else 0.1
+
+    monkeypatch.setattr("smsid.diagnose.prune.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.prune.evaluate", lambda *_: fitted(1e6))
+    monkeypatch.setattr("smsid.diagnose.prune.refit", lambda *_: fitted(rest) if fits else None)
+    monkeypatch.setattr(
+        "smsid.diagnose.prune.without_candidate",
+        lambda current, *_: current if continued is None else fitted(continued),
+    )
+    kept, _ = pruned([cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), Levels(), 60)
+    return [c.score.candidate.location for c in kept]
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_what_cannot_be_fitted_without_another_goes_with_it(monkeypatch, fits):
+    assert left(monkeypatch, held=0.1, rest=0.0, fits=fits) == (["joint2"] if fits else [])
+
+
+def test_one_whose_strength_goes_with_what_it_freed_stays_where_it_is_missed(monkeypatch):
+    """The gap of a backlash and the torque of its crossing: only their product is known well."""
+    assert left(monkeypatch, held=1000.0, rest=3900.0) == ["joint1", "joint2"]
+    assert left(monkeypatch, held=0.1, rest=3900.0) == ["joint2"], "it ran away"
+    assert left(monkeypatch, held=1000.0, rest=4.0) == ["joint2"], "nothing is missed"
+    assert left(monkeypatch, held=1000.0, rest=3900.0, continued=4.0) == ["joint2"], "it had not come to rest"
