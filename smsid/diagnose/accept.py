@@ -119,7 +119,10 @@ def accept(
         return None
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
-        explains = {id(s): replace(s, ratio=2.0 * (current.objective - f.objective)) for _, s, f in fitted}
+        explains = {}
+        for _, s, f in fitted:  # less what its further parameters cost
+            more = cost(current, s, f) - (s.ratio - s.information_gain(samples))
+            explains[id(s)] = replace(s, ratio=2.0 * (current.objective - f.objective) - more)
 
         def as_good(s: Score) -> bool:
             """Whether a contender is no worse by what it costs, or can do the same at any price."""
@@ -205,7 +208,7 @@ def cost(current: Fit, s: Score, found: Fit) -> float:
 
 
 def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
-    """Return the better of a fit and its continuation from where a candidate's refit ended, without it."""
+    """Return the better of a fit and one from where another ended, ``found``, that has a candidate more."""
     point = found.point
     if candidate.effect is not None:
         known = {e.name for e in current.point.description.effect}
@@ -295,7 +298,7 @@ def wald(found: Fit, candidate: Candidate, *, held: bool = False) -> float:
 
 
 def _strengths(candidate: Candidate) -> np.ndarray:
-    """Return which of the free parameters (d,) make the effect do something: the first, unless it says."""
+    """Return which free parameters (d,) make it do something: the first, where the effect does not say."""
     fields = [name.split(".")[1] for name in candidate.free]
     stated = fields if candidate.effect is None else candidate.effect.strength
     named = np.array([field in stated for field in fields])

@@ -134,11 +134,7 @@ def _with_noise(found: Fitted) -> Fitted:
         factor = noise_factors(found.fit.problem.data, found.fit.run)
         if np.abs(factor - 1.0).max() < 0.03:
             break
-        try:
-            found = _scaled(found, factor)
-        except SimulationError as error:  # the fit's last step is not filtered again
-            LOGGER.info("noise levels stay as they are: %s", error)
-            break
+        found = _scaled(found, factor)
     return found
 
 
@@ -156,7 +152,15 @@ def _with_misfit(found: Fitted) -> Fitted:
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
     problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
-    fitted = fit(found.fit.point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
+
+    def from_there(point: Point) -> Fit:
+        return fit(point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
+
+    try:
+        fitted = from_there(found.fit.point)
+    except SimulationError as error:  # where the last step of a fit goes is not filtered again
+        LOGGER.info("from the step before: %s", error)
+        fitted = from_there(found.fit.changes.point)
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 

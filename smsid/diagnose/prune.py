@@ -22,25 +22,36 @@ def pruned(
     backlash, which goes with the torque of its crossing) is left out only where it is not missed.
     """
 
-    def chance(cause: Cause, statistic: float) -> float:
-        return 0.5 * cause.score.sides * tried * float(chi2.sf(statistic, len(cause.score.candidate.free)))
+    def chance(cause: Cause) -> float:
+        own = cause.score.candidate
+        return 0.5 * cause.score.sides * tried * float(chi2.sf(wald(last, own), len(own.free)))
 
     needed: list[Cause] = []
     while len(causes) > 1:
-        told = {id(c): wald(last, c.score.candidate) for c in causes if not any(c is n for n in needed)}
-        doubted = [c for c in causes if id(c) in told and chance(c, told[id(c)]) > levels.candidate]
+        doubted = [c for c in causes if not any(c is n for n in needed) and chance(c) > levels.candidate]
         if not doubted:
             break
-        worst = min(doubted, key=lambda c: told[id(c)])
+        worst = min(doubted, key=lambda c: wald(last, c.score.candidate))
         left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
-        if chance(worst, wald(last, worst.score.candidate, held=True)) <= levels.candidate:
-            rest = without_candidate(rest, last, worst.score.candidate)  # perhaps it had not come to rest
-            if chance(worst, 2.0 * (rest.objective - last.objective)) <= levels.candidate:
-                LOGGER.info("%s is missed", worst.score.candidate.key)
-                needed.append(worst)
-                continue
-        causes, last = left, rest
+        if _missed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
+            LOGGER.info("%s is missed", worst.score.candidate.key)
+            needed.append(worst)
+        else:
+            causes, last = left, rest
     return causes, last
+
+
+def _missed(cause: Cause, last: Fit, rest: Fit, levels: Levels, tried: int, strongest: float) -> bool:
+    """Whether the fit ``rest`` without a cause explains clearly less than ``last``, which has it."""
+    own, score = cause.score.candidate, cause.score
+    held = float(chi2.sf(wald(last, own, held=True), len(own.free)))
+    if 0.5 * score.sides * tried * held > levels.candidate:
+        return False  # it ran away
+    rest = without_candidate(rest, last, own)  # perhaps it had not come to rest
+    lost = 2.0 * (rest.objective - last.objective)
+    names = {u.name for u in last.unknowns}
+    chance = tried * own.grid * float(chi2.sf(lost, len(own.free) + len(names & set(own.also))))
+    return lost > levels.beside * strongest and chance <= levels.candidate
 
 
 def _fitted(causes: Sequence[Cause], last: Fit, nominal: Fit) -> tuple[list[Cause], Fit]:

@@ -12,7 +12,9 @@ from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import fit
+from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
+from smsid.diagnose.searched import Resolved
 from smsid.effects import JointFriction, Slosh
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -123,25 +125,37 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
     assert cause.ratio == pytest.approx(6000.0)
 
 
-@pytest.mark.parametrize("same", [True, False])
-def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, same):
-    """A friction that goes with the cosine of a small angle, and Coulomb friction."""
-    columns = np.random.default_rng(0).standard_normal((5000, 3))
+@pytest.mark.parametrize(
+    ("like", "also", "alias"),
+    [(1.0, 0, True), (0.7, 0, False), (1.0, 3, False)],
+    ids=["same", "like", "pays"],
+)
+def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like, also, alias):
+    """A friction that goes with the cosine of a small angle, and Coulomb friction; but not one that takes
+    further parameters to do the same.
+    """
+    columns, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((5000, 3)))
     winner = replace(score(2843.0, 1), columns=columns[:, :1])
+    own = like * columns[:, :1] + np.sqrt(1.0 - like**2) * columns[:, 1:2]
+    more = tuple(f"b{i}" for i in range(also))
     rival = score(2843.2, 2)
     rival = replace(
         rival,
-        candidate=replace(rival.candidate, free=("b", "c")),
-        columns=columns[:, :2] if same else columns[:, 1:],
+        candidate=replace(rival.candidate, free=("b", "c"), also=more),
+        columns=np.column_stack([own, columns[:, 2]]),
     )
     run = SimpleNamespace(samples=10_000)
-    fits = {id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=()) for s in (winner, rival)}
+    freed = {id(winner): (), id(rival): tuple(SimpleNamespace(name=n) for n in more)}
+    fits = {
+        id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=freed[id(s)])
+        for s in (winner, rival)
+    }
     monkeypatch.setattr("smsid.diagnose.accept.refit", lambda current, s: fits[id(s)])
     monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=0.0, run=run, unknowns=())
     cause, _ = accept(current, winner, [winner, rival], Levels(), 60)
     assert cause.score is winner
-    assert [s for s, _ in cause.aliases] == ([rival] if same else [])
+    assert [s for s, _ in cause.aliases] == ([rival] if alias else [])
 
 
 def test_one_as_large_elsewhere_is_rejected_by_the_criterion():
@@ -230,12 +244,12 @@ def test_how_far_from_doing_nothing(known, problem):
     assert wald(flat, one) < 1e-4 * wald(found, one) + 1e-9
 
 
-@pytest.mark.parametrize(("mass", "there"), [(1e-9, False), (0.2, True)])
+@pytest.mark.parametrize(("mass", "there"), [(LEAST, False), (0.2, True)])
 def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
     """Its mass went where it does nothing: how well its spring is known then says nothing."""
-    tank = Slosh(name="more", position=(0.0,) * 3, mass=1e-9, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
-    names, steps = ("more.mass", "more.stiffness.x"), (0.1, 0.01)
-    candidate = Candidate("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
+    tank = Slosh(name="more", position=(0.0,) * 3, mass=LEAST, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
+    names, steps = ("more.mass", "more.stiffness.x"), (STEP, 0.01)
+    candidate = Resolved("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
     fitted = tank.with_values({"more.mass": mass + 1e-17, "more.stiffness.x": 3.0})
     found = SimpleNamespace(
         unknowns=candidate.unknowns(()),

@@ -44,3 +44,17 @@ def test_a_step_too_long_is_cut_to_its_lowest_point(known, problem, runs):
     better = fitting._descend(start, 8.0 * step, known.unknowns, problem)
     assert better is not None and better.objective < start.objective
     assert len(runs) <= 3  # halves would take four
+
+
+def test_what_is_held_is_known_when_the_others_spread_is_told(known, problem):
+    found = evaluate(known.point, known.unknowns, problem)
+    held = {u.name for u in known.unknowns[1::2]}
+    kept = [i for i, u in enumerate(known.unknowns) if u.name not in held]
+    scales = found.scales[kept]
+    expected = np.linalg.inv(found.gram[np.ix_(kept, kept)]) * np.outer(scales, scales)
+    covariance = found.covariance(held)
+    size = np.sqrt(np.diag(expected))
+    assert covariance[np.ix_(kept, kept)] / np.outer(size, size) == pytest.approx(
+        expected / np.outer(size, size), abs=1e-6
+    )
+    assert (size < np.sqrt(np.diag(found.covariance())[kept])).any(), "something was held that matters"

@@ -87,15 +87,20 @@ def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     assert fit_with_noise(known.point, wrong, known.unknowns[:1]).misfit
 
 
-def test_a_fit_that_is_not_filtered_again_keeps_its_noise_levels(known, problem, monkeypatch):
+def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, problem, monkeypatch):
     """The last step of a fit is taken on trust; where it led must not cost the diagnosis."""
-    at_once = fit(known.point, known.unknowns[:1], problem)
-    found = Fitted(at_once, np.ones(problem.data.rows))
+    before = fit(known.point, known.unknowns[:1], problem)
+    astray = before.point.moved(before.unknowns, np.array([1e-3]))
+    found = Fitted(replace(before, point=astray), np.ones(problem.data.rows))
+    started = []
 
-    def lost(*_, **__):
-        raise SimulationError("lost")
+    def filtered(point, unknowns, problem, **options):
+        started.append(point)
+        if point is astray:
+            raise SimulationError("lost")
+        return fit(point, unknowns, problem, **options)
 
+    monkeypatch.setattr("smsid.diagnose.noise.fit", filtered)
     monkeypatch.setattr("smsid.diagnose.noise.noise_factors", lambda *_: np.full(problem.data.rows, 2.0))
     assert refitted(found, strong=True).factors == pytest.approx(2.0 * 2.0)
-    monkeypatch.setattr("smsid.diagnose.noise.fit", lost)
-    assert refitted(found, strong=True) is found
+    assert started[:2] == [astray, before.changes.point]
