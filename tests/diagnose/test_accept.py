@@ -257,3 +257,18 @@ def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
         covariance=lambda held: np.diag([1e-8, 1e-6]),
     )
     assert (wald(found, candidate) > 1e6) is there
+
+
+def test_what_an_effect_freed_is_held_where_that_is_asked(known):
+    """A strength that goes with what it freed is close to nothing by itself, and far from it beside that."""
+    tank = Slosh(name="more", position=(0.0,) * 3, mass=LEAST, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
+    candidate = Candidate(
+        "slosh", "bus", "slosh", "", tank, ("more.mass",), (STEP,), also=("more.stiffness.x",)
+    )
+    found = SimpleNamespace(
+        unknowns=candidate.unknowns(()),
+        point=known.point.with_effect(tank.with_values({"more.mass": 0.2})),
+        covariance=lambda held: np.array([[1e-4 if "more.stiffness.x" in held else 1.0]]),
+    )
+    assert wald(found, candidate) == pytest.approx(0.04)
+    assert wald(found, candidate, held=True) == pytest.approx(400.0)

@@ -46,7 +46,7 @@ def test_a_step_too_long_is_cut_to_its_lowest_point(known, problem, runs):
     assert len(runs) <= 3  # halves would take four
 
 
-def test_what_is_held_is_known_when_the_others_spread_is_told(known, problem):
+def test_the_spread_of_parameters_with_others_held_is_that_without_these(known, problem):
     found = evaluate(known.point, known.unknowns, problem)
     held = {u.name for u in known.unknowns[1::2]}
     kept = [i for i, u in enumerate(known.unknowns) if u.name not in held]

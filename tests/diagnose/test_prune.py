@@ -28,8 +28,10 @@ def left(monkeypatch, held, rest, continued=None, fits=True):
     that comes to from where it was; with it, it is zero.
     """
 
-    def wald(found, candidate, *, held_=held, **held):
-        return 50.0 if candidate.location == "joint2" else held_ if held else 0.1
+    by_itself = held
+
+    def wald(found, candidate, *, held=False):
+        return 50.0 if candidate.location == "joint2" else by_itself if held else 0.1
 
     monkeypatch.setattr("smsid.diagnose.prune.wald", wald)
     monkeypatch.setattr("smsid.diagnose.prune.evaluate", lambda *_: fitted(1e6))
