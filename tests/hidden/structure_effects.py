@@ -36,6 +36,8 @@ def _slosh(tank: Tank) -> list[Hidden]:
                 values = tuple(
                     v + x * w for v, w in zip(getattr(own, field), getattr(tank, field), strict=True)
                 )
+                if min(values) <= 0.0:
+                    raise ValueError(f"{field} of {tank.name} must be positive")
                 return n.with_tank(replace(own, **{field: values}))
 
             return Change(numbers=change) if x else Change()

@@ -18,6 +18,7 @@ from .plan import Run
 from .truth import against_truth
 
 FAST = 3.0  # [rad/s] rate of a joint that no recording of an arm in space goes beyond
+UNPHYSICAL = ("inertia must satisfy", "must be positive")  # said by MuJoCo and by what changes a tank
 
 
 def files_of(run: Run, folder: Path) -> Files:
@@ -31,7 +32,7 @@ def tamed(run: Run, folder: Path) -> tuple[Run, Files]:
     """Simulate a run; where the arm flies away, what is hidden is halved until it stays below `FAST`.
 
     An arm whose torques fit it so badly that it tumbles is no experiment that anybody would record; nor is
-    one with a body that cannot exist, which MuJoCo refuses.
+    one with a body that cannot exist, which MuJoCo refuses, or a spring or damper that drives.
     """
     from smsid.recording import load_recording
 
@@ -39,7 +40,7 @@ def tamed(run: Run, folder: Path) -> tuple[Run, Files]:
         try:
             files = files_of(run, folder)
         except ValueError as error:
-            if "inertia must satisfy" not in str(error):
+            if not any(reason in str(error) for reason in UNPHYSICAL):
                 raise
         else:
             flown = [load_recording(path) for path in (files.recording, files.validation)]
