@@ -80,10 +80,11 @@ class Cause:
 
 def accept(
     current: Fit, best: Score, scores: Sequence[Score], levels: Levels, tried: int
-) -> tuple[Cause, Fit] | None:
+) -> tuple[Cause | None, Fit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
-    ``tried`` is the number of candidates, which chances are corrected for.
+    ``tried`` is the number of candidates, which chances are corrected for. Without a winner the fit is
+    ``current``, or a better one without the candidates that their refits led to.
     """
     samples = current.run.samples
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
@@ -112,11 +113,11 @@ def accept(
             continue
         fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
     if not fitted:
-        return None
+        return None, current
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
     if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
-        return None
+        return None, current
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
         explains = {}

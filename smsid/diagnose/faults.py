@@ -15,7 +15,9 @@ REPEATS = 4  # the same where no other sample repeats the one before, and the no
 FINE = 30.0  # such steps: four repeats in a row then have a chance of 1e-8
 OUTLIER = 6.0  # standard deviations of the prediction error
 CALM = 3.0  # what the neighbours of an outlier stay below
-SURPLUS = 1e-5  # chance of as many outliers from Gaussian noise below which they are a fault
+FEW = 3  # outliers of a component below which each has to stand out by itself
+ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 million recordings
+ELSEWHERE = 4.0  # what other channels then stay below at the same sample
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         start, length = max(runs, key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
-        fine = not others and data.sigma[row] > FINE * _rounding(x[there])
+        fine = not others and _fine(x[there], float(data.sigma[row]))
         if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
@@ -70,9 +72,11 @@ def stuck_channels(data: Measured) -> list[Fault]:
     return found
 
 
-def _rounding(x: np.ndarray) -> float:
-    """Return the smallest step between different values."""
-    return float(np.diff(np.unique(x)).min(initial=np.inf))
+def _fine(x: np.ndarray, sigma: float) -> bool:
+    """Whether values are read in steps far below their noise, or in none that shows."""
+    gaps = np.diff(np.unique(x))
+    step = float(gaps.min(initial=np.inf))
+    return sigma > FINE * step or (len(gaps) > STUCK_RUN and not _on_grid(gaps, step))
 
 
 def quantised_channels(data: Measured) -> list[Fault]:
@@ -130,25 +134,33 @@ def rougher(data: Measured, rounded: Sequence[Fault]) -> Measured:
 
 
 def outliers(data: Measured, run: Run) -> list[Fault]:
-    """Return the channels with more single samples far off than Gaussian noise has, and which they are."""
+    """Return the channels with more single samples far off than Gaussian noise has, and which they are.
+
+    Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
+    calm before and after and in all other channels.
+    """
     found = []
     size = np.abs(run.normalised)
     before = np.vstack([np.zeros((1, size.shape[1])), size[:-1]])
     after = np.vstack([size[1:], np.zeros((1, size.shape[1]))])
-    single = (size > OUTLIER) & ((before < CALM) | (after < CALM))
-    for row, name in enumerate(data.names):
-        n = int(run.used[:, row].sum())
-        hits = int(single[:, row].sum())
-        typical = float(np.median(size[run.used[:, row], row])) if n else 0.0
-        if hits < 3 or typical > 1.2:  # a channel that is off throughout has no outliers
-            continue
-        marked = np.zeros(size.shape, dtype=bool)
-        marked[:, row] = single[:, row]
-        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
-        share = hits / n
-        found.append(
-            Fault("outliers", block.channel, name, share, float(np.sqrt(share * (1 - share) / n)), marked)
-        )
+    many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
+    few = (size > ALONE) & (before < CALM) & (after < CALM)
+    for block in data.blocks:
+        others = np.delete(size, np.arange(block.rows.start, block.rows.stop), axis=1)
+        calm = others.max(axis=1, initial=0.0) < ELSEWHERE
+        for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
+            hits = many[:, row]
+            if hits.sum() < FEW:
+                hits = few[:, row] & calm & (block.quantity != "acceleration")
+            n = int(run.used[:, row].sum())
+            # a channel that is off throughout has no outliers
+            if not hits.any() or float(np.median(size[run.used[:, row], row])) > 1.2:
+                continue
+            marked = np.zeros(size.shape, dtype=bool)
+            marked[:, row] = hits
+            share = float(hits.sum()) / n
+            sigma = float(np.sqrt(share * (1 - share) / n))
+            found.append(Fault("outliers", block.channel, name, share, sigma, marked))
     return found
 
 

@@ -45,7 +45,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     own = changes_of(current, s.candidate) if _may_be_cut(s.candidate) else None
 
     def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
-        tried = [_from(s.candidate, float(t), grid) for t in about if times[0] < t < times[-1]]
+        starts = [step_from(current, float(t)) for t in about if times[0] < t < times[-1]]
+        tried = [_from(s.candidate, t, grid) for t in starts]
         if own is None:
             columns = signatures(current, tried)
             scores = iter(scored(current, [tried[i] for i in columns], list(columns.values())))
@@ -180,20 +181,32 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
     first, last = float(times[0]), float(times[-1])
     start, before = mine.start, float(ratios(np.zeros((len(whole), 1)))[0])
     best, width, about = before, (last - first) / (AGAIN + 1), _within(first, last, AGAIN)
-    for finer in range(ROUNDS + MORE):
-        tried = [float(t) for t in about if first < t < last and t != mine.start]
+    for _ in range(ROUNDS + MORE):  # all: the best may be a sample away, where no coarser step gains
+        tried = [step_from(current, float(t)) for t in about if first < t < last]
+        tried = sorted({*tried} - {mine.start, start})
+        if not tried:
+            break
         changes = [current.changes.effect(mine, mine.model_copy(update={"start": t}), 1.0) for t in tried]
         columns = propagate(current.run, changes).reshape(-1, len(changes))
         found = ratios(np.vstack([columns, np.zeros((len(whole) - len(columns), len(changes)))]))
         k = int(np.argmax(found))
-        more = float(found[k]) - best
-        if more > 0.0:
+        if found[k] > best:
             start, best = tried[k], float(found[k])
-        if finer and more < 1.0:
-            break
         width *= 2.0 / ONSETS
         about = _about(start, width)
     return start, best - before
+
+
+def step_from(current: Fit, time: float) -> float:
+    """Return the beginning [s] of the next step of the integration: what begins within one acts from then on.
+
+    Where steps become shorter, it still does.
+    """
+    times = current.run.states.time
+    k = min(max(int(np.searchsorted(times, time)), 1), len(times) - 1)
+    before = float(times[k - 1])
+    step = (float(times[k]) - before) / current.changes.applied.means.shape[1]
+    return before + step * float(np.ceil((time - before) / step - 1e-6))
 
 
 def _may_begin(candidate: Candidate) -> bool:

@@ -132,12 +132,20 @@ def search(
         own = {s.candidate.key: s for s in begun}
         rivals = [own.get(s.candidate.key, s) for s in scores]
         rivals.sort(key=lambda s: -s.information_gain(current.run.samples))
-        accepted = accept(current, best, rivals, asked, len(candidates))
-        if accepted is None:
+        cause, found = accept(current, best, rivals, asked, len(candidates))
+        if cause is None and 2.0 * (current.objective - found.objective) > levels.linear:
+            LOGGER.info("the fit had not come to rest: %.1f to %.1f", current.objective, found.objective)
+            fitted = refitted(replace(fitted, fit=found), strong=True)
+            current = fitted.fit
+            columns.clear()
+            named = {c.score.candidate.key for c in causes}
+            rest = [c for c in candidates if c.key not in named]
+            scores = _scores(current, rest, columns)
+            continue
+        if cause is None:
             rest = [c for c in rest if c.key != best.candidate.key]
             scores = [s for s in scores if s.candidate.key != best.candidate.key]
             continue
-        cause, found = accepted
         moved, found = settled(found, cause.score)
         cause = replace(cause, score=moved)
         if poor(found):  # perhaps as the cause was there all the time

@@ -11,9 +11,10 @@ from smsid.diagnose.accept import Levels, accept, aliases_of, cost, refit, told_
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import fit
+from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
+from smsid.diagnose.search import search
 from smsid.diagnose.searched import Resolved
 from smsid.effects import JointFriction, Slosh
 from smsid.experiments import fly, named_experiment
@@ -67,9 +68,45 @@ def test_how_sharply_a_stribeck_curve_falls_is_fitted_where_it_is_no_gaussian(de
 
 def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     current, score = rubbing
-    assert accept(current, score, [score], Levels(), 60) is not None
+    assert accept(current, score, [score], Levels(), 60)[0] is not None
     monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 5.0)
-    assert accept(current, score, [score], Levels(), 60) is None
+    assert accept(current, score, [score], Levels(), 60)[0] is None
+
+
+@pytest.fixture
+def restless(description, known):
+    """A fit without friction that stopped far from its best, that best, and a score that gains nothing."""
+    at_rest, score = rubbed(description, known, {"viscous": 1e-9})
+    far = known.point.moved(at_rest.unknowns, 60.0 * np.ones(len(at_rest.unknowns)))
+    stopped = evaluate(far, at_rest.unknowns, at_rest.problem)
+    assert 2.0 * (stopped.objective - at_rest.objective) > 2.0 * Levels().linear
+    (score,) = scored(stopped, [score.candidate], list(signatures(stopped, [score.candidate]).values()))
+    return stopped, at_rest, score
+
+
+def test_what_a_fit_that_had_not_come_to_rest_could_reach_is_kept_without_a_cause(restless):
+    stopped, at_rest, score = restless
+    cause, found = accept(stopped, score, [score], Levels(), 60)
+    assert cause is None
+    assert found.objective == pytest.approx(at_rest.objective, abs=0.1)
+    assert found.unknowns == stopped.unknowns
+
+
+def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeypatch):
+    stopped, at_rest, score = restless
+    tried = []
+
+    def accepted(current, best, *_):
+        tried.append(best.candidate.key)
+        return None, at_rest if len(tried) == 2 else current
+
+    monkeypatch.setattr("smsid.diagnose.search.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose.noise.fit", lambda *_, **__: stopped)
+    monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
+    other = replace(score.candidate, location="elsewhere")
+    search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])
+    assert len(tried) == 4
+    assert {*tried[:2]} == {*tried[2:]} == {score.candidate.key, other.key}
 
 
 def score(ratio, freedom, location="joint1", sides=2):

@@ -12,7 +12,7 @@ from smsid.diagnose.noise import noise_factors
 
 @pytest.fixture
 def data(problem):
-    return replace(problem.data, values=problem.data.values.copy())
+    return replace(problem.data, values=problem.data.values.copy(), sigma=problem.data.sigma.copy())
 
 
 def test_a_sound_recording_has_none(data):
@@ -49,6 +49,49 @@ def test_outliers_are_found_and_a_channel_that_is_off_throughout_is_not(data):
     (fault,) = outliers(data, run)
     assert fault.component == data.names[2]
     assert set(np.flatnonzero(fault.samples[:, 2])) == set(hit)
+
+
+@pytest.mark.parametrize("size", [0.0, 6.5, 12.0])
+def test_a_single_outlier_is_found_where_it_stands_out(data, size):
+    rng = np.random.default_rng(5)
+    normalised = rng.uniform(-2.0, 2.0, data.values.shape)
+    row = data.names.index("encoder.joint_velocity[joint2]")
+    normalised[300, row] = size
+    run = SimpleNamespace(normalised=normalised, used=np.isfinite(data.values))
+    found = outliers(data, run)
+    if size > 7.0:
+        (fault,) = found
+        assert fault.component == data.names[row] and np.argwhere(fault.samples).tolist() == [[300, row]]
+        assert fault.value == pytest.approx(1.0 / len(data.times))
+    else:
+        assert not found
+
+
+def test_one_jump_is_no_outlier_where_the_motion_may_have_jumped(data):
+    calm = np.zeros(data.values.shape)
+    row = data.names.index("encoder.joint_velocity[joint2]")
+    used = np.isfinite(data.values)
+
+    def found(*there):
+        normalised = calm.copy()
+        for k, r, size in there:
+            normalised[k, r] = size
+        return outliers(data, SimpleNamespace(normalised=normalised, used=used))
+
+    assert found((300, row, 12.0))
+    assert not found((300, row, 12.0), (300, data.names.index("pose.velocity[x]"), -8.0))
+    assert not found((300, row, 12.0), (301, row, 4.0))  # it lasts
+    assert not found((300, data.names.index("imu.acceleration[y]"), 12.0))  # a jerk
+
+
+def test_a_channel_without_rounding_is_stuck_after_a_few_repeats(data):
+    """However far apart the closest two of its values happen to be."""
+    row = data.names.index("encoder.joint_position[joint2]")
+    data.values[:, row] = 0.1 * np.random.default_rng(6).uniform(size=len(data.times))
+    data.sigma[row] = 5.0 * np.diff(np.unique(data.values[:, row])).min()
+    data.values[300:306, row] = data.values[300, row]
+    (fault,) = stuck_channels(data)
+    assert fault.component == data.names[row] and fault.samples.sum() == 5
 
 
 def test_few_repeats_are_a_fault_where_rounding_is_fine(data):

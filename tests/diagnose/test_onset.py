@@ -8,7 +8,7 @@ import pytest
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.onset import always, beginning, loudest, moved_start, price, with_onset
+from smsid.diagnose.onset import always, beginning, loudest, moved_start, price, step_from, with_onset
 from smsid.diagnose.proposals import propose
 
 ALIAS = 9.2
@@ -82,16 +82,30 @@ def test_an_onset_that_does_not_pay_is_dropped(fitted):
     assert fit.point.description.get_effect(late.effect.name).start is None
 
 
-def test_a_fitted_effect_moves_to_where_it_begins(fitted):
+@pytest.mark.parametrize("begin", [3.3, 4.42, 4.55])  # the last two closer than the coarser grids
+def test_a_fitted_effect_moves_to_where_it_begins(fitted, begin):
     point, problem, unknowns = fitted
     own = next(c for c in propose(point, problem, unknowns) if c.key == KEY)
     late = own.effect.model_copy(update={"start": 4.5, "error": 0.02})
     found = evaluate(point.with_effect(late), (*unknowns, *own.unknowns(unknowns)), problem)
-    true = late.model_copy(update={"start": 3.3})
+    true = late.model_copy(update={"start": begin})
     moved = propagate(found.run, [found.changes.effect(late, true, 1.0)])[:, :, 0]
     noise = np.random.default_rng(7).standard_normal(moved.shape) * found.run.used
-    for size, expected in ((0.0, 4.5), (1.0, 3.3)):
+    for size, expected in ((0.0, 4.5), (1.0, begin)):
         there = replace(found, run=replace(found.run, innovations=noise + size * moved))
         start, gained = moved_start(there, late)
-        assert (gained > 100.0) == bool(size)
+        assert (gained > 50.0) == bool(size)
         assert gained < 9.0 or start == pytest.approx(expected, abs=0.05)
+
+
+def test_a_beginning_is_the_start_of_a_step(fitted):
+    """It stays what it is where steps become shorter; a sample away it is another."""
+    point, problem, unknowns = fitted
+    found = evaluate(point, unknowns, problem)
+    times = found.run.states.time
+    step = (times[1] - times[0]) / found.changes.applied.means.shape[1]
+    for time in (times[7], times[7] + 0.3 * step, times[7] + step):
+        start = step_from(found, time)
+        assert time - 1e-9 <= start < time + step
+        assert (start - times[7]) / step == pytest.approx(round((start - times[7]) / step), abs=1e-9)
+        assert step_from(found, start) == pytest.approx(start, abs=1e-12)
