@@ -58,6 +58,8 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         same = np.append(np.diff(x[there]) == 0.0, False)
         runs = _runs(same)
+        if len(runs) > 1 and runs[0][0] == 0 and runs[0][1] < len(there) - 1:
+            runs = runs[1:]  # where rounding shows, what rests when the recording begins is not stuck
         if not runs:
             continue
         start, length = max(runs, key=lambda r: r[1])

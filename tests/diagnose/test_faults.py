@@ -111,6 +111,19 @@ def test_an_encoder_that_turns_round_is_not_stuck(data):
     assert not [f for f in stuck_channels(data) if f.component == "encoder.joint_position[joint1]"]
 
 
+@pytest.mark.parametrize("stuck", [False, True])
+def test_what_rests_on_a_step_when_the_recording_begins_is_not_stuck(data, stuck):
+    row = data.names.index("encoder.joint_position[joint1]")
+    t = data.times - data.times[0]
+    moved = 0.02 * np.clip(t - 0.15 * t[-1], 0.0, None) + 3e-4 * np.sin(7.0 * t)
+    data.values[:, row] = np.round(moved / 1e-3) * 1e-3
+    if stuck:
+        data.values[-100:, row] = data.values[-101, row]
+    found = [f for f in stuck_channels(data) if f.component == data.names[row]]
+    assert len(found) == stuck
+    assert not stuck or found[0].value > data.times[-140]
+
+
 def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_what_lasts(data):
     rows = [data.names.index(f"imu.angular_rate[{axis}]") for axis in "xyz"]
     step, n = 0.01 * np.ptp(data.values[:, rows[0]]), len(data.times)
