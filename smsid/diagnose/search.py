@@ -27,6 +27,7 @@ from smsid.errors import RecordingError
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all
+RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
@@ -103,6 +104,7 @@ def search(
     columns: dict[tuple[str, str, str], np.ndarray] = {}
     scores = _scores(current, rest, columns)
     held: tuple[Block, ...] = ()
+    again = 0
 
     def counts(s: Score) -> bool:
         """Whether there is something; Bayes's criterion orders what counts, it does not decide."""
@@ -133,7 +135,9 @@ def search(
         rivals = [own.get(s.candidate.key, s) for s in scores]
         rivals.sort(key=lambda s: -s.information_gain(current.run.samples))
         cause, found = accept(current, best, rivals, asked, len(candidates))
-        if cause is None and 2.0 * (current.objective - found.objective) > levels.linear:
+        better = 2.0 * (current.objective - found.objective) > levels.linear
+        if cause is None and better and again < RESTLESS:
+            again += 1
             LOGGER.info("the fit had not come to rest: %.1f to %.1f", current.objective, found.objective)
             fitted = refitted(replace(fitted, fit=found), strong=True)
             current = fitted.fit

@@ -14,7 +14,7 @@ from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import search
+from smsid.diagnose.search import RESTLESS, search
 from smsid.diagnose.searched import Resolved
 from smsid.effects import JointFriction, Slosh
 from smsid.experiments import fly, named_experiment
@@ -107,6 +107,21 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
     search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])
     assert len(tried) == 4
     assert {*tried[:2]} == {*tried[2:]} == {score.candidate.key, other.key}
+
+
+def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, monkeypatch):
+    _, at_rest, score = restless
+    tried = []
+
+    def accepted(current, best, *_):
+        tried.append(best.candidate.key)
+        return None, replace(current, objective=current.objective - 1e4)
+
+    monkeypatch.setattr("smsid.diagnose.search.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose.search.refitted", lambda found, **_: found)
+    monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
+    search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate])
+    assert len(tried) == RESTLESS + 1
 
 
 def score(ratio, freedom, location="joint1", sides=2):
