@@ -39,7 +39,7 @@ class Changes:
 
     def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: Run) -> None:
         self.point, self.model, self.problem, self.run = point, model, problem, run
-        self.outputs = Outputs(model, problem.data)
+        self.outputs = Outputs(model, problem.data, problem.locked)
         self.sensors = point.sensors()
         self.inputs = problem.inputs(model)
         self.applied = self._applied(model)
@@ -176,10 +176,13 @@ class Changes:
             or a.more != b.more
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )
-        if before == after and not (scaled or origin.twists or model.twists):
+        if before == after and not (scaled or origin.twists != model.twists):
             return None
         old, new = (self.problem.data.with_blocks(s) for s in (before, after))
-        out = Outputs(model, new).all(self.run.states) - Outputs(origin, old).all(self.run.states)
+        locked = self.problem.locked
+        out = Outputs(model, new, locked).all(self.run.states) - Outputs(origin, old, locked).all(
+            self.run.states
+        )
         for a, b in zip(old.blocks, new.blocks, strict=True):
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]

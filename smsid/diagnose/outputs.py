@@ -16,8 +16,8 @@ from smsid.simulate.truth import find_appendage, sensed, station_indices
 class Outputs:
     """Predicted measurements of one model, sample by sample with derivatives, or all samples at once."""
 
-    def __init__(self, model: SpacecraftModel, data: Measured) -> None:
-        self.model, self.data = model, data
+    def __init__(self, model: SpacecraftModel, data: Measured, locked: np.ndarray | None = None) -> None:
+        self.model, self.data, self.locked = model, data, locked
         self.gravity = np.asarray(model.pin.gravity.linear)
         self._parts = [(block, self._linear(block)) for block in data.blocks]
 
@@ -37,7 +37,7 @@ class Outputs:
                 h[block.rows] = block.bias
         return h, cq, cv, ca
 
-    def twisted(self, h: np.ndarray, tau: np.ndarray, a: np.ndarray) -> None:
+    def twisted(self, h: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a: np.ndarray) -> None:
         """Add to predictions h (rows,) what encoders see of gears that give at once, under forces tau (nv,).
 
         How that depends on the state is left out: the compliance of such a gear times a rotor's inertia.
@@ -45,13 +45,13 @@ class Outputs:
         if self.model.twists:
             for block in self.data.blocks:
                 if block.quantity == "joint_position":
-                    h[block.rows] += block.gain @ self.model.encoder_twist(tau, a)
+                    h[block.rows] += block.gain @ self.model.encoder_twist(q, v, tau, a, self.locked)
 
     def all(self, s: States) -> np.ndarray:
         """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone."""
         out = np.empty((len(s.time), self.data.rows))
         for sensor in {b.sensor.name: b.sensor for b in self.data.blocks}.values():
-            ideal = sensed(self.model, s, sensor)
+            ideal = sensed(self.model, s, sensor, self.locked)
             for block in (b for b in self.data.blocks if b.sensor.name == sensor.name):
                 if block.quantity == "attitude":
                     out[:, block.rows] = block.bias

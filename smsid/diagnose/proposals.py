@@ -31,6 +31,7 @@ LOGGER = logging.getLogger(__name__)
 AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
+CARRIED = 0.5  # how far its rotor turns with the link before it, none to fully: standard deviation
 ABOUT = 1.0  # [m] how far a sensor may be from where it is said to be: standard deviation
 
 
@@ -135,8 +136,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
             gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
             rotor = ROTOR * float(mass[v])
-            gear["prior"] = {"motor_inertia": rotor}
-            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
+            gear["prior"] = {"motor_inertia": rotor, "carried": CARRIED}
+            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor, "carried": 0.1}
             yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
             crossing = ["turn_torque", "sharpness"]
             for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, crossing):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
@@ -85,15 +85,15 @@ class Effect(Table):
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the physical parameters, named ``<effect>.<field>`` or ``<effect>.<field>.<axis>``."""
         found: list[Parameter] = []
-        for field, info in type(self).model_fields.items():
+        for entry, info in type(self).model_fields.items():
             extra = info.json_schema_extra
             if not isinstance(extra, dict) or "unit" not in extra:
                 continue
-            value = getattr(self, field)
+            value = getattr(self, entry)
             if value is None:
                 continue
             for suffix, number in _flatten(value):
-                key = f"{field}{suffix}"
+                key = f"{entry}{suffix}"
                 found.append(
                     Parameter(
                         name=f"{self.name}.{key}",
@@ -153,9 +153,9 @@ class Effect(Table):
         if not self.strength:
             raise DescriptionError(f"An effect of kind '{self.kind}' names no strength.", kind=self.kind)
         update: dict[str, Any] = {}
-        for field in self.strength:
-            value = getattr(self, field)
-            update[field] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
+        for entry in self.strength:
+            value = getattr(self, entry)
+            update[entry] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
         return self._replaced(update)
 
     def attach(self, assembly: Assembly) -> None:
@@ -280,11 +280,17 @@ def _flatten(value: Any) -> list[tuple[str, float]]:
 class Twist:
     """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
 
-    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times the joint's acceleration.
+    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
+    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
+    is where v stays. ``gear`` is the effect it is of, which tells two of them apart.
     """
 
-    angle: Callable[[np.ndarray], np.ndarray]
+    gear: Effect
+    angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
     inertia: float
+    turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
+        default=None, compare=False
+    )
 
 
 Depends = tuple[Sequence[int], Sequence[int]]

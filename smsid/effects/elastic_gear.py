@@ -8,6 +8,10 @@ Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
 A gear too stiff to ring within a sample is ``quasistatic``: its twist follows the torque it hands on at once,
 which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then, and the encoder on the
 motor's side reads the joint's angle and the twist; the rate of the twist is left out.
+
+A rotor also turns with the link that carries the motor: by the share ``carried`` c of that link's rate about
+the joint's axis, one over the gear's ratio, the rotor's rate is ``qd + phid + c omega``. Geared arms neglect
+it, as Spong does; in a direct drive c is 1.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.base import Effect, Twist, physical, register
+from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
 
 if TYPE_CHECKING:
@@ -39,6 +44,13 @@ class ElasticGear(Effect):
     inertia_in_link: bool = Field(
         default=False, description="whether the link's inertia about the joint counts the rotor already"
     )
+    carried: float = physical(
+        "1",
+        lower=-1.0,
+        upper=1.0,
+        default=0.0,
+        description="share of its carrying link's turning that the rotor takes part in: one over the ratio",
+    )
     quasistatic: bool = Field(
         default=False, description="whether the twist follows the torque at once, without a joint of its own"
     )
@@ -58,14 +70,20 @@ class ElasticGear(Effect):
         return self
 
     def twist(self, assembly: Assembly) -> int | None:
-        """Add the rotor; return the joint of the twist, or ``None`` for a rigid or quasistatic gear."""
+        """Add the rotor; return the joint of the twist, or ``None`` for a rigid or quasistatic gear.
+
+        Raises `DescriptionError` for a rotor that turns with the carrying link of a joint that does not turn.
+        """
         number, model, inertia = assembly.joint_id(self.joint), assembly.model, self.motor_inertia
-        link = model.joints[number].idx_v
-        counted = 0.0 if self.inertia_in_link else inertia
+        link, counted = model.joints[number].idx_v, 0.0 if self.inertia_in_link else inertia
         if self.rigid() or self.quasistatic:
-            model.armature[link] += counted
+            rotor = self._rotor(assembly, number, None) if self.carried else None
+            if rotor is None:
+                model.armature[link] += counted
+            elif counted:
+                assembly.add_inertia_term(rotor)
             if not self.rigid() and self.encoder == "motor":
-                assembly.twists[number] = Twist(self.bent, inertia)
+                assembly.twists[number] = Twist(self, self.bent, inertia, rotor.turning if rotor else None)
             return None
         joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
         gear = model.joints[joint].idx_v
@@ -77,11 +95,18 @@ class ElasticGear(Effect):
         def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             tau[gear] += tau[link]
 
-        assembly.add_inertia_term(ConstantInertia(coupling))
+        assembly.add_inertia_term(
+            self._rotor(assembly, number, gear) if self.carried else ConstantInertia(coupling)
+        )
         assembly.add_load_force(motor, (), ((), ()), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint
+
+    def _rotor(self, assembly: Assembly, joint: int, gear: int | None) -> Rotor:
+        return Rotor(
+            assembly.model, joint, self.motor_inertia, self.carried, gear=gear, in_link=self.inertia_in_link
+        )
 
 
 @register

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from smsid.description.schema import Description
 from smsid.effects.base import ForceTerm, InertiaTerm, Twist
@@ -195,15 +196,32 @@ class SpacecraftModel:
             rates[..., i] += v[..., k]
         return rates
 
-    def encoder_twist(self, tau: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return what encoders of the arm joints see of gears that give at once: (..., joints) [rad].
+    def encoder_twist(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a: np.ndarray, held: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return what encoders of the arm joints see of a gear that gives at once, at one state: (joints,)
+        [rad].
 
-        ``tau`` (..., nv) are the applied forces, ``a`` (..., nv) the accelerations.
+        ``tau`` (nv,) are the applied forces, ``a`` (nv,) the accelerations; ``held`` are coordinates that do
+        not move. A rotor that gets ahead by phi leaves all else behind, as no force from outside does it: by
+        ``M^-1 r I phi``, where r is the derivative of its rate by v.
         """
-        out = np.zeros((*np.shape(tau)[:-1], len(self.arm_joints)))
+        ahead, behind = np.zeros(len(self.arm_joints)), np.zeros(self.nv)
         for i, k, twist in self.twists:
-            out[..., i] += twist.angle(tau[..., k] - twist.inertia * a[..., k])
-        return out
+            along, drift = np.eye(1, self.nv, k)[0], 0.0
+            if twist.turning is not None:
+                along, drift = twist.turning(q, v)
+            ahead[i] = twist.angle(tau[k] - twist.inertia * (along @ a + drift))
+            behind += twist.inertia * ahead[i] * along
+        if behind.any():
+            mass = pin.crba(self.pin, self.data, q)  # its upper triangle
+            if self.inertial is not None:
+                mass = mass + self.inertial.mass_and_bias(0.0, q, v)[0]
+            if held is not None and len(held):
+                mass, behind = mass.copy(), behind.copy()
+                mass[held], mass[:, held], mass[held, held], behind[held] = 0.0, 0.0, 1.0, 0.0
+            ahead -= lapack.dposv(mass, behind)[1][self.arm_joints.v]
+        return ahead
 
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return a copy of q (nq,) with the arm joints at these angles."""

@@ -10,6 +10,7 @@ from smsid.errors import DescriptionError
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.sensing.sensor import Sensor
+from smsid.simulate.inputs import Prescribed
 from smsid.simulate.signals import Signal, sample
 from smsid.simulate.trajectory import States, Trajectory
 
@@ -22,12 +23,14 @@ def truth_of(
     Frames and units as in docs/design.md, section 3. The torque that holds the attitude counts as commanded.
     """
 
+    held = Prescribed.of(trajectory.model, trajectory.inputs).index
+
     def truth(times: np.ndarray) -> dict[str, np.ndarray]:
         states = trajectory.states(times)
         channels = commands(trajectory, states)
         channels.update(hidden_states(trajectory.model, states))
         for sensor in sensors:
-            channels.update(sensed(trajectory.model, states, sensor))
+            channels.update(sensed(trajectory.model, states, sensor, held))
         return channels
 
     return truth
@@ -46,8 +49,13 @@ def rotations(q: np.ndarray) -> np.ndarray:
     )
 
 
-def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.ndarray]:
-    """Return the exact channels of one sensor by name, (N, ...) as in docs/design.md, section 3."""
+def sensed(
+    model: SpacecraftModel, s: States, sensor: Sensor, held: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Return the exact channels of one sensor by name, (N, ...) as in docs/design.md, section 3.
+
+    ``held`` are coordinates (among the nv) whose motion is prescribed.
+    """
     name, r = sensor.name, np.asarray(sensor.position, dtype=float)
     n = len(s.time)
     base_v = s.v[:, :6] if model.free else np.zeros((n, 6))
@@ -71,8 +79,7 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
             }
         case "encoder":
             found = {
-                "joint_position": _unwrapped(model.encoder_angles(s.q))
-                + model.encoder_twist(s.tau + s.reaction, s.a),
+                "joint_position": _unwrapped(model.encoder_angles(s.q)) + _twist(model, s, held),
                 "joint_velocity": model.encoder_rates(s.v),
             }
         case "tachometer":
@@ -81,6 +88,14 @@ def sensed(model: SpacecraftModel, s: States, sensor: Sensor) -> dict[str, np.nd
             panel = find_appendage(model, str(sensor.appendage))
             found = {"acceleration": _panel_acceleration(model, s, rotation, base_v, base_a, panel, sensor)}
     return {f"{name}.{k}": v for k, v in found.items() if k in sensor.quantities}
+
+
+def _twist(model: SpacecraftModel, s: States, held: np.ndarray | None) -> np.ndarray:
+    out = np.zeros((len(s.time), len(model.arm_joints)))
+    if model.twists:
+        for k, (q, v, tau, a) in enumerate(zip(s.q, s.v, s.tau + s.reaction, s.a, strict=True)):
+            out[k] = model.encoder_twist(q, v, tau, a, held)
+    return out
 
 
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:

@@ -50,15 +50,25 @@ def test_derivatives_are_those_of_central_differences(place, by):
     np.testing.assert_allclose(found[rows], expected[rows], atol=2e-9)
 
 
-def test_encoder_sees_a_gear_that_gives_at_once(known, problem):
+@pytest.mark.parametrize("locked", [False, True])
+def test_encoder_sees_a_gear_that_gives_at_once(known, problem, locked):
+    """The twist of what the rotor hands on; all else is left behind by what the rotor takes along."""
     gear = GearCompliance(name="g", joint="joint2", compliance=1e-3, motor_inertia=0.5, quasistatic=True)
     model = known.point.with_effect(gear).model()
     rng = np.random.default_rng(3)
-    tau, a = rng.standard_normal((2, model.nv))
+    q, v, (tau, a) = model.home, np.zeros(model.nv), rng.standard_normal((2, model.nv))
+    k, held = int(model.arm_joints.v[1]), model.arm_joints.v[:1]
     h = np.zeros(problem.data.rows)
-    Outputs(model, problem.data).twisted(h, tau, a)
+    Outputs(model, problem.data, held if locked else None).twisted(h, q, v, tau, a)
     rows = next(b.rows for b in problem.data.blocks if b.channel == "encoder.joint_position")
-    v = int(model.arm_joints.v[1])
+    twist = 1e-3 * (tau[k] - 0.5 * a[k])
+    free = [i for i in range(model.nv) if not (locked and i in held)]
+    mass = pin.crba(model.pin, model.pin.createData(), q)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    behind = np.zeros(model.nv)
+    behind[free] = np.linalg.inv(mass[np.ix_(free, free)])[:, free.index(k)] * 0.5 * twist
     expected = np.zeros(problem.data.rows)
-    expected[rows.start + 1] = 1e-3 * (tau[v] - 0.5 * a[v])
-    np.testing.assert_allclose(h, expected, atol=1e-18)
+    expected[rows] = -behind[model.arm_joints.v]
+    expected[rows.start + 1] += twist
+    assert abs(behind[k]) > 1e-3 * abs(twist)
+    np.testing.assert_allclose(h, expected, rtol=1e-12, atol=1e-18)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smsid.description import load_description
-from smsid.effects import BeamAppendage, GeometricStiffness
+from smsid.effects import BeamAppendage, GearCompliance, GeometricStiffness
 from smsid.identify.estimate import load_estimate
 from smsid.model import build_model
 from smsid.recording import load_recording
@@ -17,7 +17,7 @@ from . import bodies
 from .description import write_description
 from .experiment import commands
 from .flight import write_run
-from .numbers import JOINTS, WHEELS, WORLDS, draw, moved, nominal
+from .numbers import JOINTS, ROTOR, WHEELS, WORLDS, Drivetrain, draw, moved, nominal
 from .plant import Plant, simulate
 from .sensors import rotations
 
@@ -46,8 +46,26 @@ def test_a_panel_that_does_not_stretch_accelerates_as_the_worlds_does(tmp_path):
         np.testing.assert_allclose((found_drawn - found) / share, change, atol=3e-3 * np.abs(change).max())
 
 
-def accelerations(model, plant, count):
-    """Pairs of accelerations at random states under random commands: the model's, the plant's."""
+@pytest.mark.parametrize("world", ["arm", "rigid"])
+def test_a_gear_that_gives_accelerates_as_the_worlds_does(world, tmp_path):
+    """A body that turns between two links, and a twist with a rotor that turns with the first of them."""
+    n, drive = WORLDS[world], Drivetrain(1e-4, ROTOR)
+    plant = Plant(replace(n, drivetrain={"joint3": drive}))
+    gear = GearCompliance(
+        name="g", joint="joint3", motor_inertia=ROTOR, compliance=drive.compliance, inertia_in_link=True,
+        damping=2 * drive.damping * np.sqrt(ROTOR / drive.compliance), carried=1.0,
+    )  # fmt: skip
+    model = build_model(load_description(write_description(n, tmp_path)).with_effects(gear))
+    for found, expected in accelerations(model, plant, 20, turned="joint3"):
+        np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def accelerations(model, plant, count, turned=""):
+    """Pairs of accelerations at random states under random commands: the model's, the plant's.
+
+    ``turned`` is a joint with a gear: the plant has the motor's angle and the spring's, the model the link's
+    and the twist.
+    """
     n, rng = plant.numbers, np.random.default_rng(1)
     iq, iv = pinocchio_indices(model, plant)
     for _ in range(count):
@@ -67,6 +85,12 @@ def accelerations(model, plant, count):
             tau[:3] = command[:3]
         q[[a for a, _ in iq]] = plant.qpos[[b for _, b in iq]]
         v[[a for a, _ in iv]] = plant.qvel[[b for _, b in iv]]
+        if turned:
+            (a, fa), (b, fb) = iq[-1], iv[-1]
+            own = model.pin.joints[model.pin.getJointId(turned)]
+            q[own.idx_q] += plant.qpos[fa]
+            v[own.idx_v] += plant.qvel[fb]
+            q[a], v[b] = -plant.qpos[fa], -plant.qvel[fb]
         tau[model.arm_joints.v] = command[-3:]
         if n.wheel_inertia is not None:
             tau[model.wheels.v] = command[3:6]
@@ -74,6 +98,9 @@ def accelerations(model, plant, count):
         if n.free:
             expected[:3] = r.T @ expected[:3] - np.cross(v[3:6], v[:3])
         found = model.acceleration(0.0, q, v, tau)
+        if turned:
+            expected[plant.v_of(turned)] += expected[iv[-1][1]]
+            expected[iv[-1][1]] *= -1.0
         free = 6 if n.free else 0
         yield (
             np.r_[found[:free], found[[a for a, _ in iv]]],
@@ -85,6 +112,7 @@ def pinocchio_indices(model, plant):
     """Pairs (index of the model under test, index of MuJoCo) of every joint but the free one."""
     names = [(f"{j}", j) for j in JOINTS]
     names += [(w, w) for w in WHEELS] if plant.numbers.wheel_inertia is not None else []
+    names += [("g.twist", f"{joint}.flex") for joint in plant.numbers.drivetrain]
     names += [(f"panel.mode{k}", f"mode{k}") for k in range(1, len(plant.numbers.plate_modes()) + 1)]
     iq, iv = [], []
     for own, other in names:
