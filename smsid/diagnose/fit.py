@@ -131,6 +131,11 @@ class Fit:
         inverse = np.linalg.pinv(gram / np.outer(size, size), hermitian=True)
         return inverse * np.outer(self.scales / size, self.scales / size)
 
+    def with_unfitted(self, more: Sequence[Unknown]) -> Fit:
+        """Return the fit with further parameters that stay as they are, but are as uncertain as they are."""
+        unknowns = (*self.unknowns, *more)
+        return _normal(self.point, unknowns, self.problem, self.run, self.changes.model)
+
     def sigma(self, name: str) -> float:
         """Return the standard deviation of a parameter."""
         i = [u.name for u in self.unknowns].index(name)

@@ -47,9 +47,10 @@ class Play(Searched):
     def resolved(
         self, shape: Shape, coefficients: np.ndarray
     ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
-        """Return the gap crossed by the torque that is the shape's label."""
+        """Return the gap crossed by the torque that is the shape's label, known no better than that."""
         assert isinstance(self.effect, Backlash)
-        effect = self.effect.model_copy(update={"turn_torque": shape.label})
+        prior = {**self.effect.prior, "turn_torque": shape.label}
+        effect = self.effect.model_copy(update={"turn_torque": shape.label, "prior": prior})
         own = Resolved(
             self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
         )

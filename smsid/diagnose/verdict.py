@@ -72,9 +72,13 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
 
 
 def values(found: Search, candidate: Candidate) -> tuple[Value, ...]:
-    """Return a cause's parameters at the last fit."""
+    """Return a cause's parameters at the last fit.
+
+    Further ones of its effect that were not fitted, but have a prior, count in the uncertainties of the rest.
+    """
     unknowns: dict[str, Unknown] = {u.name: u for u in found.last.unknowns}
-    covariance = found.last.covariance()
+    assumed = _assumed(found, candidate)
+    covariance = (found.last.with_unfitted(assumed) if assumed else found.last).covariance()
     names = [u.name for u in found.last.unknowns]
     out = []
     for name in (*candidate.free, *(n for n in candidate.also if n in unknowns)):
@@ -84,6 +88,17 @@ def values(found: Search, candidate: Candidate) -> tuple[Value, ...]:
         nominal = u.nominal if candidate.effect is None else None
         out.append(Value(name, float(found.last.point.value(u)), sigma, u.unit, nominal))
     return tuple(out)
+
+
+def _assumed(found: Search, candidate: Candidate) -> list[Unknown]:
+    if candidate.effect is None:
+        return []
+    fitted = {u.name for u in found.last.unknowns}
+    return [
+        Unknown(p.name, "effect", p.unit, p.value, p.sigma, p.sigma, lower=p.lower, upper=p.upper)
+        for p in candidate.instance(found.last.point).parameters()
+        if p.name in candidate.also and p.name not in fitted and p.sigma is not None
+    ]
 
 
 def _sibling(a: Candidate, b: Candidate) -> bool:

@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
 from smsid.diagnose.play import SHARES, Play
 from smsid.diagnose.proposals import propose
+from smsid.diagnose.verdict import values
 
 GAP = 2e-5
 
@@ -55,3 +57,30 @@ def test_a_joint_that_is_not_driven_has_one_too(found, play):
     changes = copy(found.changes)
     changes.run = replace(found.run, states=still)
     assert len(play.columns(changes, ())) == len(SHARES)
+
+
+@pytest.mark.parametrize(("times", "low", "high"), [(100.0, 0.9, 1.1), (0.06, 0.0, 0.2)])
+def test_a_crossing_that_does_not_show_counts_in_the_gaps_uncertainty(known, problem, play, times, low, high):
+    """Far below the crossing only the slope, gap over crossing, is told; beyond it the gap itself."""
+    states = evaluate(known.point, known.unknowns, problem).run.states
+    torque = times * float(np.sqrt(np.mean(states.tau[:, play.dof] ** 2)))
+    gap = 10.0 * GAP * max(times, 1.0)
+    own = replace(play, effect=play.effect.model_copy(update={"turn_torque": torque, "gap": gap}))
+    crossing = own.free[0].replace(".gap", ".turn_torque")
+    own = replace(own, effect=own.effect.model_copy(update={"prior": {"turn_torque": torque}}))
+    assert crossing in own.also
+    last = evaluate(known.point.with_effect(own.effect), (*known.unknowns, *own.unknowns(())), problem)
+    (value,) = values(SimpleNamespace(last=last), own)
+    assert value.value == gap
+    assert low * gap < value.sigma <= high * gap
+    assert value.sigma >= last.sigma(own.free[0])
+    (alone,) = values(SimpleNamespace(last=last), replace(own, also=()))
+    assert alone.sigma == pytest.approx(last.sigma(own.free[0]))
+    assert alone.sigma < 0.1 * gap
+
+
+def test_a_fit_with_a_parameter_more_is_the_same_elsewhere(known, problem):
+    last = evaluate(known.point, known.unknowns[:-1], problem)
+    full = evaluate(known.point, known.unknowns, problem)
+    wider = last.with_unfitted(known.unknowns[-1:])
+    np.testing.assert_allclose(wider.covariance(), full.covariance(), rtol=1e-9)
