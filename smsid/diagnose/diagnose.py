@@ -21,6 +21,7 @@ from smsid.diagnose.noise import FOLLOWED, strayed
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
+from smsid.diagnose.rest import resting
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
 from smsid.diagnose.timing import timing_of
@@ -141,14 +142,21 @@ def _diagnose(
     rounded = quantised_channels(data)
     faults = stuck_channels(data) + rounded
     coarse = frozenset(f.component for f in rounded)
-    whole = data.times
-    data = rougher(without(data, faults).thinned(rate), rounded)
-    thinned = f"{len(data.times)} of {len(whole)} samples looked at" if len(data.times) < len(whole) else ""
+    whole = data
+    data = rougher(without(whole, faults).thinned(rate), rounded)
+    thinned = f"{len(data.times)} of {len(whole.times)} samples looked at"
+    thinned = thinned if len(data.times) < len(whole.times) else ""
     problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+    rests = resting(found.last, whole, faults)
+    if rests:
+        LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
+        faults = [f for f in faults if all(f is not r for r in rests)]
+        problem = replace(problem, data=rougher(without(whole, faults).thinned(rate), rounded))
+        found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     timing = timing_of(found.last.point, found.last.problem, problem.timing)
     if timing != problem.timing:  # what was wrong with the model hid it
         LOGGER.info("commands taken as %s, %s instead", timing.hold, timing.side)

@@ -26,6 +26,7 @@ class Fault:
 
     ``component`` is the row's name; ``value`` is the time it stuck [s], the share of outliers, or the step
     [unit of the channel], ``sigma`` its standard deviation; ``samples`` (N, rows) marks what to leave out.
+    ``doubtful`` is one that reads in steps that show: what seems stuck may rest, see `smsid.diagnose.rest`.
     """
 
     kind: str
@@ -34,6 +35,7 @@ class Fault:
     value: float
     sigma: float
     samples: np.ndarray
+    doubtful: bool = False
 
 
 def without(data: Measured, faults: Sequence[Fault]) -> Measured:
@@ -47,7 +49,8 @@ def stuck_channels(data: Measured) -> list[Fault]:
     """Return the channels that repeat one value to the end of the recording, or for long within it.
 
     A noisy channel does not repeat itself; one whose noise is below its rounding step may, and is then only
-    called stuck when the repeats go far beyond what they are elsewhere.
+    called stuck when the repeats go far beyond what they are elsewhere. Those when the recording begins are
+    of a rest, and tell how long rests last.
     """
     found = []
     for row, name in enumerate(data.names):
@@ -58,11 +61,10 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         same = np.append(np.diff(x[there]) == 0.0, False)
         runs = _runs(same)
-        if len(runs) > 1 and runs[0][0] == 0 and runs[0][1] < len(there) - 1:
-            runs = runs[1:]  # where rounding shows, what rests when the recording begins is not stuck
+        rests = len(runs) > 1 and runs[0][0] == 0
         if not runs:
             continue
-        start, length = max(runs, key=lambda r: r[1])
+        start, length = max(runs[rests:], key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
         fine = not others and _fine(x[there], float(data.sigma[row]))
         if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
@@ -70,7 +72,8 @@ def stuck_channels(data: Measured) -> list[Fault]:
         marked = np.zeros(data.values.shape, dtype=bool)
         marked[there[start + 1 : start + length + 1], row] = True
         step = float(np.median(np.diff(data.times)))
-        found.append(Fault("stuck", block.channel, name, float(data.times[there[start]]), step, marked))
+        begins = float(data.times[there[start]])
+        found.append(Fault("stuck", block.channel, name, begins, step, marked, doubtful=not fine))
     return found
 
 
@@ -139,12 +142,11 @@ def outliers(data: Measured, run: Run) -> list[Fault]:
     """Return the channels with more single samples far off than Gaussian noise has, and which they are.
 
     Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
-    calm before and after and in all other channels.
+    calm before and after and in all other channels: the first and the last reading are none.
     """
     found = []
     size = np.abs(run.normalised)
-    before = np.vstack([np.zeros((1, size.shape[1])), size[:-1]])
-    after = np.vstack([size[1:], np.zeros((1, size.shape[1]))])
+    before, after = _beside(size, run.used)
     many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
     few = (size > ALONE) & (before < CALM) & (after < CALM)
     for block in data.blocks:
@@ -164,6 +166,15 @@ def outliers(data: Measured, run: Run) -> list[Fault]:
             sigma = float(np.sqrt(share * (1 - share) / n))
             found.append(Fault("outliers", block.channel, name, share, sigma, marked))
     return found
+
+
+def _beside(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the reading before and the one after each (N, rows), infinite where there is none."""
+    before, after = np.full((2, *size.shape), np.inf)
+    for row in range(size.shape[1]):
+        there = np.flatnonzero(used[:, row])
+        before[there[1:], row], after[there[:-1], row] = size[there[:-1], row], size[there[1:], row]
+    return before, after
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

@@ -174,7 +174,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
             h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
         else:
             h, cq, cv, ca = outputs.predict(q, v, lin.a)
-        outputs.twisted(h, q, v, drive.at[k], lin.a)
+        outputs.twisted(h, times[k], q, v, drive.at[k], lin.a)
         predicted[k] = h
         residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
         by_a[k], errors[k] = ca, residual

@@ -37,15 +37,18 @@ class Outputs:
                 h[block.rows] = block.bias
         return h, cq, cv, ca
 
-    def twisted(self, h: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a: np.ndarray) -> None:
-        """Add to predictions h (rows,) what encoders see of gears that give at once, under forces tau (nv,).
+    def twisted(
+        self, h: np.ndarray, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a: np.ndarray
+    ) -> None:
+        """Add to predictions h (rows,) what encoders see of gears that give at once, at time t [s] under
+        forces tau (nv,).
 
         How that depends on the state is left out: the compliance of such a gear times a rotor's inertia.
         """
         if self.model.twists:
             for block in self.data.blocks:
                 if block.quantity == "joint_position":
-                    h[block.rows] += block.gain @ self.model.encoder_twist(q, v, tau, a, self.locked)
+                    h[block.rows] += block.gain @ self.model.encoder_twist(t, q, v, tau, a, self.locked)
 
     def all(self, s: States) -> np.ndarray:
         """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone."""

@@ -23,6 +23,7 @@ from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.mode_error import ModeError
+from smsid.effects.rotor import turns
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES
@@ -136,8 +137,10 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
             gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
             rotor = ROTOR * float(mass[v])
-            gear["prior"] = {"motor_inertia": rotor, "carried": CARRIED}
-            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor, "carried": 0.1}
+            gear["prior"] = {"motor_inertia": rotor}
+            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
+            if turns(model.pin, model.pin.getJointId(name)):  # else no link carries the rotor round
+                gear["prior"]["carried"], springy["carried"] = CARRIED, 0.1
             yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
             crossing = ["turn_torque", "sharpness"]
             for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, crossing):

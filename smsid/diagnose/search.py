@@ -140,7 +140,10 @@ def search(
             again += 1
             LOGGER.info("the fit had not come to rest: %.1f to %.1f", current.objective, found.objective)
             fitted = refitted(replace(fitted, fit=found), strong=True)
+            current.changes.by_candidate.clear()
             current = fitted.fit
+            if not causes:  # it is of the nominal parameters alone
+                nominal, strayed_before = current, strayed(current.run, fitted.factors)
             columns.clear()
             named = {c.score.candidate.key for c in causes}
             rest = [c for c in candidates if c.key not in named]

@@ -282,7 +282,8 @@ class Twist:
 
     That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
     is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
-    is where v stays. ``gear`` is the effect it is of, which tells two of them apart.
+    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
+    on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
     """
 
     gear: Effect
@@ -291,6 +292,7 @@ class Twist:
     turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
         default=None, compare=False
     )
+    read: bool = True
 
 
 Depends = tuple[Sequence[int], Sequence[int]]

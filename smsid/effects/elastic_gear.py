@@ -6,8 +6,9 @@ phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays 
 Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
 
 A gear too stiff to ring within a sample is ``quasistatic``: its twist follows the torque it hands on at once,
-which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then, and the encoder on the
-motor's side reads the joint's angle and the twist; the rate of the twist is left out.
+which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then: encoders read by how
+much a rotor that gets ahead leaves all joints behind, and one on the motor's side reads the twist as well.
+The rate of the twist is left out.
 
 A rotor also turns with the link that carries the motor: by the share ``carried`` c of that link's rate about
 the joint's axis, one over the gear's ratio, the rotor's rate is ``qd + phid + c omega``. Geared arms neglect
@@ -82,8 +83,9 @@ class ElasticGear(Effect):
                 model.armature[link] += counted
             elif counted:
                 assembly.add_inertia_term(rotor)
-            if not self.rigid() and self.encoder == "motor":
-                assembly.twists[number] = Twist(self, self.bent, inertia, rotor.turning if rotor else None)
+            if not self.rigid():
+                turning, read = rotor.turning if rotor else None, self.encoder == "motor"
+                assembly.twists[number] = Twist(self, self.bent, inertia, turning, read)
             return None
         joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
         gear = model.joints[joint].idx_v

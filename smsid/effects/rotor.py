@@ -9,6 +9,12 @@ from smsid.effects.spatial import Motion
 from smsid.errors import DescriptionError
 
 
+def turns(model: pin.Model, joint: int) -> bool:
+    """Whether a joint of one coordinate turns, and does not slide."""
+    jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), joint)
+    return not np.abs(jacobian[:3, model.joints[joint].idx_v]).any()
+
+
 class Rotor:
     """The `InertiaTerm` of a rotor of spin inertia I about a joint's axis n, with the twist phi of its gear.
 
@@ -23,8 +29,7 @@ class Rotor:
     ) -> None:
         self.motion, self.link = Motion(model, joint), model.joints[joint].idx_v
         self.inertia, self.carried, self.gear, self.in_link = inertia, carried, gear, in_link
-        data = model.createData()
-        if np.abs(pin.computeJointJacobian(model, data, pin.neutral(model), joint)[:3, self.link]).any():
+        if not turns(model, joint):
             raise DescriptionError(
                 f"A rotor is carried round by the link before joint '{model.names[joint]}', which slides.",
                 advice="Leave out `carried`, or give it 0.",

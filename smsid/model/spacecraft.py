@@ -197,26 +197,33 @@ class SpacecraftModel:
         return rates
 
     def encoder_twist(
-        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a: np.ndarray, held: np.ndarray | None = None
+        self,
+        t: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        tau: np.ndarray,
+        a: np.ndarray,
+        held: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return what encoders of the arm joints see of a gear that gives at once, at one state: (joints,)
         [rad].
 
-        ``tau`` (nv,) are the applied forces, ``a`` (nv,) the accelerations; ``held`` are coordinates that do
-        not move. A rotor that gets ahead by phi leaves all else behind, as no force from outside does it: by
-        ``M^-1 r I phi``, where r is the derivative of its rate by v.
+        ``t`` is the time [s], ``tau`` (nv,) are the applied forces, ``a`` (nv,) the accelerations; ``held``
+        are coordinates that do not move. A rotor that gets ahead by phi leaves all else behind, as no force
+        from outside does it: by ``M^-1 r I phi``, where r is the derivative of its rate by v.
         """
         ahead, behind = np.zeros(len(self.arm_joints)), np.zeros(self.nv)
         for i, k, twist in self.twists:
             along, drift = np.eye(1, self.nv, k)[0], 0.0
             if twist.turning is not None:
                 along, drift = twist.turning(q, v)
-            ahead[i] = twist.angle(tau[k] - twist.inertia * (along @ a + drift))
-            behind += twist.inertia * ahead[i] * along
+            angle = twist.angle(tau[k] - twist.inertia * (along @ a + drift))
+            ahead[i] = angle if twist.read else 0.0
+            behind += twist.inertia * angle * along
         if behind.any():
             mass = pin.crba(self.pin, self.data, q)  # its upper triangle
             if self.inertial is not None:
-                mass = mass + self.inertial.mass_and_bias(0.0, q, v)[0]
+                mass = mass + self.inertial.mass_and_bias(t, q, v)[0]
             if held is not None and len(held):
                 mass, behind = mass.copy(), behind.copy()
                 mass[held], mass[:, held], mass[held, held], behind[held] = 0.0, 0.0, 1.0, 0.0

@@ -93,8 +93,9 @@ def sensed(
 def _twist(model: SpacecraftModel, s: States, held: np.ndarray | None) -> np.ndarray:
     out = np.zeros((len(s.time), len(model.arm_joints)))
     if model.twists:
-        for k, (q, v, tau, a) in enumerate(zip(s.q, s.v, s.tau + s.reaction, s.a, strict=True)):
-            out[k] = model.encoder_twist(q, v, tau, a, held)
+        states = zip(s.time, s.q, s.v, s.tau + s.reaction, s.a, strict=True)
+        for k, (t, q, v, tau, a) in enumerate(states):
+            out[k] = model.encoder_twist(t, q, v, tau, a, held)
     return out
 
 

@@ -12,6 +12,7 @@ from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import evaluate, fit
+from smsid.diagnose.noise import Fitted
 from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.search import RESTLESS, search
@@ -93,20 +94,27 @@ def test_what_a_fit_that_had_not_come_to_rest_could_reach_is_kept_without_a_caus
 
 
 def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeypatch):
+    """And what was reached without a cause is the fit of the nominal parameters."""
     stopped, at_rest, score = restless
-    tried = []
+    tried, seen = [], []
 
     def accepted(current, best, *_):
         tried.append(best.candidate.key)
+        seen.append(current.objective)
         return None, at_rest if len(tried) == 2 else current
 
+    start = Fitted(stopped, np.ones(stopped.problem.data.rows))
     monkeypatch.setattr("smsid.diagnose.search.accept", accepted)
-    monkeypatch.setattr("smsid.diagnose.noise.fit", lambda *_, **__: stopped)
+    monkeypatch.setattr("smsid.diagnose.search.fit_with_noise", lambda *_: start)
     monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
     other = replace(score.candidate, location="elsewhere")
-    search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])
+    found = search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])
     assert len(tried) == 4
     assert {*tried[:2]} == {*tried[2:]} == {score.candidate.key, other.key}
+    assert seen[:2] == [stopped.objective] * 2
+    assert 2.0 * (seen[2] - at_rest.objective) < 1.0
+    assert found.nominal is found.last and found.last.objective == seen[3]
+    assert found.strayed[0] == found.strayed[1]
 
 
 def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, monkeypatch):

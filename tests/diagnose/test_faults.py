@@ -111,17 +111,32 @@ def test_an_encoder_that_turns_round_is_not_stuck(data):
     assert not [f for f in stuck_channels(data) if f.component == "encoder.joint_position[joint1]"]
 
 
-@pytest.mark.parametrize("stuck", [False, True])
-def test_what_rests_on_a_step_when_the_recording_begins_is_not_stuck(data, stuck):
+@pytest.mark.parametrize("rests", ["first", "first and last", "stuck"])
+def test_what_rests_on_a_step_when_the_recording_begins_is_not_stuck(data, rests):
+    """Nor is what rests at the end as well; what repeats itself for far longer is."""
     row = data.names.index("encoder.joint_position[joint1]")
     t = data.times - data.times[0]
-    moved = 0.02 * np.clip(t - 0.15 * t[-1], 0.0, None) + 3e-4 * np.sin(7.0 * t)
+    begins, ends = {"first": (0.15, 1.0), "first and last": (0.2, 0.75), "stuck": (0.05, 1.0)}[rests]
+    moves = (t > begins * t[-1]) & (t < ends * t[-1])
+    moved = 0.02 * np.clip(t - begins * t[-1], 0.0, (ends - begins) * t[-1]) + 3e-4 * np.sin(7.0 * t) * moves
     data.values[:, row] = np.round(moved / 1e-3) * 1e-3
-    if stuck:
-        data.values[-100:, row] = data.values[-101, row]
+    if rests == "stuck":
+        data.values[-200:, row] = data.values[-201, row]
     found = [f for f in stuck_channels(data) if f.component == data.names[row]]
-    assert len(found) == stuck
-    assert not stuck or found[0].value > data.times[-140]
+    assert len(found) == (rests == "stuck")
+    assert all(f.value > data.times[-240] and f.doubtful for f in found)
+
+
+@pytest.mark.parametrize("where", [0, 200, -1])
+def test_one_reading_without_another_on_both_sides_is_no_outlier(data, where):
+    normalised = np.zeros(data.values.shape)
+    row = data.names.index("pose.velocity[x]")
+    used = np.isfinite(data.values)
+    used[:100, row] = False
+    there = np.flatnonzero(used[:, row])
+    normalised[there[where], row] = 12.0
+    found = outliers(data, SimpleNamespace(normalised=normalised, used=used))
+    assert len(found) == (where == 200)
 
 
 def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_what_lasts(data):

@@ -59,7 +59,7 @@ def test_encoder_sees_a_gear_that_gives_at_once(known, problem, locked):
     q, v, (tau, a) = model.home, np.zeros(model.nv), rng.standard_normal((2, model.nv))
     k, held = int(model.arm_joints.v[1]), model.arm_joints.v[:1]
     h = np.zeros(problem.data.rows)
-    Outputs(model, problem.data, held if locked else None).twisted(h, q, v, tau, a)
+    Outputs(model, problem.data, held if locked else None).twisted(h, 0.0, q, v, tau, a)
     rows = next(b.rows for b in problem.data.blocks if b.channel == "encoder.joint_position")
     twist = 1e-3 * (tau[k] - 0.5 * a[k])
     free = [i for i in range(model.nv) if not (locked and i in held)]

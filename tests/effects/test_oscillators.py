@@ -261,7 +261,7 @@ def test_quasistatic_backlash_follows_the_torque(folder: Path, sharpness: float,
     assert model.nv == 1
     tau = np.linspace(-300.0, 300.0, 601)[:, None]
     rest = np.zeros(1)
-    twist = np.array([model.encoder_twist(rest, rest, x, rest)[0] for x in tau]) / 0.01
+    twist = np.array([model.encoder_twist(0.0, rest, rest, x, rest)[0] for x in tau]) / 0.01
     x = tau[:, 0] / 0.4
     known = {"arctan": 2.0 / np.pi * np.arctan(0.5 * np.pi * x), "tanh": np.tanh(x)}[alike]
     np.testing.assert_allclose(twist, known, atol=within)

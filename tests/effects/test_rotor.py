@@ -89,8 +89,9 @@ def test_a_rotor_that_turns_with_its_link_is_part_of_it(urdf: Path, quasistatic:
 
 @pytest.mark.parametrize("carried", [0.0, 1.0])
 @pytest.mark.parametrize("in_link", [False, True])
+@pytest.mark.parametrize("side", ["motor", "link"])
 def test_a_quasistatic_gear_of_a_free_spacecraft_is_what_a_stiff_one_settles_to(
-    urdf: Path, carried: float, in_link: bool
+    urdf: Path, carried: float, in_link: bool, side: str
 ) -> None:
     """Encoders beside those of a gear with a twist of its own, at rest after its ringing."""
     description = load_description(urdf / "paper_sms.toml")
@@ -104,8 +105,9 @@ def test_a_quasistatic_gear_of_a_free_spacecraft_is_what_a_stiff_one_settles_to(
         {"compliance": 0.0},
     ):
         gear = GearCompliance(
-            name="g", joint="joint3", motor_inertia=rotor, carried=carried, inertia_in_link=in_link, **more
-        )
+            name="g", joint="joint3", encoder=side, motor_inertia=rotor, carried=carried,
+            inertia_in_link=in_link, **more,
+        )  # fmt: skip
         trajectory = simulate(build_model(description.with_effects(gear)), torque, 0.4)
         readings.append(truth_of(trajectory, (encoder,))(times)["encoder.joint_position"])
     stiff, at_once, rigid = readings

@@ -1,0 +1,38 @@
+"""What seems stuck may rest: a channel that reads in coarse steps repeats itself where nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.channels import Measured
+from smsid.diagnose.faults import Fault
+from smsid.diagnose.filter import run_filter
+from smsid.diagnose.fit import Fit
+from smsid.errors import SimulationError
+
+HELD = 2.0  # rms of the normalised errors up to which what repeats itself is at rest; rounding has sqrt(3)
+
+
+def resting(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:
+    """Return the doubtful faults among ``faults`` that are none: the model predicts that the channel rests.
+
+    ``found`` was fitted without their samples, and to some of ``whole`` as they were recorded. The samples of
+    each are filtered again, and rest where they fit the motion that all other channels tell.
+    """
+    return [f for f in faults if f.doubtful and _fits(found, whole, f)]
+
+
+def _fits(found: Fit, whole: Measured, fault: Fault) -> bool:
+    problem = found.problem
+    kept = np.searchsorted(whole.times, problem.data.times)
+    values = np.where(fault.samples[kept], whole.values[kept], problem.data.values)
+    data = replace(problem.data, values=values)
+    try:
+        run = run_filter(found.point.model(), replace(problem, data=data))
+    except SimulationError:
+        return False
+    more = float((run.innovations**2).sum() - (found.run.innovations**2).sum())
+    return more < HELD**2 * (run.samples - found.run.samples)

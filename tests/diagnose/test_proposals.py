@@ -1,0 +1,44 @@
+"""Which effects are proposed where."""
+
+import re
+import shutil
+
+import numpy as np
+
+from smsid.description import load_description
+from smsid.diagnose.candidates import signatures
+from smsid.diagnose.channels import measured
+from smsid.diagnose.filter import Noise, Problem, Timing
+from smsid.diagnose.fit import evaluate
+from smsid.diagnose.nominal import nominal
+from smsid.diagnose.proposals import propose
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+from smsid.paths import urdf_folder
+
+
+def test_a_gear_may_give_at_a_joint_that_slides_too(tmp_path):
+    """There no link carries its rotor round."""
+    folder = tmp_path / "urdf"
+    shutil.copytree(urdf_folder(), folder)
+    path = folder / "paper_sms.toml"
+    (name,) = re.findall(r'"([^"]+\.urdf)"', path.read_text())
+    turning = (folder / name).read_text()
+    sliding = re.sub(r'(<joint name="joint3" type=")[a-z]+', r"\1prismatic", turning)
+    assert sliding != turning
+    (folder / name).write_text(sliding)
+    description = load_description(path)
+    model = build_model(description)
+    plan = named_experiment("exp2", model).model_copy(update={"duration": 5.0})
+    recording = fly(model, plan, np.random.default_rng(3)).recording
+    known = nominal(description, None)
+    sensors = known.point.description.effective_sensors()
+    data = measured(known.point.base, recording, sensors).thinned(10.0)
+    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    gears = [c for c in propose(known.point, problem, known.unknowns) if c.kind == "gear_compliance"]
+    by_joint = {c.location: c.effect for c in gears}
+    assert set(by_joint) == {"joint1", "joint2", "joint3"}
+    carried = {c.location: any(name.endswith(".carried") for name in c.free) for c in gears}
+    assert carried == {"joint1": True, "joint2": True, "joint3": False}
+    current = evaluate(known.point, known.unknowns[:1], problem)
+    assert set(signatures(current, gears)) == {0, 1, 2}
