@@ -43,6 +43,14 @@ class Candidate:
         """What makes it itself: kind, location, shape."""
         return self.kind, self.location, self.shape
 
+    def holds(self, other: Candidate) -> bool:
+        """Whether another is a special case of it: the same effect with fewer parameters free."""
+        one, two = self.effect, other.effect
+        if one is None or two is None or one.name != two.name:
+            return False
+        starts = [getattr(e, "start", None) for e in (one, two)]
+        return starts[0] == starts[1] and set(other.free) < set(self.free)
+
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
         """Return the parameters it frees as unknowns, without prior where its effect states none."""
         if self.effect is None:

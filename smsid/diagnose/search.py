@@ -161,7 +161,9 @@ def search(
         for i, before in enumerate(causes):
             still, found = always(found, before.score, levels.onset)
             causes[i] = replace(before, score=still)
-        causes.append(cause)
+        within = [c for c in causes if cause.score.candidate.holds(c.score.candidate)]
+        cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
+        causes = [*(c for c in causes if all(c is not w for w in within)), cause]
         reached = found.objective
         causes, found = sought_again(causes, found, nominal, candidates, levels)
         strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear

@@ -132,6 +132,30 @@ def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, mo
     assert len(tried) == RESTLESS + 1
 
 
+def test_a_cause_that_holds_another_takes_its_place(description, known, monkeypatch):
+    """A Stribeck friction that was found as Coulomb's at first is one cause, not two."""
+    friction = {"coulomb": 0.1, "stribeck": 0.15, "stribeck_rate": 0.08}
+    current, stribeck = rubbed(description, known, friction, duration=12.0)
+    proposed = propose(known.point, current.problem, current.unknowns)
+    coulomb = next(c for c in proposed if c.key == ("joint_friction", "joint2", "coulomb"))
+    assert stribeck.candidate.holds(coulomb) and not coulomb.holds(stribeck.candidate)
+    assert not stribeck.candidate.holds(stribeck.candidate)
+    ratios = []
+
+    def in_turn(now, best, scores, *rest):
+        first = next((s for s in scores if s.candidate.key == coulomb.key), best)
+        cause, found = accept(now, best if ratios else first, [best if ratios else first], *rest)
+        ratios.append(cause.ratio)
+        return cause, found
+
+    monkeypatch.setattr("smsid.diagnose.search.accept", in_turn)
+    found = search(known.point, current.problem, current.unknowns, [coulomb, stribeck.candidate])
+    assert len(ratios) == 2
+    (cause,) = found.causes
+    assert cause.score.candidate.key == stribeck.candidate.key
+    assert cause.ratio == pytest.approx(sum(ratios))
+
+
 def score(ratio, freedom, location="joint1", sides=2):
     """A score without columns."""
     own = Candidate(
