@@ -14,13 +14,13 @@ from scipy.linalg.blas import dgemm
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point, Unknown
+from smsid.diagnose.steps import bounded_step, damped_less, damped_more
 from smsid.diagnose.straight import straight
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
-HALVINGS = 6  # times a step is cut at most, each time to between a twentieth and a half of it
-CUT = (0.05, 0.5)
+TRIES = 6  # steps that are tried from one point, each damped more than the last
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 PATIENCE = 4  # steps after which it has to be there
@@ -164,20 +164,20 @@ def fit(
 def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf) -> Fit:
     """Return a fit some iterations on.
 
-    Steps are cut until the objective falls and every body can exist.
+    Steps are damped until the objective falls and every body can exist (Levenberg and Marquardt).
     """
     unknowns, problem = found.unknowns, found.problem
-    stalled = 0
+    stalled, damping = 0, 0.0
     for i in range(iterations):
         step = bounded_step(found)
-        gain = float(found.slope @ step - 0.5 * step @ found.gram @ step)
+        gain = _promised(found, step)
         if found.objective - (AMPLE if i < PATIENCE else 0.0) * gain > at_most and i:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
             return _last_step(found, last, step, gain) if last.physical() else found
-        better = _descend(found, step, unknowns, problem)
+        better, damping = _descend(found, damping, unknowns, problem)
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
@@ -190,33 +190,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
 
 def within_reach(found: Fit) -> float:
     """Return the objective that one step of Gauss and Newton would reach if nothing were curved."""
-    step = bounded_step(found)
-    return found.objective - float(found.slope @ step - 0.5 * step @ found.gram @ step)
-
-
-def bounded_step(found: Fit) -> np.ndarray:
-    """Return the step (m,) of Gauss and Newton, in scales, that keeps within the parameters' bounds.
-
-    A parameter that would leave them goes as far as it may, and the others' step is found again beside that:
-    cut off afterwards, the rest would make up for a change that did not happen.
-    """
-    size = np.diag(found.gram)
-    gram = found.gram + np.diag(np.where(size > 0.0, 1e-12 * size, 1.0))  # what does nothing stays
-    step = np.linalg.solve(gram, found.slope)
-    held = np.zeros(len(step), dtype=bool)
-    now = np.array([found.point.value(u) for u in found.unknowns])
-    for _ in range(len(step)):
-        to = found.point.moved(found.unknowns, step * found.scales)
-        may = (np.array([to.value(u) for u in found.unknowns]) - now) / found.scales
-        beyond = (np.abs(may - step) > 1e-6 * (1.0 + np.abs(step))) & ~held
-        if not beyond.any():
-            break
-        held |= beyond
-        step[held] = may[held]
-        rest = ~held
-        slope = found.slope[rest] - gram[np.ix_(rest, held)] @ step[held]
-        step[rest] = np.linalg.solve(gram[np.ix_(rest, rest)], slope)
-    return step
+    return found.objective - _promised(found, bounded_step(found))
 
 
 def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
@@ -227,24 +201,30 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
     return replace(found, point=point, run=run, slope=rest, objective=found.objective - gain, prior=prior)
 
 
-def _descend(found: Fit, step: np.ndarray, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
-    """Return the fit a step on, the step cut to where a parabola through what it reached has its lowest."""
-    share, slope = 1.0, float(found.slope @ step)
-    for _ in range(HALVINGS):
-        reached = np.inf
+def _descend(
+    found: Fit, damping: float, unknowns: Sequence[Unknown], problem: Problem
+) -> tuple[Fit | None, float]:
+    """Return the fit a step on, damped until it leads down, and the damping for the next."""
+    for failed in range(1, TRIES + 1):
+        step = bounded_step(found, damping)
         try:
-            point = straight(found.point, unknowns, share * step * found.scales)
+            point = straight(found.point, unknowns, step * found.scales)
             if point.physical():
                 model = point.model()
                 run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
-                reached = objective(point, unknowns, problem, run)
-                if reached < found.objective:
-                    return _normal(point, unknowns, problem, run, model)
+                gained = found.objective - objective(point, unknowns, problem, run)
+                if gained > 0.0:
+                    share = gained / _promised(found, step)
+                    return _normal(point, unknowns, problem, run, model), damped_less(damping, share)
         except SmsidError as error:
             LOGGER.info("step refused: %s", error)
-        bend = reached - found.objective + share * slope
-        share *= float(np.clip(0.5 * share * slope / bend, *CUT)) if np.isfinite(bend) else 0.5
-    return None
+        damping = damped_more(damping, failed)
+    return None, damping
+
+
+def _promised(found: Fit, step: np.ndarray) -> float:
+    """Return what a step gains by the normal equations."""
+    return float(found.slope @ step - 0.5 * step @ found.gram @ step)
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:

@@ -83,16 +83,20 @@ class Point:
         effect = self.description.get_effect(unknown.name.partition(".")[0])
         return next(p.value for p in effect.parameters() if p.name == unknown.name)
 
+    def bounds(self, unknown: Unknown) -> tuple[float, float]:
+        """Return between what values a step may take a parameter."""
+        value, low, high = self.value(unknown), unknown.lower, unknown.upper
+        if unknown.positive and value > 0.0:  # it stays what it is, and may go back to what it was
+            low = max(low, min(0.5 * value, unknown.nominal))
+            high = min(high, max(2.0 * value, unknown.nominal))
+        return low, high
+
     def moved(self, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
         """Return the point a step (unknowns,) away, each value kept within its bounds."""
         inertial, biases = dict(self.inertial), dict(self.biases)
         values: dict[str, dict[str, float]] = {}
         for unknown, d in zip(unknowns, step, strict=True):
-            old = self.value(unknown)
-            new = float(np.clip(old + d, unknown.lower, unknown.upper))
-            if unknown.positive and old > 0.0:  # it stays what it is, and may go back to what it was
-                low, high = min(0.5 * old, unknown.nominal), max(2.0 * old, unknown.nominal)
-                new = float(np.clip(new, low, high))
+            new = float(np.clip(self.value(unknown) + d, *self.bounds(unknown)))
             if unknown.kind == "inertial":
                 inertial[unknown.column] = new - self._urdf(unknown.column)
             elif unknown.kind == "bias":
