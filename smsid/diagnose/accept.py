@@ -89,7 +89,7 @@ def accept(
     samples = current.run.samples
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
     near = [s for s in rivals if not told_apart(best, s, samples, levels)]
-    contenders = [best]
+    contenders = [best] if best.another is None else [best, best.another]
     if best.ratio > levels.linear:
         close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
         contenders += close[: levels.contenders - 1]
@@ -132,7 +132,8 @@ def accept(
                 return ahead < levels.alias
             return not told_apart(explains[id(winner)], explains[id(s)], samples, levels)
 
-        near = [s for s in contenders if as_good(s)]
+        others = [s for s in contenders if s is winner or s.candidate.key != winner.candidate.key]
+        near = [s for s in others if as_good(s)]
         near += [s for s in rivals if s not in contenders and not told_apart(best, s, samples, levels)]
     beside = tuple(u.name for u in current.unknowns)
     return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
@@ -240,7 +241,7 @@ def refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            found = fit(at, unknowns, current.problem, iterations=8, at_most=current.objective)
+            found = fit(at, unknowns, current.problem, iterations=12, at_most=current.objective)
             return _with_more(found, candidate) if found.objective < current.objective else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
@@ -279,17 +280,20 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     return larger if paid > 0.0 else found
 
 
-def wald(found: Fit, candidate: Candidate, *, held: bool = False) -> float:
+def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:
     """Return Wald's statistic of a candidate's parameters at a fit: how far they are from doing nothing.
 
     Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
-    ``held``: with its further parameters, which mean nothing without the effect, as they are.
+    ``held``: with its further parameters, which mean nothing without the effect, as they are. ``strength``:
+    of what makes it do something alone; its frequency may be known where its mass is not.
     """
     names = [u.name for u in found.unknowns]
     index = [names.index(n) for n in candidate.free]
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
-    if (np.abs(shift) < STILL * np.array(candidate.steps))[_strengths(candidate)].all():
+    if (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all():
         return 0.0  # no mass, whatever its spring and its place are
+    if strength:
+        index, shift = np.array(index)[strengths(candidate)], shift[strengths(candidate)]
     covariance = found.covariance(candidate.also if held else ())[np.ix_(index, index)]
     told = np.diag(covariance) > 0.0
     if not told.any():
@@ -299,7 +303,7 @@ def wald(found: Fit, candidate: Candidate, *, held: bool = False) -> float:
     return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
 
 
-def _strengths(candidate: Candidate) -> np.ndarray:
+def strengths(candidate: Candidate) -> np.ndarray:
     """Return which free parameters (d,) make it do something: the first, where the effect does not say."""
     fields = [name.split(".")[1] for name in candidate.free]
     stated = fields if candidate.effect is None else candidate.effect.strength

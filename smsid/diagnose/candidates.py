@@ -131,7 +131,8 @@ class Score:
     ``estimate`` and ``covariance`` are in units of the candidate's steps. ``excited`` is the smallest share
     of a column's information left beside the nominal parameters; ``columns`` (N rows + m, d) are what
     the fitted parameters leave of the whitened columns, ``taken`` (m, d) what they stand in for. ``sides`` is
-    1 where its only parameter has a sign: estimates of the other count for nothing.
+    1 where its only parameter has a sign: estimates of the other count for nothing. ``another`` is a place to
+    start from that scored less, of a search that may have ended beside the best one.
     """
 
     candidate: Candidate
@@ -143,6 +144,7 @@ class Score:
     columns: np.ndarray
     taken: np.ndarray
     sides: int = 2
+    another: Score | None = None
 
     @property
     def p_value(self) -> float:

@@ -9,16 +9,17 @@ displacement's own lever are left out here; the fit that follows has the whole m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import Score, least_squares
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
-from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, moments, placed
+from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, by_one, moments, placed
 from smsid.effects.base import Effect
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
@@ -173,6 +174,31 @@ class Oscillating(Searched):
             found.append(Shape(tuple(range(first, first + self._parts)), label))
         return tuple(found)
 
+    def estimated(
+        self, shape: Shape, gram: np.ndarray, slope: np.ndarray, raw: np.ndarray
+    ) -> tuple[np.ndarray, float, np.ndarray]:
+        """Return mass and first moment, the place no further off than its prior lets it be.
+
+        Of a small mass the recording tells the moments of inertia best: one far away would do, too.
+        """
+        free, ratio, values = super().estimated(shape, gram, slope, raw)
+        if len(free) == 1:
+            return free, ratio, values
+        off = (shape.label[2] - self.springs.place) @ self.springs.moves.T
+
+        def theta(place: np.ndarray) -> np.ndarray:
+            return np.concatenate([[1.0], place / STEP])
+
+        def worth(place: np.ndarray) -> float:
+            away = (off + place) / self.springs.spread
+            return float(away @ away) - by_one(theta(place), gram, slope)
+
+        starts = [np.zeros(len(off)), placed(free, np.full(len(off), STEP)), -off]
+        best = min((minimize(worth, x, method="Nelder-Mead") for x in starts), key=lambda r: r.fun)
+        own = theta(best.x)
+        mass = max(float(own @ slope), 0.0) / max(float(own @ gram @ own), 1e-300)
+        return mass * own, max(-float(best.fun), 0.0), values
+
     def resolved(
         self, shape: Shape, coefficients: np.ndarray
     ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
@@ -198,7 +224,9 @@ class Oscillating(Searched):
         if coarse.information_gain(found.run.samples) <= 0.0:
             return coarse
         fine = self._finer(found, coarse)
-        return max(coarse, fine, key=lambda s: s.information_gain(found.run.samples))
+        if fine.information_gain(found.run.samples) <= coarse.information_gain(found.run.samples):
+            return coarse
+        return replace(fine, another=coarse)  # as fine as that, it may follow what only looks like a mass
 
     def _finer(self, found: Fit, coarse: Score) -> Score:
         omega, zeta, place = self._label(coarse)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from scipy.stats import chi2
 
-from smsid.diagnose.accept import Cause, Levels, refit, wald, without_candidate
+from smsid.diagnose.accept import Cause, Levels, refit, strengths, wald, without_candidate
 from smsid.diagnose.fit import Fit, evaluate
 
 LOGGER = logging.getLogger(__name__)
@@ -16,7 +16,8 @@ LOGGER = logging.getLogger(__name__)
 def pruned(
     causes: list[Cause], last: Fit, nominal: Fit, levels: Levels, tried: int
 ) -> tuple[list[Cause], Fit]:
-    """Leave out causes that the others made unnecessary, by Wald's statistic.
+    """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
+    that make it do something.
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed.
@@ -24,7 +25,9 @@ def pruned(
 
     def chance(cause: Cause) -> float:
         own = cause.score.candidate
-        return 0.5 * cause.score.sides * tried * float(chi2.sf(wald(last, own), len(own.free)))
+        whole = float(chi2.sf(wald(last, own), len(own.free)))
+        alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
+        return 0.5 * cause.score.sides * tried * max(whole, alone)
 
     needed: list[Cause] = []
     while len(causes) > 1:

@@ -73,6 +73,15 @@ class Searched(Candidate):
         """
         raise NotImplementedError
 
+    def estimated(
+        self, shape: Shape, gram: np.ndarray, slope: np.ndarray, raw: np.ndarray
+    ) -> tuple[np.ndarray, float, np.ndarray]:
+        """Return the coefficients (k,) of a shape's columns, what they gain in chi-squared, and the shares
+        of information left (k,), from the normal equations of these columns as in `least_squares`.
+        """
+        coefficients, _, ratio, values = least_squares(gram, slope, raw)
+        return coefficients, ratio, values
+
     def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the best shape; the number of shapes is paid for."""
         return best_shape(self, found, own, self.shapes(), self.grid)
@@ -93,7 +102,7 @@ def best_shape(
     for shape in shapes:
         index = np.array(shape.columns)
         part = np.ix_(index, index)
-        coefficients, _, ratio, values = least_squares(gram[part], slope[index], raw[index])
+        coefficients, ratio, values = candidate.estimated(shape, gram[part], slope[index], raw[index])
         freedom = int((values > EXCITED).sum())
         own, by, estimate, allowed = candidate.resolved(shape, coefficients)
         gain = (ratio if allowed else 0.0) - freedom * samples
@@ -183,8 +192,7 @@ class Leak(Candidate):
 
         def worth(place: np.ndarray) -> float:
             theta = point_parameters(1.0, place)
-            fits = float(theta @ slope)
-            return -(max(fits, 0.0) ** 2) / max(float(theta @ gram @ theta), 1e-300) + float(place @ place)
+            return float(place @ place) - by_one(theta, gram, slope)
 
         starts = [np.zeros(3), *(0.5 * x for x in np.vstack([np.eye(3), -np.eye(3)]))]
         place = min((minimize(worth, x, method="Nelder-Mead") for x in starts), key=lambda r: r.fun).x
@@ -215,6 +223,11 @@ class Leak(Candidate):
         freedom = 4 if place.any() else 1
         excited = float(values.min(initial=1.0))
         return Score(leak, ratio, freedom, estimate, covariance, excited, left @ by, own.taken @ by)
+
+
+def by_one(theta: np.ndarray, gram: np.ndarray, slope: np.ndarray) -> float:
+    """Return what columns (k,) in the proportions ``theta`` gain in chi-squared, by no less than nothing."""
+    return max(float(theta @ slope), 0.0) ** 2 / max(float(theta @ gram @ theta), 1e-300)
 
 
 def placed(coefficients: np.ndarray, steps: np.ndarray) -> np.ndarray:

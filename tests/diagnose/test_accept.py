@@ -338,9 +338,10 @@ def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
     found = SimpleNamespace(
         unknowns=candidate.unknowns(()),
         point=known.point.with_effect(fitted),
-        covariance=lambda held: np.diag([1e-8, 1e-6]),
+        covariance=lambda held: np.diag([1e-2, 1e-6]),
     )
     assert (wald(found, candidate) > 1e6) is there
+    assert wald(found, candidate, strength=True) == pytest.approx(4.0 if there else 0.0, abs=1e-9)
 
 
 def test_what_an_effect_freed_is_held_where_that_is_asked(known):

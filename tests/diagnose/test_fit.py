@@ -86,7 +86,7 @@ def test_damping_shortens_first_what_the_data_tell_least_of(known, problem):
     assert damped * size == pytest.approx(
         np.linalg.solve(scaled + 0.1 * np.eye(len(size)), start.slope / size), rel=1e-6, abs=1e-9
     )
-    share, basis = np.linalg.eigh(scaled)
+    _, basis = np.linalg.eigh(scaled)
     least, most = basis[:, 0], basis[:, -1]
     assert abs(least @ (damped * size)) < 0.5 * abs(least @ (full * size))
     assert abs(most @ (damped * size)) > 0.5 * abs(most @ (full * size))

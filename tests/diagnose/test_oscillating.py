@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import dual_annealing
 
 from smsid.diagnose.additions import more_slosh
+from smsid.diagnose.candidates import least_squares
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.oscillating import LEAST, Springs, _forces, answers
+from smsid.diagnose.oscillating import LEAST, STEP, Oscillating, Springs, _forces, answers
+from smsid.diagnose.searched import Shape
 from smsid.effects import Slosh
 
 OMEGA, ZETA = np.array([3.0, 4.0, 5.0]), np.array([0.05, 0.1, 0.02])
@@ -90,3 +93,30 @@ def test_a_slosh_mass_stays_one(known, problem):
     assert (mass.name, mass.nominal, mass.lower) == ("slosh_more.mass", 0.0, LEAST)
     there = known.point.with_effect(own.effect).moved((mass,), np.array([-1.0]))
     assert there.value(mass) == LEAST
+
+
+def test_a_place_is_no_further_off_than_its_prior_lets_it_be():
+    """Of a mass of which the moment alone is told, the place is where the prior and the data have it."""
+    mass, place = 5.0, np.array([2.5, 0.0, 0.0])
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(400, 4)) * np.array([0.2, 1.0, 1.0, 1.0])  # the mass by itself tells little
+    truth = np.concatenate([[mass], mass * place / STEP])
+    data = columns @ truth * 0.004
+    gram, slope, raw = columns.T @ columns, columns.T @ data, np.sum(columns**2, axis=0)
+    tank = Oscillating(
+        "slosh", "bus", "slosh", "", None, (), (), springs=Springs(np.zeros(3), np.eye(3), np.eye(3))
+    )
+    shape = Shape((0, 1, 2, 3), (OMEGA, ZETA, np.zeros(3)))
+    found, ratio, _ = tank.estimated(shape, gram, slope, raw)
+    where = found[1:] / found[0] * STEP
+
+    def worth(x):
+        own = np.concatenate([[1.0], x / STEP])
+        return x @ x - max(own @ slope, 0.0) ** 2 / (own @ gram @ own)
+
+    oracle = dual_annealing(worth, [(-5.0, 5.0)] * 3, rng=1, maxiter=200)
+    assert where == pytest.approx(oracle.x, abs=1e-3)
+    assert ratio == pytest.approx(-oracle.fun, rel=1e-6)
+    assert ratio < least_squares(gram, slope, raw)[2]
+    away = Shape(shape.columns, (OMEGA, ZETA, np.array([1.0, 0.0, 0.0])))  # columns about another place
+    assert tank.estimated(away, gram, slope, raw)[1] < ratio
