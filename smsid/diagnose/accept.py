@@ -288,13 +288,13 @@ def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool
     of what makes it do something alone; its frequency may be known where its mass is not.
     """
     names = [u.name for u in found.unknowns]
-    index = [names.index(n) for n in candidate.free]
+    index = np.array([names.index(n) for n in candidate.free])
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
     if (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all():
         return 0.0  # no mass, whatever its spring and its place are
     if strength:
-        index, shift = np.array(index)[strengths(candidate)], shift[strengths(candidate)]
-    covariance = found.covariance(candidate.also if held else ())[np.ix_(index, index)]
+        index, shift = index[strengths(candidate)], shift[strengths(candidate)]
+    covariance = found.covariance(candidate.also if held else ())[index][:, index]
     told = np.diag(covariance) > 0.0
     if not told.any():
         return 0.0

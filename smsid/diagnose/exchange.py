@@ -28,7 +28,8 @@ def judged_again(
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
     Each is taken out of the fit to first order, and the candidates are scored on what it leaves, beside the
-    other causes. ``columns`` are the candidates' whitened ones (N rows, d). The last cause was chosen so.
+    other causes. ``columns`` are the candidates' whitened ones (N rows, d), those at the place of a strong
+    cause are found anew. The last cause was chosen so.
     """
     causes = list(causes)
     for i, cause in enumerate(causes[:-1]):
@@ -42,7 +43,11 @@ def judged_again(
         if less.point.model().nv != last.changes.model.nv:
             continue  # how a body hung up moves is not of first order
         own = _own(last, less, cause)
-        scores = scored(less, rivals, [columns[c.key] for c in rivals])
+        known = dict(columns)
+        if own.ratio > levels.linear:  # a ten-thousandth of a strong cause is as much as tells its siblings
+            near = [c for c in rivals if c.location == own.candidate.location]
+            known.update({near[j].key: c for j, c in signatures(last, near).items()})
+        scores = scored(less, rivals, [known[c.key] for c in rivals])
         better = _refitted(less, last, own, scores, levels)
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)

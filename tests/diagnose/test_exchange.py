@@ -22,8 +22,12 @@ KINDS = ("joint_friction", "torque_gain")
 @pytest.fixture(scope="module")
 def pair(description, known):
     """Six seconds with Coulomb friction and a motor that is too strong: the nominal fit, candidates."""
+    return paired(description, known, 0.01)
+
+
+def paired(description, known, coulomb):
     truth = description.with_effects(
-        JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=0.01),
+        JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=coulomb),
         TorqueGain(kind="torque_gain", name="strong", joint="joint1", error=0.02),
     )
     plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
@@ -57,6 +61,16 @@ def test_the_right_shape_takes_the_place_of_the_wrong_one(pair, first):
     assert (last is current) == (first == "coulomb")
     assert last.point.description.get_effect("joint_friction_joint2").viscous == 0.0
     assert not {"viscous", "coulomb"} & {s.candidate.shape for s, _ in found[0].aliases}
+
+
+def test_a_strong_cause_is_judged_by_what_its_siblings_do_now(description, known):
+    """What they did along the motion without any cause is off by as much as tells them apart."""
+    nominal, candidates = paired(description, known, 0.2)
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "stribeck"), GAIN])
+    early = {candidates[i].key: c for i, c in signatures(nominal, candidates).items()}
+    (found, _), _ = judged_again(causes, current, nominal, candidates, early, Levels())
+    held = {found.score.candidate.shape, *(s.candidate.shape for s, _ in found.aliases)}
+    assert "coulomb" in held and "viscous" not in held
 
 
 def test_a_cause_is_taken_out_as_the_filter_runs_without_it(pair):
