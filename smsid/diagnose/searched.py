@@ -226,7 +226,10 @@ class Leak(Candidate):
 
 
 def by_one(theta: np.ndarray, gram: np.ndarray, slope: np.ndarray) -> float:
-    """Return what columns (k,) in the proportions ``theta`` gain in chi-squared, by no less than nothing."""
+    """Return what columns in the proportions ``theta`` (k,) gain in chi-squared, by no less than nothing.
+
+    ``gram`` (k, k) and ``slope`` (k,) are the columns' quadratic form.
+    """
     return max(float(theta @ slope), 0.0) ** 2 / max(float(theta @ gram @ theta), 1e-300)
 
 
