@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from smsid.diagnose.accept import Cause, Levels, aliases_of, cost, refit, told_apart
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
@@ -22,19 +20,17 @@ def judged_again(
     last: Fit,
     nominal: Fit,
     candidates: Sequence[Candidate],
-    columns: Mapping[tuple[str, str, str], np.ndarray],
     levels: Levels,
 ) -> tuple[list[Cause], Fit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
     Each is taken out of the fit to first order, and the candidates are scored on what it leaves, beside the
-    other causes. ``columns`` are the candidates' whitened ones (N rows, d), those at the place of a strong
-    cause are found anew. The last cause was chosen so.
+    other causes, by what they do along the motion as it is now: nominal parameters that stood in for the
+    causes moved, and a ten-thousandth of what these took tells rivals apart. The last cause was chosen so.
     """
-    causes = list(causes)
+    causes, columns = list(causes), {}
     for i, cause in enumerate(causes[:-1]):
         taken = {c.score.candidate.key for c in causes}
-        rivals = [c for c in candidates if c.key in columns and c.key not in taken]
         try:
             less = without(last, cause.score.candidate, nominal)
         except SmsidError as error:
@@ -43,15 +39,13 @@ def judged_again(
         if less.point.model().nv != last.changes.model.nv:
             continue  # how a body hung up moves is not of first order
         own = _own(last, less, cause)
-        known = dict(columns)
-        if own.ratio > levels.linear:  # a ten-thousandth of a strong cause is as much as tells its siblings
-            near = [c for c in rivals if c.location == own.candidate.location]
-            known.update({near[j].key: c for j, c in signatures(last, near).items()})
-        scores = scored(less, rivals, [known[c.key] for c in rivals])
+        columns = columns or {candidates[j].key: c for j, c in signatures(last, candidates).items()}
+        rivals = [c for c in candidates if c.key in columns and c.key not in taken]
+        scores = scored(less, rivals, [columns[c.key] for c in rivals])
         better = _refitted(less, last, own, scores, levels)
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
-            own, last = better
+            own, last, columns = *better, {}
         samples = last.run.samples
         paid = replace(own, ratio=own.ratio - _more(less, own, last))
         near = [s for s in scores if s.candidate.key != own.candidate.key]

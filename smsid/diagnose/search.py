@@ -184,7 +184,7 @@ def search(
         columns.clear()
         scores = _scores(current, rest, columns)
     if len(causes) > 1 and not fitted.misfit:
-        causes, current = judged_again(causes, current, nominal, candidates, columns, levels)
+        causes, current = judged_again(causes, current, nominal, candidates, levels)
     blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current

@@ -10,31 +10,32 @@ from smsid.diagnose.exchange import judged_again, sought_again, without
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.proposals import propose
-from smsid.effects import JointFriction, MassLoss, TorqueGain
+from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
 FRICTION, GAIN = ("joint_friction", "joint2"), ("torque_gain", "joint1", "torque constant")
 PLACE = (0.8, -0.5, 0.3)  # [m]
 KINDS = ("joint_friction", "torque_gain")
+STRONG = TorqueGain(kind="torque_gain", name="strong", joint="joint1", error=0.02)
 
 
 @pytest.fixture(scope="module")
 def pair(description, known):
     """Six seconds with Coulomb friction and a motor that is too strong: the nominal fit, candidates."""
-    return paired(description, known, 0.01)
+    return paired(known, description.with_effects(friction(0.01), STRONG), KINDS)
 
 
-def paired(description, known, coulomb):
-    truth = description.with_effects(
-        JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=coulomb),
-        TorqueGain(kind="torque_gain", name="strong", joint="joint1", error=0.02),
-    )
+def friction(coulomb):
+    return JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=coulomb)
+
+
+def paired(known, truth, kinds):
     plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
     recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
     data = measured(known.point.base, recording, known.point.description.effective_sensors()).thinned(25.0)
     problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
-    candidates = [c for c in propose(known.point, problem, known.unknowns) if c.kind in KINDS]
+    candidates = [c for c in propose(known.point, problem, known.unknowns) if c.kind in kinds]
     return fit(known.point, known.unknowns, problem), candidates
 
 
@@ -54,8 +55,7 @@ def with_causes(nominal, candidates, keys):
 def test_the_right_shape_takes_the_place_of_the_wrong_one(pair, first):
     nominal, candidates = pair
     causes, current = with_causes(nominal, candidates, [(*FRICTION, first), GAIN])
-    columns = {candidates[i].key: c for i, c in signatures(current, candidates).items()}
-    found, last = judged_again(causes, current, nominal, candidates, columns, Levels())
+    found, last = judged_again(causes, current, nominal, candidates, Levels())
     assert [c.score.candidate.key for c in found] == [(*FRICTION, "coulomb"), GAIN]
     assert last.objective <= current.objective
     assert (last is current) == (first == "coulomb")
@@ -65,12 +65,25 @@ def test_the_right_shape_takes_the_place_of_the_wrong_one(pair, first):
 
 def test_a_strong_cause_is_judged_by_what_its_siblings_do_now(description, known):
     """What they did along the motion without any cause is off by as much as tells them apart."""
-    nominal, candidates = paired(description, known, 0.2)
+    nominal, candidates = paired(known, description.with_effects(friction(0.2), STRONG), KINDS)
     causes, current = with_causes(nominal, candidates, [(*FRICTION, "stribeck"), GAIN])
-    early = {candidates[i].key: c for i, c in signatures(nominal, candidates).items()}
-    (found, _), _ = judged_again(causes, current, nominal, candidates, early, Levels())
+    (found, _), _ = judged_again(causes, current, nominal, candidates, Levels())
     held = {found.score.candidate.shape, *(s.candidate.shape for s, _ in found.aliases)}
     assert "coulomb" in held and "viscous" not in held
+
+
+def test_a_strong_cause_is_judged_by_what_rivals_elsewhere_do_now(description, known):
+    """The tool holds the payload, a link was named instead; nominal parameters that stood in for it moved."""
+    truth = description.with_effects(
+        Payload(kind="payload", name="grasped", frame="tool", mass=3.0, com=(0.05, 0.08, -0.06)),
+        MotorInertia(kind="motor_inertia", name="heavy", joint="joint1", inertia=0.4),
+    )
+    kinds = ("payload", "body_error", "motor_inertia")
+    nominal, candidates = paired(known, truth, kinds)
+    keys = [("body_error", "link3", "mass"), ("motor_inertia", "joint1", "motor inertia")]
+    causes, current = with_causes(nominal, candidates, keys)
+    (found, _), _ = judged_again(causes, current, nominal, candidates, Levels())
+    assert found.score.candidate.kind == "payload"
 
 
 def test_a_cause_is_taken_out_as_the_filter_runs_without_it(pair):
