@@ -6,10 +6,12 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from smsid.diagnose.accept import Cause, Levels, aliases_of, cost, refit, told_apart
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import Fit, prior_of
+from smsid.diagnose.fit import Fit, fit, prior_of
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
@@ -24,9 +26,10 @@ def judged_again(
 ) -> tuple[list[Cause], Fit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
-    Each is taken out of the fit to first order, and the candidates are scored on what it leaves, beside the
-    other causes, by what they do along the motion as it is now: nominal parameters that stood in for the
-    causes moved, and a ten-thousandth of what these took tells rivals apart. The last cause was chosen so.
+    Each is taken out of the fit - to first order, but where it has motion of its own - and the candidates are
+    scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
+    parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
+    apart. The last cause was chosen so.
     """
     causes, columns = list(causes), {}
     for i, cause in enumerate(causes[:-1]):
@@ -36,12 +39,18 @@ def judged_again(
         except SmsidError as error:
             LOGGER.info("%s is not judged again: %s", cause.score.candidate.key, error)
             continue
-        if less.point.model().nv != last.changes.model.nv:
-            continue  # how a body hung up moves is not of first order
+        if less.point.model().nv != last.changes.model.nv:  # how a body hung up moves is not of first order
+            try:
+                less = fit(less.point, less.unknowns, less.problem, iterations=8)
+            except (SmsidError, np.linalg.LinAlgError) as error:
+                LOGGER.info("%s is not judged again: %s", cause.score.candidate.key, error)
+                continue
+            known = _by_key(less, candidates)
+        else:
+            columns = known = columns or _by_key(last, candidates)
         own = _own(last, less, cause)
-        columns = columns or {candidates[j].key: c for j, c in signatures(last, candidates).items()}
-        rivals = [c for c in candidates if c.key in columns and c.key not in taken]
-        scores = scored(less, rivals, [columns[c.key] for c in rivals])
+        rivals = [c for c in candidates if c.key in known and c.key not in taken]
+        scores = scored(less, rivals, [known[c.key] for c in rivals])
         better = _refitted(less, last, own, scores, levels)
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
@@ -57,6 +66,11 @@ def judged_again(
             cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
         causes[i] = replace(cause, aliases=close)
     return causes, last
+
+
+def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
+    """Return the whitened columns (N rows, d) of every candidate that has any."""
+    return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
 
 
 def sought_again(

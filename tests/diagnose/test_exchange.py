@@ -86,6 +86,20 @@ def test_a_strong_cause_is_judged_by_what_rivals_elsewhere_do_now(description, k
     assert found.score.candidate.kind == "payload"
 
 
+def test_a_tank_that_stood_in_for_something_else_gives_way(description, known):
+    """It has motion of its own: what the fit is without it takes a fit, not a step."""
+    heavy = MotorInertia(kind="motor_inertia", name="heavy", joint="joint3", inertia=2.0)
+    nominal, candidates = paired(
+        known, description.with_effects(heavy, STRONG), ("slosh", "motor_inertia", "torque_gain")
+    )
+    causes, current = with_causes(nominal, candidates, [("slosh", "bus", "another slosh mass"), GAIN])
+    assert current.changes.model.nv > nominal.changes.model.nv
+    found, last = judged_again(causes, current, nominal, candidates, Levels())
+    assert [c.score.candidate.key[:2] for c in found] == [("motor_inertia", "joint3"), GAIN[:2]]
+    assert last.objective < current.objective
+    assert last.changes.model.nv == nominal.changes.model.nv
+
+
 def test_a_cause_is_taken_out_as_the_filter_runs_without_it(pair):
     nominal, candidates = pair
     causes, current = with_causes(nominal, candidates, [(*FRICTION, "coulomb"), GAIN])
