@@ -167,7 +167,12 @@ def search(
         reached = found.objective
         causes, found = sought_again(causes, found, nominal, candidates, levels)
         strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
+        misfit = fitted.misfit
         fitted = refitted(replace(fitted, fit=found), strong=strong)
+        if misfit and not fitted.misfit:  # only now are beginnings seen as sharply as the noise lets them
+            for i, before in enumerate(causes):
+                still, found = settled(fitted.fit, before.score)
+                causes[i], fitted = replace(before, score=still), replace(fitted, fit=found)
         if strong:
             fitted = replace(fitted, fit=finely_stepped(fitted.fit))
         current.changes.by_candidate.clear()

@@ -88,6 +88,16 @@ def test_when_it_began(seed, name, strength, onset, off, tmp_path):
     assert abs(cause["onset"] - onset) < off
 
 
+def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
+    """First seen beside what the model does not follow, it is 0.14 s early; that was left unexplained."""
+    effect, onset = hidden_effects("arm")["torque_gain:error@joint1"], 31.339377
+    hidden = Injected(effect, 4.803e-4, 30.0, onset)
+    row = run_and_judge(Run(190085, "onset", "arm", (hidden,)), tmp_path)
+    assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
+    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
+    assert abs(cause["onset"] - onset) < 0.02
+
+
 def test_a_clock_that_is_early_reads_what_the_next_command_does(tmp_path):
     """A hundred times its limit, what an encoder reads before its time shows the jump of the torque."""
     effect = hidden_effects("arm")["time_offset:offset@encoder"]
