@@ -120,7 +120,7 @@ def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
     elif d.gain_reason:
         parts.append(f"gain not evaluated: {d.gain_reason}")
     if d.remaining:
-        table = Table("still depends", "on", "chi-squared", "freedom", "p, corrected")
+        table = Table("what", "depends on", "chi-squared", "freedom", "p, corrected")
         for r in d.remaining[:8]:
             table.add_row(r.where, r.dependence, f"{r.ratio:.0f}", str(r.freedom), f"{r.p_value:.1e}")
         parts.append(table)

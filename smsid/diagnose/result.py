@@ -75,7 +75,7 @@ class FoundCause:
 
 @dataclass(frozen=True)
 class Remaining:
-    """A generic test still significant: equation or channel, what it depends on, corrected p-value."""
+    """A significant generic test: equation or channel, what it depends on, corrected p-value."""
 
     where: str
     dependence: str

@@ -160,9 +160,12 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
         return _with_misfit(found, words)
     if left:
         worst = (*found.left_before, *left)[0]
-        what = f"{worst.where} still depends on {worst.dependence}"
+        what = f"{worst.where} depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
-        return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")
+        if words:
+            beside = f"beside it {left[0].where} still depends on {left[0].dependence}"
+            sentence += f" Explaining a part: {words}; {beside}."
+        return "unexplained", sentence
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."

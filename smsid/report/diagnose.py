@@ -67,9 +67,7 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     sections += _gain_section(found, asked)
     if d.remaining:
         table = remaining_table(d)
-        sections.append(
-            Section("remaining", "What still depends on something", (table,), f"{len(d.remaining)}")
-        )
+        sections.append(Section("remaining", "What depends on something", (table,), f"{len(d.remaining)}"))
     if d.limits:
         gist = "what this recording could have shown"
         table = limit_table(d)

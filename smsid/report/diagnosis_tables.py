@@ -119,7 +119,7 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
 
 
 def remaining_table(d: Diagnosis) -> Table:
-    """Return the generic tests still significant."""
+    """Return the generic tests that are significant."""
     rows = tuple(
         (
             Cell(r.where),
@@ -130,8 +130,8 @@ def remaining_table(d: Diagnosis) -> Table:
         )
         for r in d.remaining
     )
-    columns = ("equation or channel", "still depends on", "#chi-squared", "#freedom", "#corrected p")
-    return Table("Generic tests still significant", columns, rows)
+    columns = ("equation or channel", "depends on", "#chi-squared", "#freedom", "#corrected p")
+    return Table("Generic tests that are significant", columns, rows)
 
 
 def limit_table(d: Diagnosis) -> Table:
