@@ -154,11 +154,11 @@ def aliases_of(
     """
     alike = [(s, correlation(winner, s)) for s in near if s is not winner]
     alike = [a for a in alike if a[1] > NEAR]
-    refitted, best = reached or {}, winner.information_gain(samples)
+    refitted, best = reached or {}, winner.odds(samples)
 
     def chance(s: Score) -> float:
         both = id(s) in refitted and id(winner) in refitted
-        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.information_gain(samples)
+        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.odds(samples)
         return float(np.exp(-0.5 * max(lead, 0.0)))
 
     left = REST * (1.0 + sum(chance(s) for s, _ in alike))
@@ -199,7 +199,7 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
         alike = correlation(winner, rival)
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
             return False
-    return winner.information_gain(samples) - rival.information_gain(samples) >= levels.alias
+    return winner.odds(samples) - rival.odds(samples) >= levels.alias
 
 
 def cost(current: Fit, s: Score, found: Fit) -> float:

@@ -159,6 +159,21 @@ class Score:
         """Return the gain in Bayes's information criterion, searched variants paid for."""
         return self.ratio - self.freedom * float(np.log(samples)) - 2.0 * float(np.log(self.candidate.grid))
 
+    def odds(self, samples: int) -> float:
+        """Return twice the log of the odds against nothing, searched variants paid for.
+
+        The parameters' prior is as wide as makes what was found likeliest, but no wider than what one sample
+        tells (Zellner's g by local empirical Bayes; Liang et al., J. Am. Stat. Assoc. 103, 2008). Bayes's
+        criterion has the latter: of what is just found, it asks a third for every component that it has.
+        """
+        return odds(self.ratio, self.freedom, samples) - 2.0 * float(np.log(self.candidate.grid))
+
+
+def odds(ratio: float, freedom: int, samples: int) -> float:
+    """Return twice the log odds that a likelihood ratio is worth on so many degrees, see `Score.odds`."""
+    width = max(ratio / max(freedom, 1), 1.0)
+    return ratio - freedom * min(1.0 + float(np.log(width)), float(np.log(samples)))
+
 
 def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
     """Return the changes by a candidate's parameters at a fit; those that are there all the time are kept.

@@ -59,7 +59,7 @@ def judged_again(
         paid = replace(own, ratio=own.ratio - _more(less, own, last))
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not told_apart(paid, s, samples, levels)]
-        near.sort(key=lambda s: -s.information_gain(samples))
+        near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
         if better is not None:
             beside = tuple(u.name for u in less.unknowns)

@@ -107,7 +107,7 @@ def search(
     again = 0
 
     def counts(s: Score) -> bool:
-        """Whether there is something; Bayes's criterion orders what counts, it does not decide."""
+        """Whether there is something; odds order what counts, they do not decide."""
         return bool(s.freedom) and s.p_value * len(candidates) < asked.candidate
 
     while True:
@@ -125,7 +125,7 @@ def search(
             leading += [s for s in more if s.candidate.key not in known]
         begun = [with_onset(current, s, levels.onset) for s in leading]
         leading = [s for s in begun if counts(s)] or [best]
-        best = max(leading, key=lambda s: s.information_gain(current.run.samples))
+        best = max(leading, key=lambda s: s.odds(current.run.samples))
         gain = best.information_gain(current.run.samples)
         if not fitted.misfit:  # else the tests do not decide
             held = _held(current, causes, gain, levels.block / len(candidates))
@@ -133,7 +133,7 @@ def search(
             break
         own = {s.candidate.key: s for s in begun}
         rivals = [own.get(s.candidate.key, s) for s in scores]
-        rivals.sort(key=lambda s: -s.information_gain(current.run.samples))
+        rivals.sort(key=lambda s: -s.odds(current.run.samples))
         cause, found = accept(current, best, rivals, asked, len(candidates))
         better = 2.0 * (current.objective - found.objective) > levels.linear
         if cause is None and better and again < RESTLESS:
@@ -250,5 +250,5 @@ def _scores(
     seen = [c for c in candidates if c.key in known]
     return sorted(
         scored(found, seen, [known[c.key] for c in seen]),
-        key=lambda s: -s.information_gain(found.run.samples),
+        key=lambda s: -s.odds(found.run.samples),
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares
+from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares, odds
 from smsid.diagnose.columns import Change, Changes
 from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
@@ -90,14 +90,14 @@ class Searched(Candidate):
 def best_shape(
     candidate: Searched, found: Fit, beside: Projected, shapes: Sequence[Shape], variants: int = 1
 ) -> Score:
-    """Return the score of the best of some shapes of a candidate, by Bayes's criterion.
+    """Return the score of the best of some shapes of a candidate, by their odds.
 
     Each shape takes some of the columns ``beside`` the fitted parameters.
     """
     left = beside.left
     gram, slope = left.T @ left, left.T @ found.residual
     raw = np.einsum("ij,ij->j", beside.columns, beside.columns)
-    samples = float(np.log(found.run.samples))
+    samples = found.run.samples
     best, most = None, -np.inf
     for shape in shapes:
         index = np.array(shape.columns)
@@ -105,7 +105,7 @@ def best_shape(
         coefficients, ratio, values = candidate.estimated(shape, gram[part], slope[index], raw[index])
         freedom = int((values > EXCITED).sum())
         own, by, estimate, allowed = candidate.resolved(shape, coefficients)
-        gain = (ratio if allowed else 0.0) - freedom * samples
+        gain = odds(ratio if allowed else 0.0, freedom, samples)
         if gain > most:
             best, most = (index, own, by, estimate, ratio if allowed else 0.0, freedom, values), gain
     assert best is not None
@@ -185,7 +185,7 @@ class Leak(Candidate):
         return found
 
     def scored(self, found: Fit, own: Projected) -> Score:
-        """Return the score at the origin, or where the likelihood is largest."""
+        """Return the score at the origin, or where the likelihood is largest: of these two, the likelier."""
         assert self.effect is not None
         left, columns = own.left, own.columns
         gram, slope = left.T @ left, left.T @ found.residual
@@ -196,8 +196,8 @@ class Leak(Candidate):
 
         starts = [np.zeros(3), *(0.5 * x for x in np.vstack([np.eye(3), -np.eye(3)]))]
         place = min((minimize(worth, x, method="Nelder-Mead") for x in starts), key=lambda r: r.fun).x
-        samples = float(np.log(found.run.samples))
-        moves = -worth(place) - 4.0 * samples > -worth(np.zeros(3)) - samples
+        samples = found.run.samples
+        moves = odds(-worth(place), 4, samples) > odds(-worth(np.zeros(3)), 1, samples)
         place = place if moves and np.linalg.norm(place) < FAR else np.zeros(3)
         effect = self.effect.with_values(dict(zip(self.free[1:], place.tolist(), strict=True)))
         theta = point_parameters(1.0, place)
@@ -216,7 +216,7 @@ class Leak(Candidate):
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
         leak = Resolved(
             self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
-            means=tuple((n, 0.0) for n in self.free[1:]),
+            grid=2, means=tuple((n, 0.0) for n in self.free[1:]),
         )  # fmt: skip
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])

@@ -3,10 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import trapezoid
+from scipy.stats import norm
 
-from smsid.diagnose.candidates import Candidate, correlation, scored
+from smsid.diagnose.candidates import Candidate, correlation, odds, scored
 from smsid.diagnose.fit import Fit
 from smsid.effects import GearCompliance
 
@@ -96,3 +99,22 @@ def test_a_parameter_that_does_nothing_is_not_fitted():
         assert np.isclose(score.ratio, only(fit, SHIFT, columns).ratio, rtol=1e-9)
     still = only(fit, SHIFT, np.zeros((60, 2)))
     assert still.freedom == 0 and still.candidate is SHIFT
+
+
+@pytest.mark.parametrize(("ratio", "freedom"), [(9.0, 1), (30.0, 1), (30.0, 4), (30.0, 6), (400.0, 3)])
+def test_odds_are_those_of_the_likeliest_normal_prior(ratio, freedom):
+    """Against the marginal likelihood by quadrature of each component, over a scan of prior widths."""
+    size = np.sqrt(ratio / freedom)  # of a component, in its standard deviations
+    x = np.linspace(-60.0, 60.0, 200001)
+    widths = np.linspace(0.3, 1.5, 61) * size
+    gains = [
+        np.log(trapezoid(np.exp(size * x - 0.5 * x**2 - 0.5 * size**2) * norm.pdf(x, scale=w), x))
+        + 0.5 * size**2
+        for w in widths
+    ]
+    assert odds(ratio, freedom, 10**9) == pytest.approx(2.0 * freedom * max(gains), rel=1e-3)
+
+
+def test_odds_of_what_is_strong_are_the_criterion():
+    assert odds(1e6, 3, 100) == pytest.approx(1e6 - 3.0 * np.log(100))
+    assert odds(2.0, 4, 100) < 0.0

@@ -54,15 +54,46 @@ def test_phase_of_an_imbalance(phase):
     assert found.candidate.unknowns(())[0].nominal == 0.0
 
 
+def leak():
+    """A leak of a bus."""
+    effect = MassLoss(name="leak", rate=0.0)
+    free = ("leak.rate", "leak.position.x", "leak.position.y", "leak.position.z")
+    return Leak("mass_loss", "bus", "inertia", "mass loss", effect, free, (1e-3, 0.1, 0.1, 0.1))
+
+
+def point(place):
+    """The ten parameters of a unit point mass, by Steiner's theorem."""
+    about = place @ place * np.eye(3) - np.outer(place, place)
+    return np.r_[1.0, place, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+
+
+def test_a_leak_that_is_just_seen_is_sought_where_it_is():
+    """At 5.4 sigmas; at the origin, where half of it shows, it was missed."""
+    rng = np.random.default_rng(3)
+    theta = point(np.array([0.5, -0.6, 0.4]))
+    columns = rng.standard_normal((ROWS, 10))
+    for _ in range(5):
+        found = scored(
+            leak(), stub(columns, 5.4 / np.linalg.norm(columns @ theta) * theta, rng, 1.0), columns
+        )
+        assert found.freedom == 4
+        origin = np.sqrt(found.ratio)
+        assert 3.0 < origin < 8.5
+
+
+def test_what_is_no_leak_is_called_one_no_more_often_than_its_chance_says():
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((ROWS, 10))
+    chances = [scored(leak(), stub(columns, np.zeros(10), rng, 1.0), columns).p_value for _ in range(150)]
+    assert 1 <= sum(p < 0.1 for p in chances) <= 25  # 15 expected at most
+
+
 def test_place_of_a_leak():
     """Parameters of a point mass as Steiner's theorem has them, none of the place known before."""
     rng = np.random.default_rng(2)
-    effect = MassLoss(name="leak", rate=0.0)
-    free = ("leak.rate", "leak.position.x", "leak.position.y", "leak.position.z")
-    candidate = Leak("mass_loss", "bus", "inertia", "mass loss", effect, free, (1e-3, 0.1, 0.1, 0.1))
+    candidate = leak()
     columns, place, rate = rng.standard_normal((ROWS, 10)), np.array([0.5, -0.6, 0.4]), 2.0
-    about = place @ place * np.eye(3) - np.outer(place, place)
-    theta = np.r_[1.0, place, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    theta = point(place)
     found = scored(candidate, stub(columns, rate * theta, rng, 1.0), columns)
     assert found.freedom == 4
     sigma = np.sqrt(np.diag(found.covariance))
