@@ -33,7 +33,7 @@ class Levels:
 
     ``candidate`` is that of the first cause, ``further`` that of one beside others: that a recording has two
     things wrong takes more evidence than that it has one.
-    ``alias`` is the difference of Bayes's criterion below which two candidates are not told apart (6.6: what
+    ``alias`` is the difference of doubled log odds below which two candidates are not told apart (6.6: what
     is there is beaten by that in half a percent of the cases at most, however like it another is that has as
     many parameters; siblings with more are another matter, `told_apart`);
     ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
@@ -148,8 +148,8 @@ def aliases_of(
 ) -> tuple[tuple[Score, float], ...]:
     """Return those of the candidates not rejected that look like the winner, with their correlations.
 
-    Of more than two, the least likely are left out that hold `REST` of the chances at most (Bayes's
-    criterion); never one that explains as much as the winner does or can do the same. ``reached`` are the
+    Of more than two, the least likely are left out that hold `REST` of the chances at most (by their
+    odds); never one that explains as much as the winner does or can do the same. ``reached`` are the
     criteria of scores after a refit, by ``id``; the others' are linear.
     """
     alike = [(s, correlation(winner, s)) for s in near if s is not winner]
