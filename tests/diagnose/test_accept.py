@@ -175,10 +175,10 @@ def test_a_sibling_with_more_parameters_is_rejected_by_what_they_explain(more, e
 
 
 def test_one_that_explains_far_less_is_rejected_however_few_its_parameters_are():
-    """Six parameters cost 55 at 10000 samples; beside them, one that explains next to nothing is no rival."""
+    """Six parameters that explain 300 cost 29; beside them, one that explains far less is no rival."""
     beyond = float(chi2.isf(0.001, 6))
     for lead, rejected in ((beyond + 0.1, True), (beyond - 0.1, False)):
-        assert told_apart(score(45.0, 6), score(45.0 - lead, 1, "joint2"), 10_000, Levels()) is rejected
+        assert told_apart(score(300.0, 6), score(300.0 - lead, 1, "joint2"), 10_000, Levels()) is rejected
     assert not told_apart(score(5000.0, 6), score(4970.0, 1, "joint2"), 10_000, Levels()), (
         "not to be believed"
     )
@@ -242,11 +242,33 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
     assert [s for s, _ in cause.aliases] == ([rival] if alias else [])
 
 
-def test_one_as_large_elsewhere_is_rejected_by_the_criterion():
+def test_one_as_large_elsewhere_is_rejected_by_its_odds():
+    """What two parameters more explain by chance is 2; that they explain 6 more leaves one in three."""
     winner = score(100.0, 1)
     for ratio, rejected in ((95.0, False), (92.0, True)):
         assert told_apart(winner, score(ratio, 1, "joint2"), 10_000, Levels()) is rejected
-    assert told_apart(winner, score(106.0, 3, "joint2"), 10_000, Levels())
+    for ratio, rejected in ((101.0, True), (106.0, False)):
+        assert told_apart(winner, score(ratio, 3, "joint2"), 10_000, Levels()) is rejected
+
+
+@pytest.mark.parametrize("freedom", [1, 3, 6])
+def test_what_is_just_found_is_beaten_by_chance_as_seldom_as_the_levels_say(freedom):
+    """One parameter is there, at strength 1; of more, one does the same and the others explain noise."""
+    rng = np.random.default_rng(6)
+    wrong = 0
+    for noise in rng.standard_normal((4000, freedom)):
+        there = (5.4 + noise[0]) ** 2
+        winner, rival = score(there + float(noise[1:] @ noise[1:]), freedom, "joint2"), score(there, 1)
+        wrong += told_apart(winner, rival, 10_000, Levels())
+    assert wrong <= 30, "half a percent, and chance"
+
+
+def test_three_components_that_are_just_found_are_not_beaten_by_one_that_looks_like_them():
+    """A force at strength 1, in part the scale of an encoder: the criterion prefers the latter by 9."""
+    force, scale = score(30.0, 3, "bus"), score(18.5, 1)
+    assert force.odds(10_000) > scale.odds(10_000)
+    assert scale.information_gain(10_000) > force.information_gain(10_000) + 6.6
+    assert not told_apart(scale, force, 10_000, Levels())
 
 
 def test_what_can_do_the_same_elsewhere_is_not_rejected_by_its_price():
@@ -269,7 +291,7 @@ def test_a_parameter_with_a_sign_is_tested_on_one_side():
 
 @pytest.mark.parametrize(
     ("like", "ratio", "rejected"),
-    [(1.0, 99.0, False), (1.0, 92.0, True), (0.5, 99.0, True), (0.5, 115.0, False)],
+    [(1.0, 99.0, False), (1.0, 92.0, True), (0.5, 96.0, True), (0.5, 115.0, False)],
     ids=["looks alike", "looks alike, explains less", "looks otherwise", "looks otherwise, explains more"],
 )
 def test_a_sibling_that_does_not_hold_the_winner_is_rejected_by_what_it_leaves(like, ratio, rejected):
