@@ -263,7 +263,7 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:
         try:
             free, least = (*found.unknowns, *some), found.objective - 0.5 * price
-            larger = fit(found.point, free, found.problem, iterations=10, at_most=least)
+            larger = fit(found.point, free, found.problem, iterations=20, at_most=least)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], error)
             return -np.inf, found

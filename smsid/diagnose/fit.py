@@ -14,13 +14,13 @@ from scipy.linalg.blas import dgemm
 from smsid.diagnose.columns import Change, Changes, propagate
 from smsid.diagnose.filter import Problem, Run, run_filter
 from smsid.diagnose.point import Point, Unknown
-from smsid.diagnose.steps import bounded_step, damped_less, damped_more
+from smsid.diagnose.steps import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
 from smsid.diagnose.straight import straight
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
-TRIES = 6  # steps that are tried from one point, each damped more than the last
+TRIES = 6  # steps that are tried from one point, each shorter than the last
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 PATIENCE = 4  # steps after which it has to be there
@@ -164,10 +164,11 @@ def fit(
 def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf) -> Fit:
     """Return a fit some iterations on.
 
-    Steps are damped until the objective falls and every body can exist (Levenberg and Marquardt).
+    Steps are shortened, those most that the data tell least of, until the objective falls and every body can
+    exist (Levenberg and Marquardt, with the length in hand, not the damping).
     """
     unknowns, problem = found.unknowns, found.problem
-    stalled, damping = 0, 0.0
+    stalled, radius = 0, np.inf
     for i in range(iterations):
         step = bounded_step(found)
         gain = _promised(found, step)
@@ -177,7 +178,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
             return _last_step(found, last, step, gain) if last.physical() else found
-        better, damping = _descend(found, damping, unknowns, problem)
+        better, radius = _descend(found, radius)
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
@@ -201,12 +202,13 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
     return replace(found, point=point, run=run, slope=rest, objective=found.objective - gain, prior=prior)
 
 
-def _descend(
-    found: Fit, damping: float, unknowns: Sequence[Unknown], problem: Problem
-) -> tuple[Fit | None, float]:
-    """Return the fit a step on, damped until it leads down, and the damping for the next."""
-    for failed in range(1, TRIES + 1):
+def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
+    """Return the fit a step on, no longer than ``radius`` and short enough to lead down, and the next radius."""
+    unknowns, problem = found.unknowns, found.problem
+    for _ in range(TRIES):
+        damping = damping_within(found, radius)
         step = bounded_step(found, damping)
+        length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
         try:
             point = straight(found.point, unknowns, step * found.scales)
             if point.physical():
@@ -215,11 +217,13 @@ def _descend(
                 gained = found.objective - objective(point, unknowns, problem, run)
                 if gained > 0.0:
                     share = gained / _promised(found, step)
-                    return _normal(point, unknowns, problem, run, model), damped_less(damping, share)
+                    grown = GROWN * length if damping and share > GOOD else radius
+                    radius = 0.5 * length if share < WEAK else grown
+                    return _normal(point, unknowns, problem, run, model), radius
         except SmsidError as error:
             LOGGER.info("step refused: %s", error)
-        damping = damped_more(damping, failed)
-    return None, damping
+        radius = shortened(length, float(found.slope @ step), -gained)
+    return None, radius
 
 
 def _promised(found: Fit, step: np.ndarray) -> float:

@@ -38,6 +38,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     """Return the score with the time its effect begins, where beginning midway explains clearly more.
 
     A grid over the recording, then finer ones about its best; what the grid costs is paid in the criterion.
+    Of a strong one the score without a beginning is kept as `Score.another`: linear about the motion without
+    the effect, a thousandth of a large ratio may make up a beginning.
     """
     if not _may_begin(s.candidate):
         return s
@@ -69,7 +71,9 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
             break
         width *= 2.0 / ONSETS
         best = best_of(best, _about(begun, width), grid)
-    return best if best.ratio - s.ratio > price(alias, grid) else s
+    if best.ratio - s.ratio <= price(alias, grid):
+        return s
+    return best if best.ratio < STRONG else replace(best, another=s)
 
 
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:

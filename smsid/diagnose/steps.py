@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import brentq, lsq_linear
 
 from smsid.diagnose.point import Point, Unknown
 
 if TYPE_CHECKING:
     from smsid.diagnose.fit import Fit
 
-FIRST = 0.01  # damping that is tried first where a full step leads up
-STEEPER = 4.0  # by which it grows, and its own growth with it
-LEAST = 1e-6  # damping below which there is none
+WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
+GROWN = 3.0  # times as far the next step may go after one that gained what it promised
+SHORTER = (0.05, 0.5)  # of a step that led up, what the next may be: at least, at most
 ROUNDED = 1e-12  # share of a parameter's squares that is added: what does nothing stays where it is
 
 
@@ -26,13 +26,11 @@ def bounded_step(found: Fit, damping: float = 0.0) -> np.ndarray:
     tell least of, which bends soonest, moves least. Source: Marquardt, J. SIAM 11 (1963) 431; bounds as
     quadratic programme: Stark and Parker, Comput. Stat. 10 (1995) 129, by scipy's ``lsq_linear``.
     """
-    size = np.sqrt(np.diag(found.gram))
-    size = np.where(size > 0.0, size, 1.0)
-    gram = found.gram / np.outer(size, size)
-    share, basis = np.linalg.eigh(gram)
-    share = np.maximum(share, 0.0) + damping + ROUNDED
+    size = sizes(found)
+    share, basis, slope = _principal(found)
+    share = share + damping
     root = np.sqrt(share)[:, None] * basis.T
-    aim = basis.T @ (found.slope / size) / np.sqrt(share)
+    aim = slope / np.sqrt(share)
     low, high = (bound * size for bound in reach(found.point, found.unknowns))
     step = basis @ (aim / np.sqrt(share))
     if (step < low).any() or (step > high).any():
@@ -49,15 +47,39 @@ def reach(point: Point, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, np.nda
     return ends[:, 0], ends[:, 1]
 
 
-def damped_more(damping: float, failed: int) -> float:
-    """Return the damping after a step that led up, the ``failed``-th in a row."""
-    return max(damping * STEEPER**failed, FIRST)
+def sizes(found: Fit) -> np.ndarray:
+    """Return what a step of one scale in each parameter changes the whitened predictions by (m,)."""
+    size = np.sqrt(np.diag(found.gram))
+    return np.where(size > 0.0, size, 1.0)
 
 
-def damped_less(damping: float, share: float) -> float:
-    """Return the damping after a step that gained that share of what the quadratic form promised.
+def damping_within(found: Fit, radius: float) -> float:
+    """Return the least damping with which a step is no longer than ``radius``, in `sizes`; bounds left out.
 
-    Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05.
+    Source: Moré, Lecture Notes in Mathematics 630 (1978) 105.
     """
-    less = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(share, 1.0) - 1.0) ** 3)
-    return less if less > LEAST else 0.0
+    share, _, slope = _principal(found)
+
+    def beyond(exponent: float) -> float:
+        return float(np.linalg.norm(slope / (share + 10.0**exponent))) - radius
+
+    low, high = np.log10(ROUNDED), 12.0
+    if float(np.linalg.norm(slope / share)) <= radius or beyond(low) <= 0.0:
+        return 0.0
+    return 10.0 ** (brentq(beyond, low, high, xtol=1e-3) if beyond(high) < 0.0 else high)
+
+
+def shortened(length: float, slope: float, up: float) -> float:
+    """Return how far the next step may go after one of a length that led ``up`` where the slope promised down.
+
+    To the lowest point of the parabola through both.
+    """
+    share = 0.5 * slope / (slope + up) if np.isfinite(up) else 0.0
+    return length * float(np.clip(share, *SHORTER))
+
+
+def _principal(found: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the shares of information (m,) and axes (m, m) of the scaled quadratic form, and its slope (m,)."""
+    size = sizes(found)
+    share, basis = np.linalg.eigh(found.gram / np.outer(size, size))
+    return np.maximum(share, 0.0) + ROUNDED, basis, basis.T @ (found.slope / size)
