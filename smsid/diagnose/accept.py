@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
 
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.candidates import Candidate, Score, correlation
+from smsid.diagnose.candidates import Candidate, Score, correlation, odds
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.point import Unknown
 from smsid.errors import SmsidError
@@ -182,7 +184,7 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     nothing then, but that what it has more explains no more than chance does. One that only looks like the
     winner (a friction that goes with the cosine of a small angle) is rejected by what it leaves. Nor does its
     price reject what elsewhere can do just what the winner does (the inertia of a link, that of a motor): no
-    data tell them.
+    data tell them. It is as likely as the few of its parameters are that it takes.
     """
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
@@ -198,8 +200,26 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
         alike = correlation(winner, rival)
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
-            return False
+            return winner.odds(samples) - plainest(rival, samples) >= levels.alias
     return winner.odds(samples) - rival.odds(samples) >= levels.alias
+
+
+def plainest(s: Score, samples: int) -> float:
+    """Return the odds of a score with those of its parameters alone that have most: few may do, the rest are
+    paid for nothing. How many sets there are of as many is paid for.
+    """
+    gram, count = s.columns.T @ s.columns, len(s.estimate)
+    size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
+    gram, slope = gram / np.outer(size, size), gram @ s.estimate / size
+    best = s.odds(samples)
+    for few in range(1, min(count, s.freedom)):
+        for some in combinations(range(count), few):
+            index = np.array(some)
+            part, aim = gram[np.ix_(index, index)], slope[index]
+            lost = float(slope @ (s.estimate * size) - aim @ np.linalg.pinv(part, hermitian=True) @ aim)
+            price = 2.0 * float(np.log(s.candidate.grid * comb(count, few)))
+            best = max(best, odds(s.ratio - lost, few, samples) - price)
+    return best
 
 
 def cost(current: Fit, s: Score, found: Fit) -> float:

@@ -12,13 +12,14 @@ from threadpoolctl import threadpool_limits
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.channels import measured
-from smsid.diagnose.faults import Fault, outliers, quantised_channels, rougher, stuck_channels, without
+from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
 from smsid.diagnose.inputs import locked
 from smsid.diagnose.noise import FOLLOWED, strayed
 from smsid.diagnose.nominal import nominal
+from smsid.diagnose.outliers import counted_again, outliers
 from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.rest import resting
@@ -164,9 +165,9 @@ def _diagnose(
         found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        faults += more
-        problem = replace(problem, data=without(problem.data, more))
+        read, problem = problem.data, replace(problem, data=without(problem.data, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
+        faults += counted_again(more, read, found.last.run)
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within

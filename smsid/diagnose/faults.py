@@ -1,4 +1,4 @@
-"""Faults of single samples, found before any model is asked: stuck channels, outliers, coarse steps."""
+"""Faults of single samples, found before any model is asked: stuck channels, coarse steps."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.diagnose.channels import Measured
-from smsid.diagnose.filter import Run
 
 STUCK_RUN = 12  # identical samples in a row that noise does not give
 REPEATS = 4  # the same where no other sample repeats the one before, and the noise is many steps of rounding
 FINE = 30.0  # such steps: four repeats in a row then have a chance of 1e-8
-OUTLIER = 6.0  # standard deviations of the prediction error
-CALM = 3.0  # what the neighbours of an outlier stay below
-FEW = 3  # outliers of a component below which each has to stand out by itself
-ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 million recordings
-ELSEWHERE = 4.0  # what other channels then stay below at the same sample
 
 
 @dataclass(frozen=True)
@@ -136,45 +130,6 @@ def rougher(data: Measured, rounded: Sequence[Fault]) -> Measured:
         factor[row] = np.hypot(1.0, fault.value * np.sqrt(lasts / 12.0) / data.sigma[row])
         held[row] = True
     return replace(data.scaled(factor), coarse=held)
-
-
-def outliers(data: Measured, run: Run) -> list[Fault]:
-    """Return the channels with more single samples far off than Gaussian noise has, and which they are.
-
-    Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
-    calm before and after and in all other channels: the first and the last reading are none.
-    """
-    found = []
-    size = np.abs(run.normalised)
-    before, after = _beside(size, run.used)
-    many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
-    few = (size > ALONE) & (before < CALM) & (after < CALM)
-    for block in data.blocks:
-        others = np.delete(size, np.arange(block.rows.start, block.rows.stop), axis=1)
-        calm = others.max(axis=1, initial=0.0) < ELSEWHERE
-        for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
-            hits = many[:, row]
-            if hits.sum() < FEW:
-                hits = few[:, row] & calm & (block.quantity != "acceleration")
-            n = int(run.used[:, row].sum())
-            # a channel that is off throughout has no outliers
-            if not hits.any() or float(np.median(size[run.used[:, row], row])) > 1.2:
-                continue
-            marked = np.zeros(size.shape, dtype=bool)
-            marked[:, row] = hits
-            share = float(hits.sum()) / n
-            sigma = float(np.sqrt(share * (1 - share) / n))
-            found.append(Fault("outliers", block.channel, name, share, sigma, marked))
-    return found
-
-
-def _beside(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reading before and the one after each (N, rows), infinite where there is none."""
-    before, after = np.full((2, *size.shape), np.inf)
-    for row in range(size.shape[1]):
-        there = np.flatnonzero(used[:, row])
-        before[there[1:], row], after[there[:-1], row] = size[there[:-1], row], size[there[1:], row]
-    return before, after
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

@@ -167,7 +167,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
     Steps are shortened, those most that the data tell least of, until the objective falls and every body can
     exist (Levenberg and Marquardt, with the length in hand, not the damping).
     """
-    unknowns, problem = found.unknowns, found.problem
+    unknowns = found.unknowns
     stalled, radius = 0, np.inf
     for i in range(iterations):
         step = bounded_step(found)
@@ -203,7 +203,7 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
 
 
 def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
-    """Return the fit a step on, no longer than ``radius`` and short enough to lead down, and the next radius."""
+    """Return the fit a step on, within ``radius``, short enough to lead down; and the next radius."""
     unknowns, problem = found.unknowns, found.problem
     for _ in range(TRIES):
         damping = damping_within(found, radius)

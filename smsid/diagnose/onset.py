@@ -109,24 +109,45 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
 
     The onset may have made up for another cause, found since.
     """
-    effect = score.candidate.effect
-    if not isinstance(effect, Starting) or effect.start is None:
-        return score, current
-    mine = current.point.description.get_effect(effect.name)
-    plain = current.point.with_effect(mine.model_copy(update={"start": None}))
+    (score,), current = always_together(current, [score], alias)
+    return score, current
+
+
+def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tuple[list[Score], Fit]:
+    """Return the scores of causes and the fit with all of them there all the time, where their onsets do not
+    pay together: of two that began beside a third, now gone, each may hold up the other's.
+    """
+    late = [s for s in scores if _begun(s)]
+    if not late:
+        return list(scores), current
+    names, pays = [s.candidate.key for s in late], len(late) * price(alias)
+    plain = current.point
+    for s in late:
+        assert s.candidate.effect is not None
+        mine = plain.description.get_effect(s.candidate.effect.name)
+        plain = plain.with_effect(mine.model_copy(update={"start": None}))
     try:
         found = evaluate(plain, current.unknowns, current.problem)
-        if 2.0 * (within_reach(found) - current.objective) > price(alias):
-            return score, current
-        found = continued(found, iterations=8, at_most=current.objective + 0.5 * price(alias))
+        if 2.0 * (within_reach(found) - current.objective) > pays:
+            return list(scores), current
+        found = continued(found, iterations=8, at_most=current.objective + 0.5 * pays)
     except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("%s is not there all the time: %s", score.candidate.key, error)
-        return score, current
-    if 2.0 * (found.objective - current.objective) > price(alias):
-        return score, current
-    LOGGER.info("%s is there all the time", score.candidate.key)
-    candidate = replace(score.candidate, effect=effect.model_copy(update={"start": None}), grid=1)
-    return replace(score, candidate=candidate), found
+        LOGGER.info("%s are not there all the time: %s", names, error)
+        return list(scores), current
+    if 2.0 * (found.objective - current.objective) > pays:
+        return list(scores), current
+    LOGGER.info("there all the time: %s", names)
+    return [_plain(s) if _begun(s) else s for s in scores], found
+
+
+def _begun(score: Score) -> bool:
+    return isinstance(score.candidate.effect, Starting) and score.candidate.effect.start is not None
+
+
+def _plain(score: Score) -> Score:
+    assert score.candidate.effect is not None
+    effect = score.candidate.effect.model_copy(update={"start": None})
+    return replace(score, candidate=replace(score.candidate, effect=effect, grid=1))
 
 
 def settled(current: Fit, score: Score) -> tuple[Score, Fit]:

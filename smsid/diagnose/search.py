@@ -19,7 +19,7 @@ from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
-from smsid.diagnose.onset import always, beginning, poor, settled, with_onset
+from smsid.diagnose.onset import always, always_together, beginning, poor, settled, with_onset
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
@@ -158,9 +158,7 @@ def search(
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.onset)
             cause = replace(cause, score=still)
-        for i, before in enumerate(causes):
-            still, found = always(found, before.score, levels.onset)
-            causes[i] = replace(before, score=still)
+        causes, found = _there_always(causes, found, levels)
         within = [c for c in causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         causes = [*(c for c in causes if all(c is not w for w in within)), cause]
@@ -182,18 +180,21 @@ def search(
         rest = [c for c in rest if c.key != cause.score.candidate.key]
         scores = _scores(current, rest, columns)
     reached = current
-    for i, cause in enumerate(causes):
-        still, current = always(current, cause.score, levels.onset)
-        causes[i] = replace(cause, score=still)
+    causes, current = _there_always(causes, current, levels)
     if current is not reached:
         columns.clear()
         scores = _scores(current, rest, columns)
     if len(causes) > 1 and not fitted.misfit:
+        reached = current
         causes, current = judged_again(causes, current, nominal, candidates, levels)
+        if current is not reached:  # what had begun beside another cause
+            causes, current = _there_always(causes, current, levels)
     blocks = (*held, *adequacy(current))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
         causes, current = pruned(causes, current, nominal, levels, len(candidates))
+        if current is not reached:
+            causes, current = _there_always(causes, current, levels)
         blocks = blocks if current is reached else (*held, *adequacy(current))
     clock["tests"] = time.process_time()
     before_causes = tuple(adequacy(nominal)) if causes else blocks
@@ -212,6 +213,18 @@ def search(
         (strayed_before, strayed(current.run, fitted.factors)),
         seconds, levels, coarse,
     )  # fmt: skip
+
+
+def _there_always(causes: Sequence[Cause], current: Fit, levels: Levels) -> tuple[list[Cause], Fit]:
+    """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
+
+    All of them, else one after the other.
+    """
+    scores, found = always_together(current, [c.score for c in causes], levels.onset)
+    if found is current and len(causes) > 1:
+        for i, score in enumerate(scores):
+            scores[i], found = always(found, score, levels.onset)
+    return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
 
 
 def _significant(

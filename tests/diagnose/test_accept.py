@@ -1,13 +1,14 @@
 """A candidate refitted: what its effect frees beyond its strength is fitted where it pays, and paid for."""
 
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.accept import Levels, accept, aliases_of, cost, refit, told_apart, wald
+from smsid.diagnose.accept import Levels, accept, aliases_of, cost, plainest, refit, told_apart, wald
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.channels import measured
 from smsid.diagnose.filter import Noise, Problem, Timing
@@ -271,18 +272,54 @@ def test_three_components_that_are_just_found_are_not_beaten_by_one_that_looks_l
     assert not told_apart(scale, force, 10_000, Levels())
 
 
+def fitted_to(residual, columns, location, ratio=None):
+    """The score of columns on a residual; with a ratio of its own, as if that were left of it."""
+    estimate, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+    explained = float(np.sum((columns @ estimate) ** 2))
+    own = score(explained if ratio is None else ratio, columns.shape[1], location)
+    return replace(own, columns=columns, estimate=estimate)
+
+
 def test_what_can_do_the_same_elsewhere_is_not_rejected_by_its_price():
     """The inertia of a motor and that of the link it turns: one signature, one parameter against three."""
-    columns = np.random.default_rng(0).standard_normal((50, 4))
-    winner = replace(score(100.0, 1), columns=columns[:, :1])
-    same = replace(score(101.0, 3, "link2"), columns=columns[:, :3] @ np.diag([1.0, 2.0, 3.0]))
-    other = replace(same, columns=columns[:, 1:])
+    columns = np.linalg.qr(np.random.default_rng(0).standard_normal((50, 4)))[0]
+    residual = columns @ np.array([10.0, 0.7, 0.7, 0.1])
+    winner = fitted_to(residual, columns[:, :1], "joint1")
+    same = fitted_to(residual, columns[:, :3] @ np.diag([1.0, 2.0, 3.0]), "link2")
     assert not told_apart(winner, same, 10_000, Levels())
-    assert told_apart(winner, other, 10_000, Levels())
+    assert told_apart(winner, fitted_to(residual, columns[:, 1:], "link2"), 10_000, Levels())
     assert told_apart(winner, replace(same, ratio=90.0), 10_000, Levels())
-    nearly = replace(same, columns=same.columns + 0.3 * columns[:, 3:])
-    assert not told_apart(winner, nearly, 10_000, Levels())  # it explains more
+    nearly = fitted_to(residual, same.columns + 0.3 * columns[:, 3:], "link2")
+    assert not told_apart(winner, replace(nearly, ratio=101.0), 10_000, Levels())  # it explains more
     assert told_apart(winner, replace(nearly, ratio=99.0), 10_000, Levels())
+
+
+@pytest.mark.parametrize(("size", "rejected"), [(3.0, False), (100.0, True)])
+def test_what_does_the_same_only_where_several_parameters_happen_to_match_is_less_likely(size, rejected):
+    """A link's inertia about an axis that turns in it is that of a motor where two moments change alike."""
+    columns = np.linalg.qr(np.random.default_rng(0).standard_normal((50, 3)))[0]
+    residual = size * columns @ np.array([1.0, 0.0, 0.0])
+    winner = fitted_to(residual, columns[:, :1], "joint1")
+    turned = columns @ np.linalg.qr(np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))[0]
+    assert told_apart(winner, fitted_to(residual, turned, "link2"), 10_000, Levels()) is rejected
+    alone = fitted_to(residual, columns, "link2")
+    assert not told_apart(winner, alone, 10_000, Levels()), "one of its parameters does it alone"
+
+
+def test_the_odds_of_a_score_are_those_of_the_few_parameters_that_do():
+    """By least squares with every set of columns."""
+    rng = np.random.default_rng(1)
+    columns = rng.standard_normal((200, 4)) @ rng.standard_normal((4, 4))
+    residual = 3.0 * columns[:, 2] + rng.standard_normal(200)
+    s = fitted_to(residual, columns, "link2")
+    expected = s.odds(10_000)
+    for few in (1, 2, 3):
+        sets = list(combinations(range(4), few))
+        for some in sets:
+            part = fitted_to(residual, columns[:, list(some)], "link2")
+            expected = max(expected, part.odds(10_000) - 2.0 * np.log(len(sets)))
+    assert plainest(s, 10_000) == pytest.approx(expected)
+    assert expected > s.odds(10_000)
 
 
 def test_a_parameter_with_a_sign_is_tested_on_one_side():

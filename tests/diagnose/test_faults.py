@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.faults import outliers, quantised_channels, rougher, stuck_channels
+from smsid.diagnose.faults import quantised_channels, rougher, stuck_channels
 from smsid.diagnose.noise import noise_factors
 
 
@@ -37,51 +37,6 @@ def test_coarse_steps_are_found_with_their_size(data):
     (fault,) = quantised_channels(data)
     assert fault.component == "imu.angular_rate[x]"
     assert abs(fault.value - 3e-5) < 1e-9
-
-
-def test_outliers_are_found_and_a_channel_that_is_off_throughout_is_not(data):
-    rng = np.random.default_rng(4)
-    normalised = rng.standard_normal(data.values.shape)
-    hit = rng.choice(len(data.times), 12, replace=False)
-    normalised[hit, 2] = 20.0
-    normalised[:, 5] *= 30.0
-    run = SimpleNamespace(normalised=normalised, used=np.isfinite(data.values))
-    (fault,) = outliers(data, run)
-    assert fault.component == data.names[2]
-    assert set(np.flatnonzero(fault.samples[:, 2])) == set(hit)
-
-
-@pytest.mark.parametrize("size", [0.0, 6.5, 12.0])
-def test_a_single_outlier_is_found_where_it_stands_out(data, size):
-    rng = np.random.default_rng(5)
-    normalised = rng.uniform(-2.0, 2.0, data.values.shape)
-    row = data.names.index("encoder.joint_velocity[joint2]")
-    normalised[300, row] = size
-    run = SimpleNamespace(normalised=normalised, used=np.isfinite(data.values))
-    found = outliers(data, run)
-    if size > 7.0:
-        (fault,) = found
-        assert fault.component == data.names[row] and np.argwhere(fault.samples).tolist() == [[300, row]]
-        assert fault.value == pytest.approx(1.0 / len(data.times))
-    else:
-        assert not found
-
-
-def test_one_jump_is_no_outlier_where_the_motion_may_have_jumped(data):
-    calm = np.zeros(data.values.shape)
-    row = data.names.index("encoder.joint_velocity[joint2]")
-    used = np.isfinite(data.values)
-
-    def found(*there):
-        normalised = calm.copy()
-        for k, r, size in there:
-            normalised[k, r] = size
-        return outliers(data, SimpleNamespace(normalised=normalised, used=used))
-
-    assert found((300, row, 12.0))
-    assert not found((300, row, 12.0), (300, data.names.index("pose.velocity[x]"), -8.0))
-    assert not found((300, row, 12.0), (301, row, 4.0))  # it lasts
-    assert not found((300, data.names.index("imu.acceleration[y]"), 12.0))  # a jerk
 
 
 def test_a_channel_without_rounding_is_stuck_after_a_few_repeats(data):
@@ -125,18 +80,6 @@ def test_what_rests_on_a_step_when_the_recording_begins_is_not_stuck(data, rests
     found = [f for f in stuck_channels(data) if f.component == data.names[row]]
     assert len(found) == (rests == "stuck")
     assert all(f.value > data.times[-240] and f.doubtful for f in found)
-
-
-@pytest.mark.parametrize("where", [0, 200, -1])
-def test_one_reading_without_another_on_both_sides_is_no_outlier(data, where):
-    normalised = np.zeros(data.values.shape)
-    row = data.names.index("pose.velocity[x]")
-    used = np.isfinite(data.values)
-    used[:100, row] = False
-    there = np.flatnonzero(used[:, row])
-    normalised[there[where], row] = 12.0
-    found = outliers(data, SimpleNamespace(normalised=normalised, used=used))
-    assert len(found) == (where == 200)
 
 
 def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_what_lasts(data):

@@ -10,7 +10,7 @@ from smsid.diagnose import fit as fitting
 from smsid.diagnose.channels import measured
 from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.point import Unknown
-from smsid.diagnose.steps import bounded_step, reach
+from smsid.diagnose.steps import bounded_step, damping_within, reach, shortened, sizes
 from smsid.effects.friction import JointFriction
 from smsid.experiments import fly, named_experiment
 
@@ -90,6 +90,27 @@ def test_damping_shortens_first_what_the_data_tell_least_of(known, problem):
     least, most = basis[:, 0], basis[:, -1]
     assert abs(least @ (damped * size)) < 0.5 * abs(least @ (full * size))
     assert abs(most @ (damped * size)) > 0.5 * abs(most @ (full * size))
+
+
+@pytest.mark.parametrize("share", [0.9, 0.3, 1e-3])
+def test_a_step_is_as_long_as_it_may_be(known, problem, share):
+    start = evaluate(astray(known), known.unknowns, problem)
+    start = replace(start, unknowns=tuple(replace(u, lower=-np.inf, upper=np.inf) for u in start.unknowns))
+
+    def length(damping):
+        return np.linalg.norm(sizes(start) * bounded_step(start, damping))
+
+    assert damping_within(start, 2.0 * length(0.0)) == 0.0
+    assert damping_within(start, np.inf) == 0.0
+    radius = share * length(0.0)
+    assert length(damping_within(start, radius)) == pytest.approx(radius, rel=0.02)
+
+
+def test_a_step_that_led_up_is_followed_by_one_to_the_lowest_point_of_a_parabola():
+    """Down by 2 a unit at first, up by 4 at the end of 3 units: -6 s + 10 s^2 in shares of the step."""
+    assert shortened(3.0, 6.0, 4.0) == pytest.approx(0.9)
+    assert shortened(3.0, 6.0, 1e9) == pytest.approx(0.15)
+    assert shortened(3.0, 6.0, np.inf) == pytest.approx(0.15)
 
 
 def test_a_bent_valley_is_followed_to_its_end(known, problem):

@@ -5,10 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smsid.diagnose import onset
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
-from smsid.diagnose.onset import always, beginning, loudest, moved_start, price, step_from, with_onset
+from smsid.diagnose.onset import (
+    always,
+    always_together,
+    beginning,
+    loudest,
+    moved_start,
+    price,
+    step_from,
+    with_onset,
+)  # fmt: skip
 from smsid.diagnose.proposals import propose
 
 ALIAS = 9.2
@@ -53,6 +63,16 @@ def test_the_time_is_found_where_there_is_one(fitted, start):
         assert begun.ratio - own.ratio > price(ALIAS)
 
 
+def test_of_a_strong_one_what_is_there_all_the_time_is_fitted_too(fitted):
+    """A thousandth of a large ratio may make up a beginning: linear scores are not believed that far."""
+    for size, strong in ((15.0, False), (60.0, True)):
+        found, scores = hidden(fitted, KEY, size, 3.3)
+        own = next(s for s in scores if s.candidate.key == KEY)
+        begun = with_onset(found, own, ALIAS)
+        assert begun.candidate.effect.start is not None
+        assert begun.another is (own if strong else None)
+
+
 @pytest.mark.parametrize("start", [2.34, 5.02])
 def test_a_sensor_that_jumps_is_found_at_the_very_sample(fitted, start):
     """All that shows of it is one sample, which no grid of beginnings has."""
@@ -80,6 +100,33 @@ def test_an_onset_that_does_not_pay_is_dropped(fitted):
     score, fit = always(with_it, replace(own, candidate=late), ALIAS)
     assert score.candidate.effect.start is None
     assert fit.point.description.get_effect(late.effect.name).start is None
+
+
+def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeypatch):
+    """Each alone pays, as long as the other is there; both together do not."""
+    found, scores = hidden(fitted, KEY, 60.0, None)
+    late, point = [], found.point
+    for key in (KEY, ("joint_friction", "joint2", "viscous")):
+        own = next(s for s in scores if s.candidate.key == key)
+        effect = own.candidate.effect.model_copy(update={"start": 0.5})
+        late.append(replace(own, candidate=replace(own.candidate, effect=effect)))
+        point = point.with_effect(effect)
+    with_them = evaluate(point, found.unknowns, found.problem)
+    names = {s.candidate.effect.name for s in late}
+
+    def none_late(point):
+        return all(e.start is None for e in point.description.effect if e.name in names)
+
+    def evaluated(point, unknowns, problem):
+        here = evaluate(point, unknowns, problem)
+        return here if none_late(point) else replace(here, objective=here.objective + 1e4)
+
+    monkeypatch.setattr(onset, "evaluate", evaluated)
+    alone, kept = always(with_them, late[0], ALIAS)
+    assert alone is late[0] and kept is with_them
+    both, dropped = always_together(with_them, late, ALIAS)
+    assert all(s.candidate.effect.start is None and s.candidate.grid == 1 for s in both)
+    assert none_late(dropped.point)
 
 
 @pytest.mark.parametrize("begin", [3.3, 4.42, 4.55])  # the last two closer than the coarser grids

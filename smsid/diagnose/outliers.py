@@ -1,0 +1,124 @@
+"""Outliers: single readings far off, how large their share is, and the smaller ones among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit, logit, logsumexp
+from scipy.stats import laplace, norm
+
+from smsid.diagnose.channels import Measured
+from smsid.diagnose.faults import Fault
+from smsid.diagnose.filter import Run
+
+OUTLIER = 6.0  # standard deviations of the prediction error
+CALM = 3.0  # what the neighbours of an outlier stay below
+FEW = 3  # outliers of a component below which each has to stand out by itself
+ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 million recordings
+ELSEWHERE = 4.0  # what other channels then stay below at the same sample
+
+
+def outliers(data: Measured, run: Run) -> list[Fault]:
+    """Return the channels with more single samples far off than Gaussian noise has, and which they are.
+
+    Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
+    calm before and after and in all other channels: the first and the last reading are none. Where there are
+    more, smaller ones are among them, see `shared`.
+    """
+    found = []
+    size = np.abs(run.normalised)
+    before, after = _beside(size, run.used)
+    many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
+    few = (size > ALONE) & (before < CALM) & (after < CALM)
+    for block in data.blocks:
+        others = np.delete(size, np.arange(block.rows.start, block.rows.stop), axis=1)
+        calm = others.max(axis=1, initial=0.0) < ELSEWHERE
+        for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
+            hits = many[:, row]
+            if hits.sum() < FEW:
+                hits = few[:, row] & calm & (block.quantity != "acceleration")
+            # a channel that is off throughout has no outliers
+            if not hits.any() or float(np.median(size[run.used[:, row], row])) > 1.2:
+                continue
+            marked = np.zeros(size.shape, dtype=bool)
+            marked[:, row] = hits
+            share, sigma, among = shared(run.normalised[run.used[:, row], row], int(hits.sum()))
+            marked[np.flatnonzero(run.used[:, row])[among], row] = True
+            found.append(Fault("outliers", block.channel, name, share, sigma, marked))
+    return found
+
+
+def counted_again(faults: Sequence[Fault], whole: Measured, run: Run) -> list[Fault]:
+    """Return the faults with their shares as a fit without them sees them: readings (N, rows) of ``whole``
+    beside the predictions of ``run``, which they no longer pull along. Attitudes and single ones stay.
+    """
+    found = []
+    for fault in faults:
+        row = whole.names.index(fault.component)
+        there = np.isfinite(whole.values[:, row])
+        left_out = there & ~run.used[:, row]
+        attitude = any(b.channel == fault.channel and b.quantity == "attitude" for b in whole.blocks)
+        if not attitude and np.count_nonzero(left_out) >= FEW:
+            x = run.normalised[:, row].copy()
+            x[left_out] = (whole.values[left_out, row] - run.predicted[left_out, row]) / whole.sigma[row]
+            share, sigma, _ = shared(x[there], int((np.abs(x[there]) > OUTLIER).sum()))
+            fault = replace(fault, value=share, sigma=sigma)
+        found.append(fault)
+    return found
+
+
+def _beside(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the reading before and the one after each (N, rows), infinite where there is none."""
+    before, after = np.full((2, *size.shape), np.inf)
+    for row in range(size.shape[1]):
+        there = np.flatnonzero(used[:, row])
+        before[there[1:], row], after[there[:-1], row] = size[there[:-1], row], size[there[1:], row]
+    return before, after
+
+
+def shared(x: np.ndarray, hits: int) -> tuple[float, float, np.ndarray]:
+    """Return the share of outliers among normalised prediction errors (n,), its standard deviation, and which
+    are more likely outliers than not (n,).
+
+    By likelihood, of a normal distribution and a wide one (Laplace's or normal, as is likelier), whose sizes
+    are fitted as well: some of the wide one's errors are no larger than noise. Of fewer than `FEW` ``hits``,
+    which tell no distribution, by counting these, and none is added.
+    """
+    n, none = len(x), np.zeros(len(x), dtype=bool)
+    counted = hits / n
+    by_counting = counted, float(np.sqrt(counted * (1.0 - counted) / n))
+    if hits < FEW:
+        return *by_counting, none
+
+    fits = [_mixture(x, wide, counted) for wide in (laplace, norm)]
+    share, sigma, among, _ = max(fits, key=lambda f: f[3])
+    return share, sigma, among
+
+
+def _mixture(x: np.ndarray, wide: Any, share: float) -> tuple[float, float, np.ndarray, float]:
+    """Return the share of a wide distribution beside a normal one, its standard deviation, which errors (n,)
+    are more likely of it, and the log-likelihood.
+    """
+
+    def parts(p: np.ndarray) -> np.ndarray:
+        mixed = float(expit(p[0]))
+        narrow = norm.logpdf(x, scale=float(np.exp(p[1])))
+        return np.array(
+            [np.log1p(-mixed) + narrow, np.log(mixed) + wide.logpdf(x, scale=float(np.exp(p[2])))]
+        )
+
+    def likely(p: np.ndarray) -> np.ndarray:
+        return logsumexp(parts(p), axis=0)
+
+    start = np.array([logit(share), 0.0, np.log(2.0 * OUTLIER)])
+    bounds = [(logit(0.5 / len(x)), 0.0), (-1.0, 0.5), (0.5, 12.0)]
+    found = minimize(lambda p: -float(likely(p).sum()), start, method="L-BFGS-B", bounds=bounds).x
+    slopes = np.column_stack([(likely(found + d) - likely(found - d)) / 2e-4 for d in 1e-4 * np.eye(3)])
+    variance = float(np.linalg.pinv(slopes.T @ slopes, hermitian=True)[0, 0])  # Fisher's information, as seen
+    best, (of_noise, of_wide) = float(expit(found[0])), parts(found)
+    spread = best * (1.0 - best) * float(np.sqrt(variance))
+    return best, spread, of_wide > of_noise, float(likely(found).sum())
