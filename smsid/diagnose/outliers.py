@@ -112,7 +112,7 @@ def _mixture(x: np.ndarray, wide: Any, share: float) -> tuple[float, float, np.n
         )
 
     def likely(p: np.ndarray) -> np.ndarray:
-        return logsumexp(parts(p), axis=0)
+        return np.asarray(logsumexp(parts(p), axis=0))
 
     start = np.array([logit(share), 0.0, np.log(2.0 * OUTLIER)])
     bounds = [(logit(0.5 / len(x)), 0.0), (-1.0, 0.5), (0.5, 12.0)]

@@ -66,11 +66,13 @@ def damping_within(found: Fit, radius: float) -> float:
     low, high = np.log10(ROUNDED), 12.0
     if float(np.linalg.norm(slope / share)) <= radius or beyond(low) <= 0.0:
         return 0.0
-    return 10.0 ** (brentq(beyond, low, high, xtol=1e-3) if beyond(high) < 0.0 else high)
+    if beyond(high) < 0.0:
+        high = float(brentq(beyond, low, high, xtol=1e-3))  # pyright: ignore[reportArgumentType]
+    return 10.0**high
 
 
 def shortened(length: float, slope: float, up: float) -> float:
-    """Return how far the next step may go after one of a length that led ``up`` where the slope promised down.
+    """Return how far the next step may go after one of a length that led ``up``, where its slope led down.
 
     To the lowest point of the parabola through both.
     """
@@ -79,7 +81,7 @@ def shortened(length: float, slope: float, up: float) -> float:
 
 
 def _principal(found: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the shares of information (m,) and axes (m, m) of the scaled quadratic form, and its slope (m,)."""
+    """Return shares of information (m,) and axes (m, m) of the scaled quadratic form, and its slope (m,)."""
     size = sizes(found)
     share, basis = np.linalg.eigh(found.gram / np.outer(size, size))
     return np.maximum(share, 0.0) + ROUNDED, basis, basis.T @ (found.slope / size)

@@ -75,8 +75,8 @@ def test_one_reading_without_another_on_both_sides_is_no_outlier(data, where):
 @pytest.mark.parametrize("share", [0.01, 0.04])
 @pytest.mark.parametrize("kind", ["student", "normal", "uniform"])
 def test_the_share_counts_outliers_no_larger_than_noise(share, kind):
-    """Whatever they are drawn from: over many recordings the share is nearly right, and so is its spread; their
-    own law is none of those it is fitted with. Counted beyond six sigmas, it was 2 to 4 sigmas too low.
+    """Whatever they are drawn from: over many recordings the share is nearly right, and so is its spread. Two
+    of the laws are none of those it is fitted with. Counted beyond six sigmas, it was 2 to 4 sigmas too low.
     """
     rng = np.random.default_rng(8)
     draw = {
