@@ -268,16 +268,23 @@ def refit(current: Fit, s: Score) -> Fit | None:
     return None
 
 
+def unfitted(found: Fit, candidate: Candidate) -> list[Unknown]:
+    """Return the further parameters of a candidate's effect that a fit with it holds as they are, free."""
+    fitted = {u.name for u in found.unknowns}
+    names = [n for n in candidate.also if n not in fitted]
+    known = {p.name: p for p in candidate.instance(found.point).parameters()} if names else {}
+    return [
+        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        for n in names
+        for p in (known[n],)
+    ]
+
+
 def _with_more(found: Fit, candidate: Candidate) -> Fit:
     """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
     them, else those that do alone (the components of a vector together).
     """
-    known = {p.name: p for p in candidate.instance(found.point).parameters()} if candidate.also else {}
-    more = [
-        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
-        for n in candidate.also
-        for p in (known[n],)
-    ]
+    more = unfitted(found, candidate)
     price = float(np.log(found.run.samples))
 
     def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:

@@ -17,6 +17,7 @@ from smsid.diagnose.exchange import judged_again, sought_again
 from smsid.diagnose.filter import Problem
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
+from smsid.diagnose.further import freed, freed_instead
 from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
 from smsid.diagnose.onset import always, always_together, beginning, poor, settled, with_onset
@@ -131,6 +132,13 @@ def search(
             held = _held(current, causes, gain, levels.block / len(candidates))
         if held:  # the next would stand in for a piece of it
             break
+        larger = freed_instead(current, causes, best, levels)
+        if larger is not None:
+            current.changes.by_candidate.clear()
+            fitted, current = replace(fitted, fit=larger), larger
+            columns.clear()
+            scores = _scores(current, rest, columns)
+            continue
         own = {s.candidate.key: s for s in begun}
         rivals = [own.get(s.candidate.key, s) for s in scores]
         rivals.sort(key=lambda s: -s.odds(current.run.samples))
@@ -190,6 +198,10 @@ def search(
         if current is not reached:  # what had begun beside another cause
             causes, current = _there_always(causes, current, levels)
     blocks = (*held, *adequacy(current))
+    if not fitted.misfit and _significant(blocks, causes, levels, coarse):
+        larger = freed(current, causes)
+        if larger is not None:
+            current, blocks = larger, (*held, *adequacy(larger))
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
         causes, current = pruned(causes, current, nominal, levels, len(candidates))

@@ -1,0 +1,50 @@
+"""What a cause has further is freed before another cause is named for what it does."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+from smsid.diagnose.accept import Cause, Levels, unfitted
+from smsid.diagnose.candidates import Score, odds
+from smsid.diagnose.fit import Fit, fit, within_reach
+from smsid.errors import SmsidError
+
+LOGGER = logging.getLogger(__name__)
+AMPLE = 1.5  # times what its slopes promise that a fit may gain
+
+
+def freed_instead(current: Fit, causes: Sequence[Cause], best: Score, levels: Levels) -> Fit | None:
+    """Return a fit with further parameters of a cause free, unless the next candidate is clearly likelier.
+
+    A payload whose centre of mass is not in the tool's frame leaves what another link's inertia would; freed
+    when it was found, its place may not have paid for itself. Weighed by their odds alike, what is there
+    already comes first.
+    """
+    return freed(current, causes, best.odds(current.run.samples) - levels.alias)
+
+
+def freed(current: Fit, causes: Sequence[Cause], least: float = 0.0) -> Fit | None:
+    """Return the fit with those further parameters of a cause free that have most odds, if more than nothing
+    and than ``least``.
+    """
+    samples, found, most = current.run.samples, None, max(least, 0.0)
+    for cause in causes:
+        more = unfitted(current, cause.score.candidate)
+        if not more:
+            continue
+        try:
+            promised = 2.0 * (within_reach(current) - within_reach(current.with_unfitted(more)))
+            if odds(AMPLE * promised, len(more), samples) < most:
+                continue
+            larger = fit(current.point, (*current.unknowns, *more), current.problem, iterations=20)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s: nothing further: %s", cause.score.candidate.key, error)
+            continue
+        gained = odds(2.0 * (current.objective - larger.objective), len(more), samples)
+        LOGGER.info("%s: %s free: odds %.1f", cause.score.candidate.key, [u.name for u in more], gained)
+        if gained > most:
+            found, most = larger, gained
+    return found
