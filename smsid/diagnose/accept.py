@@ -24,6 +24,7 @@ CONTAINED = 0.99  # correlation with a candidate of more parameters above which 
 AS_GOOD = 0.9  # the same, where they explain more than the one does
 FEW = 2  # aliases that are named whatever their chances are
 REST = 0.05  # chance of all that are left out beside them
+SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which what it lacks is small
 AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
 SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
@@ -148,7 +149,8 @@ def _begins(s: Score) -> bool:
 def aliases_of(
     winner: Score, near: Sequence[Score], samples: int, reached: Mapping[int, float] | None = None
 ) -> tuple[tuple[Score, float], ...]:
-    """Return those of the candidates not rejected that look like the winner, with their correlations.
+    """Return those of the candidates not rejected that look like the winner, with their correlations; the
+    likeliest first.
 
     Of more than two, the least likely are left out that hold `REST` of the chances at most (by their
     odds); never one that explains as much as the winner does or can do the same. ``reached`` are the
@@ -170,7 +172,7 @@ def aliases_of(
         if s.ratio < winner.ratio and how <= CONTAINED:
             left -= chance(s)
             alike = [a for a in alike if a[0] is not s]
-    return tuple(alike)
+    return tuple(sorted(alike, key=lambda a: -chance(a[0])))
 
 
 def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> bool:
@@ -181,10 +183,10 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     however few its parameters are. (Not above ``levels.linear``, where linear scores are not believed.)
 
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
-    nothing then, but that what it has more explains no more than chance does. One that only looks like the
-    winner (a friction that goes with the cosine of a small angle) is rejected by what it leaves. Nor does its
-    price reject what elsewhere can do just what the winner does (the inertia of a link, that of a motor): no
-    data tell them. It is as likely as the few of its parameters are that it takes.
+    nothing then, but that what it has more explains no more than chance does, and is small. One that only
+    looks like the winner (a friction that goes with the cosine of a small angle) is rejected by what it
+    leaves. Nor does its price reject what elsewhere can do just what the winner does (the inertia of a link,
+    that of a motor): no data tell them. It is as likely as the few of its parameters are that it takes.
     """
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
@@ -194,7 +196,7 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
         return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if set(a.free) <= set(b.free):
-            return -lead < float(chi2.isf(NESTED, more))
+            return -lead < float(chi2.isf(NESTED, more)) and not _open(winner, rival)
         if lead < levels.alias and correlation(winner, rival) > AS_GOOD:
             return False
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
@@ -202,6 +204,14 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
             return winner.odds(samples) - plainest(rival, samples) >= levels.alias
     return winner.odds(samples) - rival.odds(samples) >= levels.alias
+
+
+def _open(winner: Score, rival: Score) -> bool:
+    """Whether what a rival has beside the winner's parameters may be half as large as these are."""
+    mine = np.array([n in winner.candidate.free for n in rival.candidate.free])
+    spread = np.sqrt(np.diag(rival.covariance))[~mine]
+    may_be = np.abs(rival.estimate[~mine]) + SURE * spread
+    return bool((may_be > HALF * np.abs(winner.estimate).max(initial=0.0)).any())
 
 
 def plainest(s: Score, samples: int) -> float:

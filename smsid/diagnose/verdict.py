@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
-from smsid.diagnose.accept import Cause
+from smsid.diagnose.accept import FEW, Cause
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.point import Unknown
@@ -39,8 +39,9 @@ def causes(found: Search) -> tuple[FoundCause, ...]:
 
 
 def _cause(found: Search, cause: Cause) -> FoundCause:
+    """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
-    siblings = [s for s, _ in cause.aliases if _sibling(s.candidate, own)]
+    siblings = [(s, c) for s, c in cause.aliases if _sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not _sibling(s.candidate, own)]
     aliases = tuple(
         Alias(
@@ -51,7 +52,7 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
             float(c),
             separate(own, s.candidate),
         )
-        for s, c in [*((s, c) for s, c in cause.aliases if s in siblings), *others]
+        for s, c in [*siblings[: max(1, FEW - len(others))], *others]
     )
     return FoundCause(
         effect=own.kind,
@@ -65,6 +66,7 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
             "freedom": float(cause.score.freedom),
             "p_value": float(min(1.0, cause.score.p_value * found.candidates)),
             "information_gain": float(cause.score.information_gain(found.samples)),
+            "siblings_not_rejected": float(len(siblings)),
         },
         onset=getattr(own.effect, "start", None),
         fitted=own.shape,

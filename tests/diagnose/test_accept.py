@@ -162,8 +162,8 @@ def score(ratio, freedom, location="joint1", sides=2):
     own = Candidate(
         "joint_friction", location, "friction", f"{freedom}", None, ("a",) * freedom, (1.0,) * freedom
     )
-    nothing = np.zeros((0, freedom))
-    return Score(own, ratio, freedom, nothing[0:0], nothing, 1.0, nothing, nothing, sides)
+    nothing, zero = np.zeros((0, freedom)), np.zeros((freedom, freedom))
+    return Score(own, ratio, freedom, zero[:, 0], zero, 1.0, nothing, nothing, sides)
 
 
 @pytest.mark.parametrize(
@@ -172,6 +172,22 @@ def score(ratio, freedom, location="joint1", sides=2):
 def test_a_sibling_with_more_parameters_is_rejected_by_what_they_explain(more, extra, rejected):
     """Not by their price: two parameters cost 18 at 10000 samples."""
     winner, rival = score(100.0, 1), score(100.0 + extra, 1 + more)
+    assert told_apart(winner, rival, 10_000, Levels()) is rejected
+
+
+@pytest.mark.parametrize(
+    ("beyond", "sigma", "rejected"), [(0.0, 1.0, True), (0.0, 3.0, False), (4.0, 1.0, False)]
+)
+def test_a_sibling_that_holds_the_winner_stays_while_what_it_adds_may_be_half_as_large(
+    beyond, sigma, rejected
+):
+    """Stribeck's friction where Coulomb's has just been found: 10 +- 1, and on breaking loose 0 +- 3."""
+    winner = replace(score(100.0, 1), estimate=np.array([10.0]))
+    rival = score(100.0 + min((beyond / sigma) ** 2, 3.0), 2)
+    rival = replace(
+        rival, candidate=replace(rival.candidate, free=("a", "b")), estimate=np.array([10.0, beyond]),
+        covariance=np.diag([1.0, sigma**2]),
+    )  # fmt: skip
     assert told_apart(winner, rival, 10_000, Levels()) is rejected
 
 
