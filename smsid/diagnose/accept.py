@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from smsid.diagnose.candidates import Candidate, Score, correlation, odds
 from smsid.diagnose.fit import Fit, fit
 from smsid.diagnose.point import Unknown
+from smsid.diagnose.searched import Resolved
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
@@ -218,6 +219,8 @@ def plainest(s: Score, samples: int) -> float:
     """Return the odds of a score with those of its parameters alone that have most: few may do, the rest are
     paid for nothing. How many sets there are of as many is paid for.
     """
+    if isinstance(s.candidate, Resolved):  # where it is was searched for: it has all it was found with
+        return s.odds(samples)
     gram, count = s.columns.T @ s.columns, len(s.estimate)
     size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     gram, slope = gram / np.outer(size, size), gram @ s.estimate / size

@@ -165,9 +165,17 @@ def _diagnose(
         found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        read, problem = problem.data, replace(problem, data=without(problem.data, more))
+        read = problem.data
+        problem = replace(problem, data=without(read, more))
         found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
-        faults += counted_again(more, read, found.last.run)
+        still = counted_again(more, read, found.last.problem, found.last.run)
+        faults += still
+        if len(still) < len(more):  # they were a motion that the model did not follow yet
+            LOGGER.info("outliers of %d components are none", len(more) - len(still))
+            problem = replace(problem, data=without(read, still))
+            found = search(
+                found.nominal.point, problem, known.unknowns, candidates, beside if faults else levels, coarse
+            )
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within

@@ -217,7 +217,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
                 gained = found.objective - objective(point, unknowns, problem, run)
                 if gained > 0.0:
                     share = gained / _promised(found, step)
-                    grown = GROWN * length if damping and share > GOOD else radius
+                    grown = max(radius, GROWN * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
                     return _normal(point, unknowns, problem, run, model), radius
         except SmsidError as error:

@@ -13,7 +13,7 @@ from smsid.diagnose.fit import Fit, fit, within_reach
 from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
-AMPLE = 1.5  # times what its slopes promise that a fit may gain
+CURVED = 1.5  # times what its slopes promise that a fit may gain
 
 
 def freed_instead(current: Fit, causes: Sequence[Cause], best: Score, levels: Levels) -> Fit | None:
@@ -37,7 +37,7 @@ def freed(current: Fit, causes: Sequence[Cause], least: float = 0.0) -> Fit | No
             continue
         try:
             promised = 2.0 * (within_reach(current) - within_reach(current.with_unfitted(more)))
-            if odds(AMPLE * promised, len(more), samples) < most:
+            if odds(CURVED * promised, len(more), samples) < most:
                 continue
             larger = fit(current.point, (*current.unknowns, *more), current.problem, iterations=20)
         except (SmsidError, np.linalg.LinAlgError) as error:

@@ -115,9 +115,9 @@ def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
 
 def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tuple[list[Score], Fit]:
     """Return the scores of causes and the fit with all of them there all the time, where their onsets do not
-    pay together: of two that began beside a third, now gone, each may hold up the other's.
+    pay what each of them costs: of two that began beside a third, now gone, each may hold up the other's.
     """
-    late = [s for s in scores if _begun(s)]
+    late = [s for s in scores if begins_midway(s)]
     if not late:
         return list(scores), current
     names, pays = [s.candidate.key for s in late], len(late) * price(alias)
@@ -137,10 +137,11 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     if 2.0 * (found.objective - current.objective) > pays:
         return list(scores), current
     LOGGER.info("there all the time: %s", names)
-    return [_plain(s) if _begun(s) else s for s in scores], found
+    return [_plain(s) if begins_midway(s) else s for s in scores], found
 
 
-def _begun(score: Score) -> bool:
+def begins_midway(score: Score) -> bool:
+    """Whether what a score is of begins midway."""
     return isinstance(score.candidate.effect, Starting) and score.candidate.effect.start is not None
 
 

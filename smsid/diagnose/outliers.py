@@ -13,11 +13,12 @@ from scipy.stats import laplace, norm
 
 from smsid.diagnose.channels import Measured
 from smsid.diagnose.faults import Fault
-from smsid.diagnose.filter import Run
+from smsid.diagnose.filter import Problem, Run
 
 OUTLIER = 6.0  # standard deviations of the prediction error
 CALM = 3.0  # what the neighbours of an outlier stay below
 FEW = 3  # outliers of a component below which each has to stand out by itself
+WIDE = 3.0  # least size of the wide distribution of outliers, in those of noise
 ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 million recordings
 ELSEWHERE = 4.0  # what other channels then stay below at the same sample
 
@@ -52,20 +53,29 @@ def outliers(data: Measured, run: Run) -> list[Fault]:
     return found
 
 
-def counted_again(faults: Sequence[Fault], whole: Measured, run: Run) -> list[Fault]:
-    """Return the faults with their shares as a fit without them sees them: readings (N, rows) of ``whole``
-    beside the predictions of ``run``, which they no longer pull along. Attitudes and single ones stay.
+def counted_again(faults: Sequence[Fault], whole: Measured, problem: Problem, run: Run) -> list[Fault]:
+    """Return the faults with their shares as a fit without them sees them, less those it shows to be none.
+
+    Readings (N, rows) of ``whole`` are compared with the predictions of ``run`` on a ``problem``, which they
+    no longer pull along: what was far off may have been a motion that is followed now. Attitudes and single
+    ones stay as they are.
     """
-    found = []
+    found, data = [], replace(problem.data, values=whole.values)
+    left = np.array([data.residual(k, run.predicted[k], None) for k in range(len(data.times))])
     for fault in faults:
-        row = whole.names.index(fault.component)
-        there = np.isfinite(whole.values[:, row])
-        left_out = there & ~run.used[:, row]
-        attitude = any(b.channel == fault.channel and b.quantity == "attitude" for b in whole.blocks)
-        if not attitude and np.count_nonzero(left_out) >= FEW:
-            x = run.normalised[:, row].copy()
-            x[left_out] = (whole.values[left_out, row] - run.predicted[left_out, row]) / whole.sigma[row]
-            share, sigma, _ = shared(x[there], int((np.abs(x[there]) > OUTLIER).sum()))
+        row = data.names.index(fault.component)
+        used = run.used[:, row]
+        out = np.isfinite(data.values[:, row]) & ~used & fault.samples[:, row]
+        attitude = any(b.channel == fault.channel and b.quantity == "attitude" for b in data.blocks)
+        if not attitude and np.count_nonzero(out) >= FEW:
+            sizes = run.errors[used, row] / np.where(
+                run.normalised[used, row], run.normalised[used, row], np.inf
+            )
+            beyond = left[out, row] / float(np.median(sizes[sizes > 0.0]))
+            hits = int((np.abs(beyond) > OUTLIER).sum())
+            if not hits:
+                continue
+            share, sigma, _ = shared(np.concatenate([run.normalised[used, row], beyond]), hits)
             fault = replace(fault, value=share, sigma=sigma)
         found.append(fault)
     return found
@@ -86,7 +96,8 @@ def shared(x: np.ndarray, hits: int) -> tuple[float, float, np.ndarray]:
 
     By likelihood, of a normal distribution and a wide one (Laplace's or normal, as is likelier), whose sizes
     are fitted as well: some of the wide one's errors are no larger than noise. Of fewer than `FEW` ``hits``,
-    which tell no distribution, by counting these, and none is added.
+    which tell no distribution, or where the wide one is hardly wider than noise (noise with heavy tails), by
+    counting these, and none is added.
     """
     n, none = len(x), np.zeros(len(x), dtype=bool)
     counted = hits / n
@@ -95,13 +106,13 @@ def shared(x: np.ndarray, hits: int) -> tuple[float, float, np.ndarray]:
         return *by_counting, none
 
     fits = [_mixture(x, wide, counted) for wide in (laplace, norm)]
-    share, sigma, among, _ = max(fits, key=lambda f: f[3])
-    return share, sigma, among
+    share, sigma, among, size, _ = max(fits, key=lambda f: f[-1])
+    return (share, sigma, among) if size > 1.01 * WIDE else (*by_counting, none)
 
 
-def _mixture(x: np.ndarray, wide: Any, share: float) -> tuple[float, float, np.ndarray, float]:
+def _mixture(x: np.ndarray, wide: Any, share: float) -> tuple[float, float, np.ndarray, float, float]:
     """Return the share of a wide distribution beside a normal one, its standard deviation, which errors (n,)
-    are more likely of it, and the log-likelihood.
+    are more likely of it, how wide it is, and the log-likelihood.
     """
 
     def parts(p: np.ndarray) -> np.ndarray:
@@ -115,10 +126,10 @@ def _mixture(x: np.ndarray, wide: Any, share: float) -> tuple[float, float, np.n
         return np.asarray(logsumexp(parts(p), axis=0))
 
     start = np.array([logit(share), 0.0, np.log(2.0 * OUTLIER)])
-    bounds = [(logit(0.5 / len(x)), 0.0), (-1.0, 0.5), (0.5, 12.0)]
+    bounds = [(logit(0.5 / len(x)), 0.0), (-1.0, 0.5), (np.log(WIDE), 12.0)]
     found = minimize(lambda p: -float(likely(p).sum()), start, method="L-BFGS-B", bounds=bounds).x
     slopes = np.column_stack([(likely(found + d) - likely(found - d)) / 2e-4 for d in 1e-4 * np.eye(3)])
     variance = float(np.linalg.pinv(slopes.T @ slopes, hermitian=True)[0, 0])  # Fisher's information, as seen
     best, (of_noise, of_wide) = float(expit(found[0])), parts(found)
     spread = best * (1.0 - best) * float(np.sqrt(variance))
-    return best, spread, of_wide > of_noise, float(likely(found).sum())
+    return best, spread, of_wide > of_noise, float(np.exp(found[2])), float(likely(found).sum())

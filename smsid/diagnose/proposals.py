@@ -207,8 +207,9 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         for law, suffix in (("radial", ""), ("per_axis", " per axis")):
             at = {"tank": n, "law": law}
             kind = "slosh_nonlinearity"
-            yield from _one(kind, n, "slosh", f"cubic spring{suffix}", at, hard)
-            yield from _one(kind, n, "slosh", f"quadratic damping{suffix}", at, drag)
+            own = "" if law == "radial" else law  # an effect has one law
+            yield from _one(kind, n, "slosh", f"cubic spring{suffix}", at, hard, part=own)
+            yield from _one(kind, n, "slosh", f"quadratic damping{suffix}", at, drag, part=own)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:

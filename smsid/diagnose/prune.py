@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.accept import Cause, Levels, refit, strengths, wald, without_candidate
-from smsid.diagnose.fit import Fit, evaluate
+from smsid.diagnose.accept import Cause, Levels, refit, strengths, unfitted, wald, without_candidate
+from smsid.diagnose.fit import Fit, evaluate, fit
+from smsid.errors import SmsidError
 
 LOGGER = logging.getLogger(__name__)
 
@@ -65,5 +67,18 @@ def _fitted(causes: Sequence[Cause], last: Fit, nominal: Fit) -> tuple[list[Caus
         if again is None:
             LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
         else:
-            kept, found = [*kept, cause], again
+            kept, found = [*kept, cause], _freed_as(again, cause, last)
     return kept, found
+
+
+def _freed_as(found: Fit, cause: Cause, last: Fit) -> Fit:
+    """Return a fit with those further parameters of a cause free, too, that are so in another."""
+    names = {u.name for u in last.unknowns}
+    more = [u for u in unfitted(found, cause.score.candidate) if u.name in names]
+    if not more:
+        return found
+    try:
+        return fit(found.point, (*found.unknowns, *more), found.problem, iterations=20)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s stay as they are: %s", [u.name for u in more], error)
+        return found

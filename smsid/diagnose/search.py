@@ -20,7 +20,15 @@ from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.further import freed, freed_instead
 from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import fit_with_noise, refitted, strayed
-from smsid.diagnose.onset import always, always_together, beginning, poor, settled, with_onset
+from smsid.diagnose.onset import (
+    always,
+    always_together,
+    beginning,
+    begins_midway,
+    poor,
+    settled,
+    with_onset,
+)
 from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
@@ -134,8 +142,10 @@ def search(
             break
         larger = freed_instead(current, causes, best, levels)
         if larger is not None:
+            gained = 2.0 * (current.objective - larger.objective)
             current.changes.by_candidate.clear()
-            fitted, current = replace(fitted, fit=larger), larger
+            fitted = refitted(replace(fitted, fit=larger), strong=gained > levels.linear)
+            current = fitted.fit
             columns.clear()
             scores = _scores(current, rest, columns)
             continue
@@ -199,9 +209,12 @@ def search(
             causes, current = _there_always(causes, current, levels)
     blocks = (*held, *adequacy(current))
     if not fitted.misfit and _significant(blocks, causes, levels, coarse):
-        larger = freed(current, causes)
-        if larger is not None:
-            current, blocks = larger, (*held, *adequacy(larger))
+        larger = freed(current, causes, levels.alias)
+        tests_ = () if larger is None else (*held, *adequacy(larger))
+        if larger is not None and not _significant(tests_, causes, levels, coarse):
+            current, blocks = larger, tests_
+            columns.clear()
+            scores = _scores(current, rest, columns)
     if fitted.misfit or not _significant(blocks, causes, levels, coarse):  # else none of them is named anyway
         reached = current
         causes, current = pruned(causes, current, nominal, levels, len(candidates))
@@ -230,12 +243,13 @@ def search(
 def _there_always(causes: Sequence[Cause], current: Fit, levels: Levels) -> tuple[list[Cause], Fit]:
     """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
 
-    All of them, else one after the other.
+    One after the other, then all that are left together.
     """
-    scores, found = always_together(current, [c.score for c in causes], levels.onset)
-    if found is current and len(causes) > 1:
-        for i, score in enumerate(scores):
-            scores[i], found = always(found, score, levels.onset)
+    scores, found = [c.score for c in causes], current
+    for i, score in enumerate(scores):
+        scores[i], found = always(found, score, levels.onset)
+    if sum(begins_midway(s) for s in scores) > 1:
+        scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
 GROWN = 3.0  # times as far the next step may go after one that gained what it promised
+LEAST, MOST = -12.0, 12.0  # logarithms of the damping: none to speak of, and no step to speak of
 SHORTER = (0.05, 0.5)  # of a step that led up, what the next may be: at least, at most
 ROUNDED = 1e-12  # share of a parameter's squares that is added: what does nothing stays where it is
 
@@ -27,10 +28,10 @@ def bounded_step(found: Fit, damping: float = 0.0) -> np.ndarray:
     quadratic programme: Stark and Parker, Comput. Stat. 10 (1995) 129, by scipy's ``lsq_linear``.
     """
     size = sizes(found)
-    share, basis, slope = _principal(found)
-    share = share + damping
+    share, basis = np.linalg.eigh(found.gram / np.outer(size, size))
+    share = np.maximum(share, 0.0) + damping + ROUNDED
     root = np.sqrt(share)[:, None] * basis.T
-    aim = slope / np.sqrt(share)
+    aim = basis.T @ (found.slope / size) / np.sqrt(share)
     low, high = (bound * size for bound in reach(found.point, found.unknowns))
     step = basis @ (aim / np.sqrt(share))
     if (step < low).any() or (step > high).any():
@@ -54,21 +55,21 @@ def sizes(found: Fit) -> np.ndarray:
 
 
 def damping_within(found: Fit, radius: float) -> float:
-    """Return the least damping with which a step is no longer than ``radius``, in `sizes`; bounds left out.
+    """Return the least damping with which `bounded_step` is no longer than ``radius``, in `sizes`.
 
-    Source: Moré, Lecture Notes in Mathematics 630 (1978) 105.
+    Source: Moré, Lecture Notes in Mathematics 630 (1978) 105. A parameter that its bound holds takes no part
+    in the length, however far beyond it is wanted.
     """
-    share, _, slope = _principal(found)
 
     def beyond(exponent: float) -> float:
-        return float(np.linalg.norm(slope / (share + 10.0**exponent))) - radius
+        damping = 0.0 if exponent == LEAST else 10.0**exponent
+        return float(np.linalg.norm(sizes(found) * bounded_step(found, damping))) - radius
 
-    low, high = np.log10(ROUNDED), 12.0
-    if float(np.linalg.norm(slope / share)) <= radius or beyond(low) <= 0.0:
+    if not np.isfinite(radius) or beyond(LEAST) <= 0.0:
         return 0.0
-    if beyond(high) < 0.0:
-        high = float(brentq(beyond, low, high, xtol=1e-3))  # pyright: ignore[reportArgumentType]
-    return 10.0**high
+    if beyond(MOST) > 0.0:
+        return 10.0**MOST
+    return 10.0 ** float(brentq(beyond, LEAST, MOST, xtol=0.01))  # pyright: ignore[reportArgumentType]
 
 
 def shortened(length: float, slope: float, up: float) -> float:
@@ -78,10 +79,3 @@ def shortened(length: float, slope: float, up: float) -> float:
     """
     share = 0.5 * slope / (slope + up) if np.isfinite(up) else 0.0
     return length * float(np.clip(share, *SHORTER))
-
-
-def _principal(found: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return shares of information (m,) and axes (m, m) of the scaled quadratic form, and its slope (m,)."""
-    size = sizes(found)
-    share, basis = np.linalg.eigh(found.gram / np.outer(size, size))
-    return np.maximum(share, 0.0) + ROUNDED, basis, basis.T @ (found.slope / size)

@@ -1,11 +1,14 @@
 """Effects that begin midway, on a recording of the package's own: when, and that one does not begin."""
 
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from smsid.diagnose import onset
+from smsid.diagnose.accept import Cause, Levels
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import evaluate
@@ -20,8 +23,10 @@ from smsid.diagnose.onset import (
     with_onset,
 )  # fmt: skip
 from smsid.diagnose.proposals import propose
+from smsid.diagnose.search import _there_always
 
 ALIAS = 9.2
+search = sys.modules["smsid.diagnose.search"]  # the package has a function of that name
 
 
 def hidden(fitted, key, size, start):
@@ -124,9 +129,39 @@ def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeyp
     monkeypatch.setattr(onset, "evaluate", evaluated)
     alone, kept = always(with_them, late[0], ALIAS)
     assert alone is late[0] and kept is with_them
+    causes = [Cause(s, (), 100.0, ()) for s in late]
+    search_s, _ = _there_always(causes, with_them, Levels())
+    assert all(c.score.candidate.effect.start is None for c in search_s)
     both, dropped = always_together(with_them, late, ALIAS)
     assert all(s.candidate.effect.start is None and s.candidate.grid == 1 for s in both)
     assert none_late(dropped.point)
+
+
+def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
+    """Together they would be dropped for less than two onsets cost."""
+
+    def stand_in(start):
+        effect = Backed(start)
+        own = SimpleNamespace(key=("effect", start), effect=effect)
+        return Cause(SimpleNamespace(candidate=own), (), 100.0, ())
+
+    class Backed:
+        def __init__(self, start):
+            self.start = start
+
+    def drop(found, score, alias):
+        if score.candidate.effect.start == 5.0:
+            return score, found
+        return SimpleNamespace(candidate=SimpleNamespace(key=(), effect=Backed(None))), "without"
+
+    def never(*_):
+        raise AssertionError("one is left: there is nothing to drop together")
+
+    monkeypatch.setattr(search, "always", drop)
+    monkeypatch.setattr(search, "always_together", never)
+    monkeypatch.setattr(search, "begins_midway", lambda s: s.candidate.effect.start is not None)
+    causes, found = _there_always([stand_in(5.0), stand_in(9.0)], "with", Levels())
+    assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 
 
 @pytest.mark.parametrize("begin", [3.3, 4.42, 4.55])  # the last two closer than the coarser grids

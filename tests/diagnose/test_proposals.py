@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from itertools import combinations
 
 import numpy as np
 
@@ -42,3 +43,12 @@ def test_a_gear_may_give_at_a_joint_that_slides_too(tmp_path):
     assert carried == {"joint1": True, "joint2": True, "joint3": False}
     current = evaluate(known.point, known.unknowns[:1], problem)
     assert set(signatures(current, gears)) == {0, 1, 2}
+
+
+def test_candidates_that_share_an_effect_agree_on_what_it_is(known, problem):
+    """What is fitted of one is part of the other then: no effect follows two laws."""
+    for a, b in combinations(propose(known.point, problem, known.unknowns), 2):
+        if a.effect is None or b.effect is None or a.effect.name != b.effect.name:
+            continue
+        numbers = {p.name.rpartition(".")[2] for e in (a.effect, b.effect) for p in e.parameters()}
+        assert a.effect.model_dump(exclude=numbers) == b.effect.model_dump(exclude=numbers)
