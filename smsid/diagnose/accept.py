@@ -184,10 +184,11 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     however few its parameters are. (Not above ``levels.linear``, where linear scores are not believed.)
 
     A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
-    nothing then, but that what it has more explains no more than chance does, and is small. One that only
-    looks like the winner (a friction that goes with the cosine of a small angle) is rejected by what it
-    leaves. Nor does its price reject what elsewhere can do just what the winner does (the inertia of a link,
-    that of a motor): no data tell them. It is as likely as the few of its parameters are that it takes.
+    nothing then, but that what it has more explains no more than chance does, and, of a weak one, is small.
+    One that only looks like the winner (a friction that goes with the cosine of a small angle) is rejected by
+    what it leaves. Nor does its price reject what elsewhere can do just what the winner does (the inertia of
+    a link, that of a motor): no data tell them. It is as likely as the few of its parameters are that it
+    takes.
     """
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
@@ -197,7 +198,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
         return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if set(a.free) <= set(b.free):
-            return -lead < float(chi2.isf(NESTED, more)) and not _open(winner, rival)
+            weak = winner.ratio <= levels.linear  # else what it adds would show
+            return -lead < float(chi2.isf(NESTED, more)) and not (weak and _open(winner, rival))
         if lead < levels.alias and correlation(winner, rival) > AS_GOOD:
             return False
     if more > 0 and winner.freedom == 1 and lead < levels.alias:

@@ -189,6 +189,8 @@ def test_a_sibling_that_holds_the_winner_stays_while_what_it_adds_may_be_half_as
         covariance=np.diag([1.0, sigma**2]),
     )  # fmt: skip
     assert told_apart(winner, rival, 10_000, Levels()) is rejected
+    strong = replace(winner, ratio=1000.0)  # what it adds would show
+    assert told_apart(strong, replace(rival, ratio=rival.ratio + 900.0), 10_000, Levels())
 
 
 def test_one_that_explains_far_less_is_rejected_however_few_its_parameters_are():
