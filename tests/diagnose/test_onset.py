@@ -130,8 +130,8 @@ def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeyp
     alone, kept = always(with_them, late[0], ALIAS)
     assert alone is late[0] and kept is with_them
     causes = [Cause(s, (), 100.0, ()) for s in late]
-    search_s, _ = _there_always(causes, with_them, Levels())
-    assert all(c.score.candidate.effect.start is None for c in search_s)
+    kept_causes, _ = _there_always(causes, with_them, Levels())
+    assert all(c.score.candidate.effect.start is None for c in kept_causes)
     both, dropped = always_together(with_them, late, ALIAS)
     assert all(s.candidate.effect.start is None and s.candidate.grid == 1 for s in both)
     assert none_late(dropped.point)
