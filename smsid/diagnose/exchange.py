@@ -23,8 +23,13 @@ def judged_again(
     nominal: Fit,
     candidates: Sequence[Candidate],
     levels: Levels,
+    *,
+    exchange: bool = True,
 ) -> tuple[list[Cause], Fit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
+
+    Without ``exchange`` they stay and their aliases alone are judged: where misfit is counted, what a rival
+    gains may be of that.
 
     Each is taken out of the fit - to first order, but where it has motion of its own - and the candidates are
     scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
@@ -51,7 +56,7 @@ def judged_again(
         own = _own(last, less, cause)
         rivals = [c for c in candidates if c.key in known and c.key not in taken]
         scores = scored(less, rivals, [known[c.key] for c in rivals])
-        better = _refitted(less, last, own, scores, levels)
+        better = _refitted(less, last, own, scores, levels) if exchange else None
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
             own, last, columns = *better, {}

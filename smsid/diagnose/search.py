@@ -202,9 +202,9 @@ def search(
     if current is not reached:
         columns.clear()
         scores = _scores(current, rest, columns)
-    if len(causes) > 1 and not fitted.misfit:
-        reached = current
-        causes, current = judged_again(causes, current, nominal, candidates, levels)
+    if len(causes) > 1:
+        reached, exchange = current, not fitted.misfit
+        causes, current = judged_again(causes, current, nominal, candidates, levels, exchange=exchange)
         if current is not reached:  # what had begun beside another cause
             causes, current = _there_always(causes, current, levels)
     blocks = (*held, *adequacy(current))

@@ -145,3 +145,12 @@ def test_a_place_found_wrongly_is_found_again(leaking):
     assert last.point.description.get_effect(mine.name).position == pytest.approx(PLACE, abs=0.2)
     same, kept = sought_again(causes, right, nominal, candidates, Levels())
     assert kept is right and same == causes
+
+
+def test_without_exchange_the_cause_stays_and_its_aliases_are_judged(pair):
+    """Where misfit is counted, what a rival gains may be of that."""
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "viscous"), GAIN])
+    found, last = judged_again(causes, current, nominal, candidates, Levels(), exchange=False)
+    assert [c.score for c in found] == [c.score for c in causes] and last is current
+    assert "coulomb" in {s.candidate.shape for s, _ in found[0].aliases}
