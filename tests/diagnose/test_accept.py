@@ -16,7 +16,8 @@ from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.noise import Fitted
 from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import RESTLESS, search
+from smsid.diagnose.rounds import RESTLESS
+from smsid.diagnose.search import search
 from smsid.diagnose.searched import Resolved
 from smsid.effects import JointFriction, Slosh
 from smsid.experiments import fly, named_experiment
@@ -105,7 +106,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
         return None, at_rest if len(tried) == 2 else current
 
     start = Fitted(stopped, np.ones(stopped.problem.data.rows))
-    monkeypatch.setattr("smsid.diagnose.search.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose.rounds.accept", accepted)
     monkeypatch.setattr("smsid.diagnose.search.fit_with_noise", lambda *_: start)
     monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
     other = replace(score.candidate, location="elsewhere")
@@ -126,8 +127,8 @@ def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, mo
         tried.append(best.candidate.key)
         return None, replace(current, objective=current.objective - 1e4)
 
-    monkeypatch.setattr("smsid.diagnose.search.accept", accepted)
-    monkeypatch.setattr("smsid.diagnose.search.refitted", lambda found, **_: found)
+    monkeypatch.setattr("smsid.diagnose.rounds.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose.rounds.refitted", lambda found, **_: found)
     monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
     search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate])
     assert len(tried) == RESTLESS + 1
@@ -149,7 +150,7 @@ def test_a_cause_that_holds_another_takes_its_place(description, known, monkeypa
         ratios.append(cause.ratio)
         return cause, found
 
-    monkeypatch.setattr("smsid.diagnose.search.accept", in_turn)
+    monkeypatch.setattr("smsid.diagnose.rounds.accept", in_turn)
     found = search(known.point, current.problem, current.unknowns, [coulomb, stribeck.candidate])
     assert len(ratios) == 2
     (cause,) = found.causes

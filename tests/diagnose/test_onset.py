@@ -1,6 +1,5 @@
 """Effects that begin midway, on a recording of the package's own: when, and that one does not begin."""
 
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -23,10 +22,9 @@ from smsid.diagnose.onset import (
     with_onset,
 )  # fmt: skip
 from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import _there_always
+from smsid.diagnose.rounds import there_always
 
 ALIAS = 9.2
-search = sys.modules["smsid.diagnose.search"]  # the package has a function of that name
 
 
 def hidden(fitted, key, size, start):
@@ -130,7 +128,7 @@ def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeyp
     alone, kept = always(with_them, late[0], ALIAS)
     assert alone is late[0] and kept is with_them
     causes = [Cause(s, (), 100.0, ()) for s in late]
-    kept_causes, _ = _there_always(causes, with_them, Levels())
+    kept_causes, _ = there_always(causes, with_them, Levels())
     assert all(c.score.candidate.effect.start is None for c in kept_causes)
     both, dropped = always_together(with_them, late, ALIAS)
     assert all(s.candidate.effect.start is None and s.candidate.grid == 1 for s in both)
@@ -157,10 +155,10 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
     def never(*_):
         raise AssertionError("one is left: there is nothing to drop together")
 
-    monkeypatch.setattr(search, "always", drop)
-    monkeypatch.setattr(search, "always_together", never)
-    monkeypatch.setattr(search, "begins_midway", lambda s: s.candidate.effect.start is not None)
-    causes, found = _there_always([stand_in(5.0), stand_in(9.0)], "with", Levels())
+    monkeypatch.setattr("smsid.diagnose.rounds.always", drop)
+    monkeypatch.setattr("smsid.diagnose.rounds.always_together", never)
+    monkeypatch.setattr("smsid.diagnose.rounds.begins_midway", lambda s: s.candidate.effect.start is not None)
+    causes, found = there_always([stand_in(5.0), stand_in(9.0)], "with", Levels())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 
 

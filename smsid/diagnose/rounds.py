@@ -1,0 +1,241 @@
+"""The rounds of a search: score the candidates left, fit the likeliest, accept it beside its rivals."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.accept import Cause, Levels, accept
+from smsid.diagnose.blocks import Block
+from smsid.diagnose.candidates import Candidate, Score, scored, signatures
+from smsid.diagnose.exchange import judged_again, sought_again
+from smsid.diagnose.fit import Fit
+from smsid.diagnose.further import freed_instead
+from smsid.diagnose.memory import memory
+from smsid.diagnose.noise import Fitted, refitted, strayed
+from smsid.diagnose.onset import (
+    always,
+    always_together,
+    beginning,
+    begins_midway,
+    poor,
+    settled,
+    with_onset,
+)
+from smsid.diagnose.prune import pruned
+from smsid.diagnose.stepping import finely_stepped
+
+LOGGER = logging.getLogger(__name__)
+CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all
+RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
+
+
+class State:
+    """Where a search stands: the last fit, the causes in it, and the candidates left with their scores.
+
+    ``nominal`` is the fit without causes, ``strayed`` the rms of its prediction errors over the stated
+    noise; ``held`` are the tests for memory that end a search, where the next cause would stand in for a
+    piece of it.
+    """
+
+    def __init__(self, fitted: Fitted, candidates: Sequence[Candidate], levels: Levels) -> None:
+        self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
+        self.causes: list[Cause] = []
+        self.held: tuple[Block, ...] = ()
+        self._nominal()
+        self._restarts = 0
+        self._rest = list(candidates)
+        self._columns: dict[tuple[str, str, str], np.ndarray] = {}
+        self.scores = self._scored()
+
+    @property
+    def current(self) -> Fit:
+        """The last fit."""
+        return self.fitted.fit
+
+    @property
+    def samples(self) -> int:
+        """The number of samples that odds are of."""
+        return self.current.run.samples
+
+    def look_further(self) -> bool:
+        """Look for one cause more; return whether there may be another."""
+        leading = self._leading()
+        if not leading:
+            return False
+        counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
+        best = max(counting, key=lambda s: s.odds(self.samples))
+        if not self.fitted.misfit:  # else the tests do not decide
+            self.held = self._memory(best)
+        if self.held:  # the next would stand in for a piece of it
+            return False
+        larger = freed_instead(self.current, self.causes, best, self.levels)
+        if larger is not None:
+            gained = 2.0 * (self.current.objective - larger.objective)
+            self._move(larger, strong=gained > self.levels.linear)
+            self._score_anew()
+            return True
+        own = {s.candidate.key: s for s in leading[1:]}
+        rivals = [own.get(s.candidate.key, s) for s in self.scores]
+        rivals.sort(key=lambda s: -s.odds(self.samples))
+        cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates))
+        if cause is not None:
+            self._add(cause, found)
+        elif self._better(found):
+            self._restart(found)
+        else:
+            self._rest = [c for c in self._rest if c.key != best.candidate.key]
+            self.scores = [s for s in self.scores if s.candidate.key != best.candidate.key]
+        return True
+
+    def close(self) -> None:
+        """Judge the causes beside each other: what is there all the time, and which of them they are."""
+        reached = self.current
+        self._there_always()
+        if self.current is not reached:
+            self._score_anew()
+        if len(self.causes) < 2:
+            return
+        reached, exchange = self.current, not self.fitted.misfit
+        self.causes, found = judged_again(
+            self.causes, reached, self.nominal, self.candidates, self.levels, exchange=exchange
+        )
+        self._keep(found)
+        if found is not reached:  # what had begun beside another cause
+            self._there_always()
+
+    def prune(self) -> bool:
+        """Drop the causes that the others have made needless; return whether any was."""
+        reached = self.current
+        self.causes, found = pruned(self.causes, reached, self.nominal, self.levels, len(self.candidates))
+        if found is reached:
+            return False
+        self._keep(found)
+        self._there_always()
+        return True
+
+    def enlarge(self, larger: Fit) -> None:
+        """Take a fit with further parameters of the causes free."""
+        self._keep(larger)
+        self._score_anew()
+
+    @property
+    def _asked(self) -> Levels:
+        asked = self.levels.beside_a_cause if self.causes else self.levels
+        # ratios that count what is not followed: small ones may be of large effects
+        return replace(asked, linear=0.0) if self.fitted.misfit else asked
+
+    def _counts(self, s: Score) -> bool:
+        """Whether there is something; odds order what counts, they do not decide."""
+        return bool(s.freedom) and s.p_value * len(self.candidates) < self._asked.candidate
+
+    def _leading(self) -> list[Score]:
+        """Return the likeliest score, then it and its contenders with the onset that each may have."""
+        least = self.levels.beside * max((c.ratio for c in self.causes), default=0.0)
+        best = next((s for s in self.scores if s.ratio > least and self._counts(s)), None)
+        if best is None or len(self.causes) == self.levels.causes:
+            return []
+        few = self.levels.contenders
+        leading = [best, *(s for s in self.scores if s is not best)][:few]
+        if best.ratio > min(CLEAR, self.levels.linear):  # enough for what is there in part to pass as another
+            known = {s.candidate.key for s in leading}
+            leading += [s for s in beginning(self.current, self.scores, few) if s.candidate.key not in known]
+        return [best, *(with_onset(self.current, s, self.levels.onset) for s in leading)]
+
+    def _memory(self, best: Score) -> tuple[Block, ...]:
+        """Return the tests for memory at the joints of causes that gain more than the next candidate does."""
+        gain, level = best.information_gain(self.samples), self.levels.block / len(self.candidates)
+        tests = memory(self.current, [c.score.candidate.location for c in self.causes])
+        return tuple(t for t in tests if t.information_gain(self.samples) > gain and t.p_value < level)
+
+    def _better(self, found: Fit) -> bool:
+        gained = 2.0 * (self.current.objective - found.objective)
+        return gained > self.levels.linear and self._restarts < RESTLESS
+
+    def _restart(self, found: Fit) -> None:
+        """Go on from a better fit of the same parameters that a candidate led to."""
+        self._restarts += 1
+        LOGGER.info("the fit had not come to rest: %.1f to %.1f", self.current.objective, found.objective)
+        self._move(found, strong=True)
+        if not self.causes:
+            self._nominal()
+        named = {c.score.candidate.key for c in self.causes}
+        self._rest = [c for c in self.candidates if c.key not in named]
+        self._score_anew()
+
+    def _add(self, cause: Cause, found: Fit) -> None:
+        """Take an accepted cause in, in the place of those that are special cases of it."""
+        levels = self.levels
+        moved, found = settled(found, cause.score)
+        cause = replace(cause, score=moved)
+        if poor(found):  # perhaps as the cause was there all the time
+            still, found = always(found, cause.score, levels.onset)
+            cause = replace(cause, score=still)
+        self.causes, found = there_always(self.causes, found, levels)
+        within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
+        cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
+        self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
+        reached = found.objective
+        self.causes, found = sought_again(self.causes, found, self.nominal, self.candidates, levels)
+        strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
+        misfit = self.fitted.misfit
+        self._move(found, strong=strong)
+        if misfit and not self.fitted.misfit:  # only now are beginnings seen as sharply as they can be
+            for i, before in enumerate(self.causes):
+                still, found = settled(self.current, before.score)
+                self.causes[i] = replace(before, score=still)
+                self._keep(found)
+        if strong:
+            self._keep(finely_stepped(self.current))
+        if strong or self.fitted.misfit:
+            self._columns.clear()
+        self._rest = [c for c in self._rest if c.key != cause.score.candidate.key]
+        self.scores = self._scored()
+
+    def _there_always(self) -> None:
+        self.causes, found = there_always(self.causes, self.current, self.levels)
+        self._keep(found)
+
+    def _nominal(self) -> None:
+        """The last fit is of the nominal parameters alone."""
+        self.nominal = self.current
+        self.strayed = strayed(self.current.run, self.fitted.factors)
+
+    def _move(self, found: Fit, *, strong: bool) -> None:
+        """Go on from another fit, with its noise levels."""
+        self.current.changes.by_candidate.clear()
+        self.fitted = refitted(replace(self.fitted, fit=found), strong=strong)
+
+    def _keep(self, found: Fit) -> None:
+        """Go on from another fit with the noise levels as they are."""
+        self.fitted = replace(self.fitted, fit=found)
+
+    def _score_anew(self) -> None:
+        self._columns.clear()
+        self.scores = self._scored()
+
+    def _scored(self) -> list[Score]:
+        """Score the candidates left, the best first; signatures already known are used again."""
+        missing = [c for c in self._rest if c.key not in self._columns]
+        if missing:
+            known = signatures(self.current, missing)
+            self._columns.update({missing[i].key: columns for i, columns in known.items()})
+        seen = [c for c in self._rest if c.key in self._columns]
+        scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
+        return sorted(scores, key=lambda s: -s.odds(self.samples))
+
+
+def there_always(causes: Sequence[Cause], current: Fit, levels: Levels) -> tuple[list[Cause], Fit]:
+    """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
+
+    One after the other, then all that are left together.
+    """
+    scores, found = [c.score for c in causes], current
+    for i, score in enumerate(scores):
+        scores[i], found = always(found, score, levels.onset)
+    if sum(begins_midway(s) for s in scores) > 1:
+        scores, found = always_together(found, scores, levels.onset)
+    return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
