@@ -97,7 +97,8 @@ class SensedState:
         state = self.history[-1 - late]
         s.last = index
         if quantity == "attitude":
-            found = s.value = state.rotation @ s.errors[index]
+            turn = state.rotation @ s.errors[index]
+            found = s.value = _rounded(turn, s.step) if s.step > 0.0 else turn
             return found
         names = {"angular_rate": "omega", "joint_position": "angles", "joint_velocity": "rates"}
         exact = getattr(state, names.get(quantity, "wheel_rates"))
@@ -122,7 +123,7 @@ def _stream(
             quantity, times, still, np.random.default_rng(seed), delayed=True
         )
         matrices = np.array([pin.Quaternion(x).toRotationMatrix() for x in turns])
-        return _Stream(rate, error.delay, matrices, None, None, 0.0)
+        return _Stream(rate, error.delay, matrices, None, None, error.quantisation)
     fresh = ErrorModel()
     additive = error.model_copy(update={**nothing, **{k: getattr(fresh, k) for k in LINEAR}})
     errors = _with(sensor, quantity, additive).measure(
@@ -135,6 +136,12 @@ def _stream(
             quantity, np.arange(size) / rate, np.eye(size), np.random.default_rng(seed), delayed=True
         )
     return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
+
+
+def _rounded(rotation: np.ndarray, step: float) -> np.ndarray:
+    """Return the rotation (3, 3) whose quaternion is rounded to steps and normalised again."""
+    whole = np.round(pin.Quaternion(rotation).coeffs() / step)
+    return pin.Quaternion(whole / np.linalg.norm(whole)).toRotationMatrix()
 
 
 def _with(sensor: Sensor, quantity: str, error: ErrorModel) -> Sensor:

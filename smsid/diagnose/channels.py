@@ -187,7 +187,7 @@ def _labels(model: SpacecraftModel, sensor: Sensor, quantity: str, width: int) -
 def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, width: int) -> np.ndarray:
     stated = sensor.error(quantity).white_sigma(rate)
     sigma = np.broadcast_to(stated, (width,)) if stated.size in (1, width) else np.resize(stated, width)
-    step = sensor.error(quantity).quantisation / np.sqrt(12.0)
+    step = sensor.error(quantity).quantisation / np.sqrt(12.0) * (2.0 if quantity == "attitude" else 1.0)
     sigma = np.hypot(sigma, step)
     if (sigma > 0.0).all():
         return np.array(sigma)

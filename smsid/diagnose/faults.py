@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.channels import Measured
+from smsid.diagnose.channels import Block, Measured
+from smsid.diagnose.rounded_attitude import step_of
 
 STUCK_RUN = 12  # identical samples in a row that noise does not give
 REPEATS = 4  # the same where no other sample repeats the one before, and the noise is many steps of rounding
@@ -19,7 +20,8 @@ class Fault:
     """A fault of one channel: ``kind`` is stuck, outliers or quantisation.
 
     ``component`` is the row's name; ``value`` is the time it stuck [s], the share of outliers, or the step
-    [unit of the channel], ``sigma`` its standard deviation; ``samples`` (N, rows) marks what to leave out.
+    [unit of the channel; of an attitude, 1: that of its quaternion's components], ``sigma`` its standard
+    deviation; ``samples`` (N, rows) marks what to leave out.
     ``doubtful`` is one that reads in steps that show: what seems stuck may rest, see `smsid.diagnose.rest`.
     """
 
@@ -49,18 +51,18 @@ def stuck_channels(data: Measured) -> list[Fault]:
     found = []
     for row, name in enumerate(data.names):
         block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
-        x = data.attitude[block.channel][:, 0] if block.quantity == "attitude" else data.values[:, row]
-        there = np.flatnonzero(np.isfinite(x))
+        x = _readings(data, block, row)
+        there = np.flatnonzero(np.isfinite(x).all(axis=1))
         if len(there) < 2 * STUCK_RUN:
             continue
-        same = np.append(np.diff(x[there]) == 0.0, False)
+        same = np.append((np.diff(x[there], axis=0) == 0.0).all(axis=1), False)
         runs = _runs(same)
         rests = len(runs) > 1 and runs[0][0] == 0
         if not runs:
             continue
         start, length = max(runs[rests:], key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
-        fine = not others and _fine(x[there], float(data.sigma[row]))
+        fine = not others and _fine(x[there, 0], float(data.sigma[row]))
         if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
@@ -69,6 +71,11 @@ def stuck_channels(data: Measured) -> list[Fault]:
         begins = float(data.times[there[start]])
         found.append(Fault("stuck", block.channel, name, begins, step, marked, doubtful=not fine))
     return found
+
+
+def _readings(data: Measured, block: Block, row: int) -> np.ndarray:
+    """Return what a component is told by (N, d): its values, an attitude's all four of its quaternion."""
+    return data.attitude[block.channel] if block.quantity == "attitude" else data.values[:, [row]]
 
 
 def _fine(x: np.ndarray, sigma: float) -> bool:
@@ -96,7 +103,23 @@ def quantised_channels(data: Measured) -> list[Fault]:
         if _on_grid(gaps, step) and step > 1.01 * stated:
             none = np.zeros(data.values.shape, dtype=bool)
             found.append(Fault("quantisation", block.channel, name, step, 1e-3 * step, none))
-    return found + _slow_beside(data, found)
+    return found + _slow_beside(data, found) + _rounded_attitudes(data)
+
+
+def _rounded_attitudes(data: Measured) -> list[Fault]:
+    """Return the components of attitudes whose quaternions are read in steps not stated."""
+    found = []
+    for block in data.blocks:
+        if block.quantity != "attitude":
+            continue
+        there = np.isfinite(data.values[:, block.rows]).all(axis=1)
+        least = 0.3 * float(data.sigma[block.rows].max()) / 2.0  # a step is a turn of two [rad]
+        coarse = step_of(data.attitude[block.channel][there], least)
+        stated = block.sensor.error(block.quantity).quantisation
+        if coarse is not None and coarse[0] > 1.01 * stated:
+            none = np.zeros(data.values.shape, dtype=bool)
+            found += [Fault("quantisation", block.channel, name, *coarse, none) for name in block.names]
+    return found
 
 
 def _on_grid(x: np.ndarray, step: float) -> bool:
@@ -125,9 +148,11 @@ def rougher(data: Measured, rounded: Sequence[Fault]) -> Measured:
     factor, held = np.ones(data.rows), np.zeros(data.rows, dtype=bool)
     for fault in rounded:
         row = data.names.index(fault.component)
-        x = data.values[np.isfinite(data.values[:, row]), row]
-        lasts = len(x) / (1.0 + np.count_nonzero(np.diff(x)))
-        factor[row] = np.hypot(1.0, fault.value * np.sqrt(lasts / 12.0) / data.sigma[row])
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        x = _readings(data, block, row)[np.isfinite(data.values[:, row])]
+        lasts = len(x) / (1.0 + np.count_nonzero((np.diff(x, axis=0) != 0.0).any(axis=1)))
+        step = 2.0 * fault.value if block.quantity == "attitude" else fault.value
+        factor[row] = np.hypot(1.0, step * np.sqrt(lasts / 12.0) / data.sigma[row])
         held[row] = True
     return replace(data.scaled(factor), coarse=held)
 

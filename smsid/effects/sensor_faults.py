@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from smsid.effects.base import physical, register
-from smsid.effects.sensor import OF_QUANTITY, UNITS, ComponentEffect
+from smsid.effects.sensor import OF_QUANTITY, ComponentEffect
 from smsid.errors import DescriptionError
+from smsid.parameter import Parameter
 from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import ErrorModel
-
-_NOT_ATTITUDE = tuple(q for q in UNITS if q != "attitude")
 
 
 @register
 class Quantisation(ComponentEffect):
-    """Readings rounded to a step coarser than stated."""
+    """Readings rounded to a step coarser than stated; an attitude's is of its quaternion's components."""
 
     summary: ClassVar[str] = "readings rounded to coarser steps than stated"
     strength: ClassVar[tuple[str, ...]] = ("step",)
-    quantities: ClassVar[tuple[str, ...]] = _NOT_ATTITUDE
     kind: Literal["quantisation"] = "quantisation"
     step: float = physical(OF_QUANTITY, lower=0.0, default=0.0, description="of the output")
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the step, of an attitude without unit."""
+        found = super().parameters()
+        return tuple(replace(p, unit="1") for p in found) if self.quantity == "attitude" else found
 
     def spoilt(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the coarser step."""

@@ -36,8 +36,9 @@ class ErrorModel(BaseModel):
               -> white noise -> outliers -> saturation -> quantisation -> stuck
 
     An attitude is a quaternion; its bias, noise, instability and random walk are rotation vectors [rad] in
-    the sensor's frame, ``q_measured = q * exp(misalignment) * exp(bias + noise)``. Scale, saturation and
-    quantisation have no meaning there and are refused.
+    the sensor's frame, ``q_measured = q * exp(misalignment) * exp(bias + noise)``. Its quantisation is the
+    step [1] that the quaternion's four components are rounded to before they are normalised again. Scale and
+    saturation have no meaning there and are refused.
 
     Attributes:
         noise_density: white noise, two-sided density [unit/sqrt(Hz)]: one sigma per sample is
@@ -57,7 +58,7 @@ class ErrorModel(BaseModel):
         misalignment: rotation vector [rad] from the nominal to the true axes: a vector reads
             ``exp(misalignment)^T x``. For 3-vectors and attitudes.
         misalignment_sigma: one sigma per component of a misalignment drawn once per recording [rad].
-        quantisation: step of the output, rounded to nearest [unit].
+        quantisation: step of the output, rounded to nearest [unit]; that of an attitude is below 0.5 [1].
         saturation: the output is clipped to ``+-saturation`` [unit] (before rounding to a step).
         delay: age of what is reported [s]: the sample at ``t`` is the truth at ``t - delay``.
         time_offset: error of the sensor's clock [s], either sign, on top of ``delay``: the sample at ``t`` is
@@ -207,7 +208,8 @@ class ErrorModel(BaseModel):
             error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)
         self._add_outliers(error, draw["outlier"], draw["outlier size"])
         if attitude:
-            y = compose(x, Rotation.from_rotvec(error)) if np.any(error) else x
+            y = self._quantise(compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
+            y = y / np.linalg.norm(y, axis=-1, keepdims=True) if self.quantisation > 0.0 else y
         else:
             y = x + error
             if self.saturation is not None:
@@ -328,10 +330,18 @@ class ErrorModel(BaseModel):
                 advice="Use noise, bias and misalignment, which are rotation vectors [rad].",
                 keys=self.not_of_attitude,
             )
+        if attitude and self.quantisation >= _COARSEST:
+            raise DescriptionError(
+                f"Quaternions cannot be rounded to a step of {self.quantisation}.",
+                advice=f"Give a step below {_COARSEST}: it is that of their components.",
+                key="quantisation",
+                value=self.quantisation,
+            )
 
 
 _TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white", "outlier", "outlier size")
-_NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation", "quantisation")
+_NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation")
+_COARSEST = 0.5  # step of a quaternion's components, of which the largest is 0.5 or more: none may be left
 _PER_AXIS = (
     "noise_density",
     "noise_sigma",

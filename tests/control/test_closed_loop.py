@@ -218,6 +218,17 @@ def test_slow_late_and_wrong_sensors():
     np.testing.assert_allclose(rows[0].rates, [0.14, 1.0, -0.44], atol=1e-12)
 
 
+def test_an_attitude_is_read_in_the_steps_of_its_quaternion():
+    model = paper()
+    others = [s for s in model.description.sensor if s.kind != "pose"]
+    pose = Sensor(name="pose", kind="pose", rate=10.0, errors={"attitude": {"quantisation": 0.02}})
+    seen = SensedState(model, [*others, pose], 1.0, 10.0, np.random.default_rng(1))
+    q, v = random_state(model, np.random.default_rng(3))
+    whole = np.round(pin.Quaternion(measured_truth(model, q, v).rotation).coeffs() / 0.02)
+    read = pin.Quaternion(seen(0.0, q, v).rotation).coeffs()
+    np.testing.assert_allclose(np.abs(read @ whole), np.linalg.norm(whole), rtol=1e-12)
+
+
 def test_limits_are_kept_and_told():
     """Asked for more than the wheels give, no wheel passes its torque; the run says which and how often."""
     model = paper()

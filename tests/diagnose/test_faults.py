@@ -8,6 +8,8 @@ import pytest
 
 from smsid.diagnose.faults import quantised_channels, rougher, stuck_channels
 from smsid.diagnose.noise import noise_factors
+from smsid.sensing.error_model import ErrorModel
+from tests.diagnose.test_rounded_attitude import rounded
 
 
 @pytest.fixture
@@ -103,3 +105,25 @@ def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_wh
     assert (factors[rows[:2]] == 1.0).all()
     every = replace(rough, coarse=np.ones(data.rows, dtype=bool))
     assert (noise_factors(every, small) == 1.0).all()
+
+
+def test_a_rounded_attitude_is_found_with_its_step(data):
+    """A turn of two steps is what its error is of."""
+    step = 40.0 * float(data.sigma[data.names.index("pose.attitude[x]")])
+    data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], step)
+    found = quantised_channels(data)
+    assert [f.component for f in found] == [f"pose.attitude[{axis}]" for axis in "xyz"]
+    assert all(f.value == pytest.approx(step, abs=3.0 * f.sigma) for f in found)
+    row = data.names.index("pose.attitude[x]")
+    assert rougher(data, found).sigma[row] >= 2.0 * step / np.sqrt(12.0)
+    assert not [f for f in stuck_channels(data) if f.channel == "pose.attitude"]
+
+
+def test_an_attitude_with_a_stated_step_is_sound(data):
+    step = 40.0 * float(data.sigma[data.names.index("pose.attitude[x]")])
+    data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], step)
+    own = next(b.sensor for b in data.blocks if b.quantity == "attitude")
+    stated = {**own.errors, "attitude": ErrorModel(quantisation=1.1 * step)}
+    others = [b.sensor for b in data.blocks if b.sensor.name != own.name]
+    coarser = [own.model_copy(update={"errors": stated}), *others]
+    assert quantised_channels(data.with_blocks(coarser)) == []

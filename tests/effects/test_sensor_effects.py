@@ -25,7 +25,7 @@ from smsid.effects import (
 from smsid.errors import DescriptionError
 from smsid.experiments import Experiment, fly
 from smsid.model import build_model, rebuild
-from smsid.sensing import Sensor
+from smsid.sensing import ErrorModel, Sensor
 
 
 @pytest.fixture(scope="module")
@@ -186,3 +186,13 @@ def test_a_flight_records_what_the_effects_make_of_it(paper: Description) -> Non
     change = b["imu.acceleration"] - a["imu.acceleration"]
     np.testing.assert_allclose(change[1:-1], expected[1:-1], atol=2e-3 * np.abs(expected).max())
     assert a.time()[-1] == b.time()[-1] == pytest.approx(4.0)
+
+
+def test_an_attitude_is_rounded_in_steps_of_its_quaternion(paper: Description) -> None:
+    coarse = Quantisation(name="c", sensor="pose", quantity="attitude", step=0.01)
+    assert [p.unit for p in coarse.parameters()] == ["1"]
+    assert sensor(paper, "pose", coarse).error("attitude").quantisation == 0.01
+    still = np.tile([0.1, -0.3, 0.2, 0.927], (5, 1))
+    read = ErrorModel(quantisation=0.01).apply(np.arange(5.0), still, np.random.default_rng(1), attitude=True)
+    whole = np.array([10.0, -30.0, 20.0, 93.0])
+    np.testing.assert_allclose(read[0], whole / np.linalg.norm(whole), atol=1e-15)

@@ -177,7 +177,7 @@ def sensor_effects(n: Numbers, *, every: bool = False) -> list[Hidden]:
         samples = 80.0 * RATE
         found += [
             Hidden(
-                "quantisation", SENSOR, channel, "step", _unit(quantity),
+                "quantisation", SENSOR, channel, "step", "1" if quantity == "attitude" else _unit(quantity),
                 plain(lambda x, c=channel: _read(c, lambda t, y, rng, x=x: _round(y, x))), sigma,
                 cap=100 * sigma, also=also, rule=sigma * (12 * 5.4 * (2 / (columns * samples)) ** 0.5) ** 0.5,
             ),

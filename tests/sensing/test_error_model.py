@@ -56,6 +56,20 @@ def test_quantisation_is_idempotent_and_within_half_a_step(x, step):
     assert np.all(np.abs(once - x) <= 0.5 * step * (1 + 1e-9) + 1e-12)
 
 
+@given(st.integers(0, 1000), st.floats(1e-5, 0.4))
+def test_a_quantised_attitude_is_whole_steps_in_its_direction(seed, step):
+    """It is turned by no more than half a step of each component does."""
+    q = Rotation.random(20, rng=rng(seed)).as_quat()
+    y = ErrorModel(quantisation=step).apply(clock(20), q, rng(), attitude=True)
+    assert np.allclose(np.linalg.norm(y, axis=1), 1.0, atol=1e-15)
+    whole = np.round(q / step)
+    top = np.abs(whole).argmax(axis=1)[:, None]
+    exact = np.take_along_axis(whole, top, 1) / np.take_along_axis(y, top, 1)
+    assert np.abs(y * exact - whole).max() < 1e-9 / step
+    turned = (Rotation.from_quat(q).inv() * Rotation.from_quat(y)).magnitude()
+    assert turned.max() <= 2.0 * np.arcsin(min(1.0, step)) + 1e-9
+
+
 @given(arrays, st.floats(1e-3, 1e3), st.floats(0.0, 10.0))
 def test_saturation_bounds_the_output_and_leaves_the_rest(x, limit, sigma):
     y = ErrorModel(saturation=limit, noise_sigma=sigma).apply(clock(len(x)), x, rng())
@@ -310,7 +324,8 @@ def test_models_are_frozen():
         (ErrorModel(bias=(1.0,)), (5,), False),
         (ErrorModel(misalignment_sigma=0.1), (5, 2), False),
         (ErrorModel(scale_error=0.1), (5, 4), True),
-        (ErrorModel(quantisation=0.1), (5, 4), True),
+        (ErrorModel(quantisation=0.5), (5, 4), True),
+        (ErrorModel(saturation=0.1), (5, 4), True),
     ],
 )
 def test_terms_that_do_not_fit_are_refused(model, shape, attitude):
