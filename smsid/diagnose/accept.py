@@ -43,7 +43,7 @@ class Levels:
     ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
     likely); ``linear`` the likelihood ratio up to which the linear score is believed
     without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
-    what is left beside it may be how finely the model follows that cause (1.7 % of its size): no cause.
+    what is left beside it may be how finely the model follows that cause (3 % of its size): no cause.
     """
 
     candidate: float = 0.003
@@ -52,7 +52,7 @@ class Levels:
     alias: float = 6.6
     onset: float = 9.2
     linear: float = 400.0
-    beside: float = 3e-4
+    beside: float = 1e-3
     causes: int = 3
     contenders: int = 3
 

@@ -25,6 +25,7 @@ def judged_again(
     levels: Levels,
     *,
     exchange: bool = True,
+    last_too: bool = False,
 ) -> tuple[list[Cause], Fit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
@@ -34,10 +35,11 @@ def judged_again(
     Each is taken out of the fit - to first order, but where it has motion of its own - and the candidates are
     scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
     parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
-    apart. The last cause was chosen so.
+    apart. The last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
+    judged again as well.
     """
     causes, columns = list(causes), {}
-    for i, cause in enumerate(causes[:-1]):
+    for i, cause in enumerate(causes if last_too else causes[:-1]):
         taken = {c.score.candidate.key for c in causes}
         try:
             less = without(last, cause.score.candidate, nominal)
@@ -111,6 +113,23 @@ def sought_again(
         beside = tuple(u.name for u in less.unknowns)
         causes[i], last = replace(cause, score=fresh, ratio=ratio + gained, beside=beside), found
     return causes, last
+
+
+def weighed(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list[Cause]:
+    """Return the causes with the ratios they have in a fit to finer noise than they were found with.
+
+    To first order, each beside the others; one that cannot be taken out keeps what it had.
+    """
+    causes = list(causes)
+    for i, cause in enumerate(causes):
+        try:
+            own = _own(last, without(last, cause.score.candidate, nominal), cause)
+        except SmsidError as error:
+            LOGGER.info("%s is not weighed again: %s", cause.score.candidate.key, error)
+            continue
+        LOGGER.info("%s: ratio %.1f, now %.1f", cause.score.candidate.key, cause.ratio, own.ratio)
+        causes[i] = replace(cause, ratio=max(cause.ratio, own.ratio))
+    return causes
 
 
 def without(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:

@@ -11,7 +11,7 @@ import numpy as np
 from smsid.diagnose.accept import Cause, Levels, accept
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
-from smsid.diagnose.exchange import judged_again, sought_again
+from smsid.diagnose.exchange import judged_again, sought_again, weighed
 from smsid.diagnose.fit import Fit
 from smsid.diagnose.further import freed_instead
 from smsid.diagnose.memory import memory
@@ -47,6 +47,7 @@ class State:
         self.held: tuple[Block, ...] = ()
         self._nominal()
         self._restarts = 0
+        self._finer = False  # than when the last cause was chosen is the noise now
         self._rest = list(candidates)
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._scored()
@@ -97,12 +98,13 @@ class State:
         self._there_always()
         if self.current is not reached:
             self._score_anew()
-        if len(self.causes) < 2:
+        if len(self.causes) < 2 and not self._finer:
             return
         reached, exchange = self.current, not self.fitted.misfit
         self.causes, found = judged_again(
-            self.causes, reached, self.nominal, self.candidates, self.levels, exchange=exchange
-        )
+            self.causes, reached, self.nominal, self.candidates, self.levels,
+            exchange=exchange, last_too=self._finer,
+        )  # fmt: skip
         self._keep(found)
         if found is not reached:  # what had begun beside another cause
             self._there_always()
@@ -183,11 +185,13 @@ class State:
         strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
         misfit = self.fitted.misfit
         self._move(found, strong=strong)
-        if misfit and not self.fitted.misfit:  # only now are beginnings seen as sharply as they can be
+        self._finer = misfit and not self.fitted.misfit
+        if self._finer:  # only now are beginnings seen as sharply as they can be
             for i, before in enumerate(self.causes):
                 still, found = settled(self.current, before.score)
                 self.causes[i] = replace(before, score=still)
                 self._keep(found)
+            self.causes = weighed(self.causes, self.current, self.nominal)
         if strong:
             self._keep(finely_stepped(self.current))
         if strong or self.fitted.misfit:

@@ -15,6 +15,7 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Search
 
 POWER = 0.95
+IN_TURN = 1.0  # [s] between the beginnings of two causes of one family that are taken for pieces of a drift
 MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
 
 SEPARATE = {
@@ -168,9 +169,23 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
             beside = f"beside it {left[0].where} still depends on {left[0].dependence}"
             sentence += f" Explaining a part: {words}; {beside}."
         return "unexplained", sentence
+    if begin_in_turn(named):
+        sentence = (
+            f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
+        )
+        return "unexplained", f"{sentence} of a drift do that no cause fits."
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."
+
+
+def begin_in_turn(named: Sequence[FoundCause]) -> bool:
+    """Whether causes of one family begin at different times: what goes on changing is put together so."""
+    begun: dict[str, list[float]] = {}
+    for cause in named:
+        if cause.onset is not None:
+            begun.setdefault(cause.family, []).append(cause.onset)
+    return any(max(times) - min(times) > IN_TURN for times in begun.values())
 
 
 def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:

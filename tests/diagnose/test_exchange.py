@@ -1,12 +1,14 @@
 """Causes judged again beside the others: a wrong one found first gives way, a right one stays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from smsid.diagnose.accept import Cause, Levels, refit
 from smsid.diagnose.candidates import scored, signatures
 from smsid.diagnose.channels import measured
-from smsid.diagnose.exchange import judged_again, sought_again, without
+from smsid.diagnose.exchange import judged_again, sought_again, weighed, without
 from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.proposals import propose
@@ -154,3 +156,32 @@ def test_without_exchange_the_cause_stays_and_its_aliases_are_judged(pair):
     found, last = judged_again(causes, current, nominal, candidates, Levels(), exchange=False)
     assert [c.score for c in found] == [c.score for c in causes] and last is current
     assert "coulomb" in {s.candidate.shape for s, _ in found[0].aliases}
+
+
+def test_the_last_cause_is_judged_again_too_where_asked(pair):
+    """With the noise finer than it was when that was chosen, what rivals it had are none."""
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "coulomb")])
+    rivals = [c for c in candidates if c.key == (*FRICTION, "viscous")]
+    (rival,) = scored(nominal, rivals, list(signatures(nominal, rivals).values()))
+    causes[0] = replace(causes[0], aliases=((rival, 0.9),))
+    (kept,), _ = judged_again(causes, current, nominal, candidates, Levels())
+    (again,), last = judged_again(causes, current, nominal, candidates, Levels(), last_too=True)
+    assert kept.aliases == causes[0].aliases
+    assert again.score is causes[0].score and last is current
+    assert "viscous" not in {s.candidate.shape for s, _ in again.aliases}
+
+
+def test_causes_weigh_more_where_the_noise_is_finer(pair):
+    """As much as a fit without each of them loses."""
+    nominal, candidates = pair
+    problem = nominal.problem
+    coarse = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 5.0)))
+    strayed = fit(nominal.point, nominal.unknowns, coarse)
+    causes, current = with_causes(strayed, candidates, [(*FRICTION, "coulomb"), GAIN])
+    last = fit(current.point, current.unknowns, problem)
+    for before, after in zip(causes, weighed(causes, last, nominal), strict=True):
+        less = without(last, before.score.candidate, nominal)
+        refitted = fit(less.point, less.unknowns, less.problem)
+        assert after.ratio > 3.0 * before.ratio
+        assert after.ratio == pytest.approx(2.0 * (refitted.objective - last.objective), rel=0.1)
