@@ -18,7 +18,18 @@ from rich.console import Console
 
 from smsid._files import atomic_write
 
-STUDIES = ("122f17d", "154d43e", "f26edc2", "bc6639e", "f287636", "f02e9e8", "658345c", "02b55e7", "6374faf", "91d27e9")
+STUDIES = (
+    "122f17d",
+    "154d43e",
+    "f26edc2",
+    "bc6639e",
+    "f287636",
+    "f02e9e8",
+    "658345c",
+    "02b55e7",
+    "6374faf",
+    "91d27e9",
+)
 FIGURES = (
     ("false alarms, nothing hidden", "<= 1 %", "nothing_hidden"),
     ("the same, noise levels wrong by 30 %", "<= 3 %", "nothing_hidden_wrong_noise"),

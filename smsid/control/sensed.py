@@ -6,7 +6,7 @@ The errors are those of `smsid.sensing`; measured are q_b, q_m of (41), their ra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,10 @@ def measured_truth(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> Meas
 
 @dataclass
 class _Stream:
-    """One quantity: additive errors (k, ...), a linear map, limits, and what was last reported."""
+    """One quantity: additive errors (k, ...), a linear map, limits, and what was last reported.
+
+    ``mount`` (3, 3) takes the sensor's axes to the bus's, in which an attitude is reported.
+    """
 
     rate: float
     late: float
@@ -37,6 +40,7 @@ class _Stream:
     linear: np.ndarray | None
     saturation: float | None
     step: float
+    mount: np.ndarray = field(default_factory=lambda: np.eye(3))
     last: int = -1
     value: np.ndarray | None = None
 
@@ -98,7 +102,7 @@ class SensedState:
         s.last = index
         if quantity == "attitude":
             turn = state.rotation @ s.errors[index]
-            found = s.value = _rounded(turn, s.step) if s.step > 0.0 else turn
+            found = s.value = _rounded(turn, s.step, s.mount) if s.step > 0.0 else turn
             return found
         names = {"angular_rate": "omega", "joint_position": "angles", "joint_velocity": "rates"}
         exact = getattr(state, names.get(quantity, "wheel_rates"))
@@ -123,7 +127,7 @@ def _stream(
             quantity, times, still, np.random.default_rng(seed), delayed=True
         )
         matrices = np.array([pin.Quaternion(x).toRotationMatrix() for x in turns])
-        return _Stream(rate, error.delay, matrices, None, None, error.quantisation)
+        return _Stream(rate, error.delay, matrices, None, None, error.quantisation, sensor.rotation)
     fresh = ErrorModel()
     additive = error.model_copy(update={**nothing, **{k: getattr(fresh, k) for k in LINEAR}})
     errors = _with(sensor, quantity, additive).measure(
@@ -138,10 +142,13 @@ def _stream(
     return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
 
 
-def _rounded(rotation: np.ndarray, step: float) -> np.ndarray:
-    """Return the rotation (3, 3) whose quaternion is rounded to steps and normalised again."""
-    whole = np.round(pin.Quaternion(rotation).coeffs() / step)
-    return pin.Quaternion(whole / np.linalg.norm(whole)).toRotationMatrix()
+def _rounded(rotation: np.ndarray, step: float, mount: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) whose quaternion, in the sensor's axes, is rounded and normalised again.
+
+    ``mount`` (3, 3) takes the sensor's axes to the bus's.
+    """
+    whole = np.round(pin.Quaternion(rotation @ mount).coeffs() / step)
+    return pin.Quaternion(whole / np.linalg.norm(whole)).toRotationMatrix() @ mount.T
 
 
 def _with(sensor: Sensor, quantity: str, error: ErrorModel) -> Sensor:

@@ -263,6 +263,7 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
 def _fault(fault: Fault) -> FoundCause:
     names = {"stuck": ("time", "s"), "outliers": ("rate", "1"), "quantisation": ("step", "of the channel")}
     name, unit = names[fault.kind]
+    unit = "1" if fault.kind == "quantisation" and fault.channel.endswith(".attitude") else unit
     value = Value(f"{fault.kind}_{fault.channel}.{name}", fault.value, fault.sigma, unit)
     return FoundCause(
         fault.kind,

@@ -41,17 +41,10 @@ def judged_again(
     causes, columns = list(causes), {}
     for i, cause in enumerate(causes if last_too else causes[:-1]):
         taken = {c.score.candidate.key for c in causes}
-        try:
-            less = without(last, cause.score.candidate, nominal)
-        except SmsidError as error:
-            LOGGER.info("%s is not judged again: %s", cause.score.candidate.key, error)
+        less = _taken_out(last, cause, nominal)
+        if less is None:
             continue
-        if less.point.model().nv != last.changes.model.nv:  # how a body hung up moves is not of first order
-            try:
-                less = fit(less.point, less.unknowns, less.problem, iterations=8)
-            except (SmsidError, np.linalg.LinAlgError) as error:
-                LOGGER.info("%s is not judged again: %s", cause.score.candidate.key, error)
-                continue
+        if less.point.model().nv != last.changes.model.nv:
             known = _by_key(less, candidates)
         else:
             columns = known = columns or _by_key(last, candidates)
@@ -118,18 +111,30 @@ def sought_again(
 def weighed(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list[Cause]:
     """Return the causes with the ratios they have in a fit to finer noise than they were found with.
 
-    To first order, each beside the others; one that cannot be taken out keeps what it had.
+    Each beside the others, to first order; one that has motion of its own, or cannot be taken out, as
+    `judged_again` has it. No ratio is smaller than it was.
     """
     causes = list(causes)
     for i, cause in enumerate(causes):
-        try:
-            own = _own(last, without(last, cause.score.candidate, nominal), cause)
-        except SmsidError as error:
-            LOGGER.info("%s is not weighed again: %s", cause.score.candidate.key, error)
+        less = _taken_out(last, cause, nominal)
+        if less is None:
             continue
+        own = _own(last, less, cause)
         LOGGER.info("%s: ratio %.1f, now %.1f", cause.score.candidate.key, cause.ratio, own.ratio)
         causes[i] = replace(cause, ratio=max(cause.ratio, own.ratio))
     return causes
+
+
+def _taken_out(last: Fit, cause: Cause, nominal: Fit) -> Fit | None:
+    """Return a fit less a cause to first order; refitted, where how it moves itself is not of first order."""
+    try:
+        less = without(last, cause.score.candidate, nominal)
+        if less.point.model().nv != last.changes.model.nv:
+            less = fit(less.point, less.unknowns, less.problem, iterations=8)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s is not taken out: %s", cause.score.candidate.key, error)
+        return None
+    return less
 
 
 def without(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.channels import Block, Measured
 from smsid.diagnose.rounded_attitude import step_of
@@ -114,9 +115,12 @@ def _rounded_attitudes(data: Measured) -> list[Fault]:
             continue
         there = np.isfinite(data.values[:, block.rows]).all(axis=1)
         least = 0.3 * float(data.sigma[block.rows].max()) / 2.0  # a step is a turn of two [rad]
-        coarse = step_of(data.attitude[block.channel][there], least)
+        read = data.attitude[block.channel][there]
+        if any(block.sensor.orientation) and len(read):  # it is rounded in its own axes
+            read = (Rotation.from_quat(read) * Rotation.from_matrix(block.sensor.rotation)).as_quat()
+        coarse = step_of(read, least)
         stated = block.sensor.error(block.quantity).quantisation
-        if coarse is not None and coarse[0] > 1.01 * stated:
+        if coarse is not None and coarse[0] - 3.0 * coarse[1] > 1.01 * stated:
             none = np.zeros(data.values.shape, dtype=bool)
             found += [Fault("quantisation", block.channel, name, *coarse, none) for name in block.names]
     return found

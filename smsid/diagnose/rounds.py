@@ -48,7 +48,7 @@ class State:
         self._nominal()
         self._restarts = 0
         self._finer = False  # than when the last cause was chosen is the noise now
-        self._rest = list(candidates)
+        self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._scored()
 
@@ -88,7 +88,7 @@ class State:
         elif self._better(found):
             self._restart(found)
         else:
-            self._rest = [c for c in self._rest if c.key != best.candidate.key]
+            self._out.add(best.candidate.key)
             self.scores = [s for s in self.scores if s.candidate.key != best.candidate.key]
         return True
 
@@ -98,7 +98,7 @@ class State:
         self._there_always()
         if self.current is not reached:
             self._score_anew()
-        if len(self.causes) < 2 and not self._finer:
+        if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
         reached, exchange = self.current, not self.fitted.misfit
         self.causes, found = judged_again(
@@ -108,6 +108,7 @@ class State:
         self._keep(found)
         if found is not reached:  # what had begun beside another cause
             self._there_always()
+            self._score_anew()
 
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
@@ -117,6 +118,7 @@ class State:
             return False
         self._keep(found)
         self._there_always()
+        self._score_anew()
         return True
 
     def enlarge(self, larger: Fit) -> None:
@@ -164,13 +166,12 @@ class State:
         self._move(found, strong=True)
         if not self.causes:
             self._nominal()
-        named = {c.score.candidate.key for c in self.causes}
-        self._rest = [c for c in self.candidates if c.key not in named]
+        self._out.clear()
         self._score_anew()
 
     def _add(self, cause: Cause, found: Fit) -> None:
         """Take an accepted cause in, in the place of those that are special cases of it."""
-        levels = self.levels
+        levels, self._finer = self.levels, False
         moved, found = settled(found, cause.score)
         cause = replace(cause, score=moved)
         if poor(found):  # perhaps as the cause was there all the time
@@ -183,20 +184,14 @@ class State:
         reached = found.objective
         self.causes, found = sought_again(self.causes, found, self.nominal, self.candidates, levels)
         strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
-        misfit = self.fitted.misfit
+        counted = self.fitted.misfit
         self._move(found, strong=strong)
-        self._finer = misfit and not self.fitted.misfit
-        if self._finer:  # only now are beginnings seen as sharply as they can be
-            for i, before in enumerate(self.causes):
-                still, found = settled(self.current, before.score)
-                self.causes[i] = replace(before, score=still)
-                self._keep(found)
-            self.causes = weighed(self.causes, self.current, self.nominal)
+        self._out.update(c.score.candidate.key for c in within)
+        strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
         if strong:
             self._keep(finely_stepped(self.current))
-        if strong or self.fitted.misfit:
+        if strong or counted:  # signatures are those of another motion, or in other noise
             self._columns.clear()
-        self._rest = [c for c in self._rest if c.key != cause.score.candidate.key]
         self.scores = self._scored()
 
     def _there_always(self) -> None:
@@ -209,9 +204,23 @@ class State:
         self.strayed = strayed(self.current.run, self.fitted.factors)
 
     def _move(self, found: Fit, *, strong: bool) -> None:
-        """Go on from another fit, with its noise levels."""
+        """Go on from another fit, with its noise levels.
+
+        Where misfit is no longer counted, only now are beginnings seen as sharply as they can be, causes
+        weigh what they do, and what was tried in vain is worth another trial.
+        """
+        counted = self.fitted.misfit
         self.current.changes.by_candidate.clear()
         self.fitted = refitted(replace(self.fitted, fit=found), strong=strong)
+        if self.fitted.misfit or not counted:
+            return
+        self._finer = True
+        self._out.clear()
+        for i, before in enumerate(self.causes):
+            still, found = settled(self.current, before.score)
+            self.causes[i] = replace(before, score=still)
+            self._keep(found)
+        self.causes = weighed(self.causes, self.current, self.nominal)
 
     def _keep(self, found: Fit) -> None:
         """Go on from another fit with the noise levels as they are."""
@@ -223,11 +232,13 @@ class State:
 
     def _scored(self) -> list[Score]:
         """Score the candidates left, the best first; signatures already known are used again."""
-        missing = [c for c in self._rest if c.key not in self._columns]
+        out = self._out | {c.score.candidate.key for c in self.causes}
+        rest = [c for c in self.candidates if c.key not in out]
+        missing = [c for c in rest if c.key not in self._columns]
         if missing:
             known = signatures(self.current, missing)
             self._columns.update({missing[i].key: columns for i, columns in known.items()})
-        seen = [c for c in self._rest if c.key in self._columns]
+        seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         return sorted(scores, key=lambda s: -s.odds(self.samples))
 

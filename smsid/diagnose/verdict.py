@@ -15,7 +15,11 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Search
 
 POWER = 0.95
-IN_TURN = 1.0  # [s] between the beginnings of two causes of one family that are taken for pieces of a drift
+IN_TURN = 1.0  # [s] between their beginnings above which causes of one family are pieces of a drift
+IN_PIECES = (
+    "The simulation does not explain the recording: what would, begins in turn, as the pieces of a drift do "
+    "that no cause fits: {}."
+)
 MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
 
 SEPARATE = {
@@ -160,7 +164,7 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     left = found.left
     words = "; ".join(describe(c) for c in named)
     if found.misfit:
-        return _with_misfit(found, words)
+        return _with_misfit(found, named, words)
     if left:
         worst = (*found.left_before, *left)[0]
         what = f"{worst.where} depends on {worst.dependence}"
@@ -180,18 +184,26 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
 
 
 def begin_in_turn(named: Sequence[FoundCause]) -> bool:
-    """Whether causes of one family begin at different times: what goes on changing is put together so."""
-    begun: dict[str, list[float]] = {}
+    """Whether causes of one family begin at different times: what goes on changing is put together so.
+
+    Sensors fail one by one, and a force is no piece of a torque: of these, only those of one sensor and of
+    one effect belong together.
+    """
+    begun: dict[tuple[str, str], list[float]] = {}
     for cause in named:
         if cause.onset is not None:
-            begun.setdefault(cause.family, []).append(cause.onset)
+            sensor, effect = cause.location.split(".")[0], f"{cause.effect}: {cause.fitted}"
+            own = {"sensor": sensor, "external": effect}.get(cause.family, "")
+            begun.setdefault((cause.family, own), []).append(cause.onset)
     return any(max(times) - min(times) > IN_TURN for times in begun.values())
 
 
-def _with_misfit(found: Search, words: str) -> tuple[Verdict, str]:
+def _with_misfit(found: Search, named: tuple[FoundCause, ...], words: str) -> tuple[Verdict, str]:
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
+    if words and found.followed >= MOSTLY and begin_in_turn(named):
+        return "unexplained", IN_PIECES.format(words)
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."

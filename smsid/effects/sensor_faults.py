@@ -6,13 +6,14 @@ from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
+from pydantic import model_validator
 
 from smsid.effects.base import physical, register
 from smsid.effects.sensor import OF_QUANTITY, ComponentEffect
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 from smsid.sensing.component import ComponentError
-from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel
 
 
 @register
@@ -22,7 +23,22 @@ class Quantisation(ComponentEffect):
     summary: ClassVar[str] = "readings rounded to coarser steps than stated"
     strength: ClassVar[tuple[str, ...]] = ("step",)
     kind: Literal["quantisation"] = "quantisation"
-    step: float = physical(OF_QUANTITY, lower=0.0, default=0.0, description="of the output")
+    step: float = physical(
+        OF_QUANTITY,
+        lower=0.0,
+        default=0.0,
+        description="of the output; of an attitude that of its quaternion's components [1]",
+    )
+
+    @model_validator(mode="after")
+    def _of_the_whole_attitude(self) -> Quantisation:
+        if self.quantity == "attitude" and (self.component is not None or self.station is not None):
+            raise ValueError(
+                "an attitude's quaternion is rounded as a whole: leave out `component` and `station`"
+            )
+        if self.quantity == "attitude" and self.step >= COARSEST_ATTITUDE:
+            raise ValueError(f"the step of a quaternion's components is below {COARSEST_ATTITUDE}")
+        return self
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the step, of an attitude without unit."""

@@ -25,6 +25,9 @@ GAUSS_MARKOV_ALLAN_PEAK = 0.6173642831444414
 GAUSS_MARKOV_ALLAN_PEAK_TIME = 1.892617778469084
 """Averaging time of that peak, in correlation times."""
 
+COARSEST_ATTITUDE = 0.5
+"""Steps of a quaternion's components are below it: the largest of them may be no larger, and none be left."""
+
 
 class ErrorModel(BaseModel):
     r"""Error of one measured vector quantity, in the quantity's own unit, along the sensor's own axes.
@@ -330,10 +333,10 @@ class ErrorModel(BaseModel):
                 advice="Use noise, bias and misalignment, which are rotation vectors [rad].",
                 keys=self.not_of_attitude,
             )
-        if attitude and self.quantisation >= _COARSEST:
+        if attitude and self.quantisation >= COARSEST_ATTITUDE:
             raise DescriptionError(
                 f"Quaternions cannot be rounded to a step of {self.quantisation}.",
-                advice=f"Give a step below {_COARSEST}: it is that of their components.",
+                advice=f"Give a step below {COARSEST_ATTITUDE}: it is that of their components.",
                 key="quantisation",
                 value=self.quantisation,
             )
@@ -341,7 +344,6 @@ class ErrorModel(BaseModel):
 
 _TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white", "outlier", "outlier size")
 _NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation")
-_COARSEST = 0.5  # step of a quaternion's components, of which the largest is 0.5 or more: none may be left
 _PER_AXIS = (
     "noise_density",
     "noise_sigma",

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._noise import FloatArray
-from smsid.sensing.error_model import ErrorModel, Magnitude, Positive, Triple
+from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
 from smsid.sensing.presets import preset as _preset
 
 Kind = Literal["pose", "imu", "encoder", "tachometer", "accelerometers"]
@@ -110,6 +110,8 @@ class Sensor(BaseModel):
                 raise ValueError(f"misalignment has no meaning for {quantity}")
             if quantity == "attitude" and model.not_of_attitude:
                 raise ValueError(f"{', '.join(model.not_of_attitude)} has no meaning for an attitude")
+            if quantity == "attitude" and model.quantisation >= COARSEST_ATTITUDE:
+                raise ValueError(f"the step of a quaternion's components is below {COARSEST_ATTITUDE}")
         if self.kind == "accelerometers" and self.appendage is None:
             raise ValueError(f"accelerometers '{self.name}' need the name of their appendage")
         if self.kind != "accelerometers" and (self.appendage is not None or self.stations is not None):

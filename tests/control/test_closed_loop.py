@@ -219,14 +219,19 @@ def test_slow_late_and_wrong_sensors():
 
 
 def test_an_attitude_is_read_in_the_steps_of_its_quaternion():
+    """In the axes of its sensor: as `Sensor.measure` does it."""
     model = paper()
     others = [s for s in model.description.sensor if s.kind != "pose"]
-    pose = Sensor(name="pose", kind="pose", rate=10.0, errors={"attitude": {"quantisation": 0.02}})
+    pose = Sensor(
+        name="pose", kind="pose", rate=10.0, orientation=(0.3, -0.2, 0.7),
+        errors={"attitude": {"quantisation": 0.02}},
+    )  # fmt: skip
     seen = SensedState(model, [*others, pose], 1.0, 10.0, np.random.default_rng(1))
     q, v = random_state(model, np.random.default_rng(3))
-    whole = np.round(pin.Quaternion(measured_truth(model, q, v).rotation).coeffs() / 0.02)
-    read = pin.Quaternion(seen(0.0, q, v).rotation).coeffs()
-    np.testing.assert_allclose(np.abs(read @ whole), np.linalg.norm(whole), rtol=1e-12)
+    exact = pin.Quaternion(measured_truth(model, q, v).rotation).coeffs()
+    (read,) = pose.measure("attitude", [0.0], exact[None], np.random.default_rng(1))
+    np.testing.assert_allclose(seen(0.0, q, v).rotation, pin.Quaternion(read).toRotationMatrix(), atol=1e-12)
+    assert np.abs(pin.log3(measured_truth(model, q, v).rotation.T @ seen(0.1, q, v).rotation)).max() > 1e-3
 
 
 def test_limits_are_kept_and_told():

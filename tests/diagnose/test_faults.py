@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.faults import quantised_channels, rougher, stuck_channels
 from smsid.diagnose.noise import noise_factors
@@ -14,7 +15,8 @@ from tests.diagnose.test_rounded_attitude import rounded
 
 @pytest.fixture
 def data(problem):
-    return replace(problem.data, values=problem.data.values.copy(), sigma=problem.data.sigma.copy())
+    whole = problem.data
+    return replace(whole, values=whole.values.copy(), sigma=whole.sigma.copy(), attitude=dict(whole.attitude))
 
 
 def test_a_sound_recording_has_none(data):
@@ -107,23 +109,40 @@ def test_a_slow_component_on_the_grid_of_another_is_coarse_too_and_tells_once_wh
     assert (noise_factors(every, small) == 1.0).all()
 
 
+STEP = 4e-3  # of a quaternion's components, 40 times the attitude's noise
+
+
 def test_a_rounded_attitude_is_found_with_its_step(data):
-    """A turn of two steps is what its error is of."""
-    step = 40.0 * float(data.sigma[data.names.index("pose.attitude[x]")])
-    data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], step)
+    """A turn of two steps is what its error is of; each reading lasts for some samples."""
+    read = data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], STEP)
     found = quantised_channels(data)
     assert [f.component for f in found] == [f"pose.attitude[{axis}]" for axis in "xyz"]
-    assert all(f.value == pytest.approx(step, abs=3.0 * f.sigma) for f in found)
+    assert all(f.value == pytest.approx(STEP, abs=3.0 * f.sigma) and f.sigma < 1e-2 * STEP for f in found)
     row = data.names.index("pose.attitude[x]")
-    assert rougher(data, found).sigma[row] >= 2.0 * step / np.sqrt(12.0)
+    lasts = len(read) / len(np.unique(np.cumsum((np.diff(read, axis=0, prepend=0.0) != 0.0).any(axis=1))))
+    expected = np.hypot(data.sigma[row], 2.0 * STEP * np.sqrt(lasts / 12.0))
+    assert rougher(data, found).sigma[row] == pytest.approx(expected, rel=0.02)
     assert not [f for f in stuck_channels(data) if f.channel == "pose.attitude"]
 
 
-def test_an_attitude_with_a_stated_step_is_sound(data):
-    step = 40.0 * float(data.sigma[data.names.index("pose.attitude[x]")])
-    data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], step)
+def with_pose(data, **update):
+    """The data with another pose sensor."""
     own = next(b.sensor for b in data.blocks if b.quantity == "attitude")
-    stated = {**own.errors, "attitude": ErrorModel(quantisation=1.1 * step)}
     others = [b.sensor for b in data.blocks if b.sensor.name != own.name]
-    coarser = [own.model_copy(update={"errors": stated}), *others]
-    assert quantised_channels(data.with_blocks(coarser)) == []
+    return data.with_blocks([own.model_copy(update=update), *others])
+
+
+def test_an_attitude_with_a_stated_step_is_sound(data):
+    data.attitude["pose.attitude"] = rounded(data.attitude["pose.attitude"], STEP)
+    assert quantised_channels(with_pose(data, errors={"attitude": ErrorModel(quantisation=STEP)})) == []
+    assert quantised_channels(with_pose(data, errors={"attitude": ErrorModel(quantisation=0.8 * STEP)}))
+
+
+def test_an_attitude_is_rounded_in_the_axes_of_its_sensor(data):
+    """Turned back to those of the bus, it is on no grid."""
+    mount = Rotation.from_euler("xyz", (0.3, -0.2, 0.7))
+    own = rounded((Rotation.from_quat(data.attitude["pose.attitude"]) * mount).as_quat(), STEP)
+    data.attitude["pose.attitude"] = (Rotation.from_quat(own) * mount.inv()).as_quat()
+    assert quantised_channels(data) == []
+    found = quantised_channels(with_pose(data, orientation=(0.3, -0.2, 0.7)))
+    assert len(found) == 3 and found[0].value == pytest.approx(STEP, abs=3.0 * found[0].sigma)

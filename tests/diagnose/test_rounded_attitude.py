@@ -68,10 +68,26 @@ def test_some_readings_may_be_off():
     assert value == pytest.approx(3e-3, abs=6.0 * sigma)
 
 
-@pytest.mark.parametrize("why", ["at rest", "finer than the noise", "too short"])
-def test_what_does_not_tell(why):
-    q = rounded(turning(9), 1e-3)
-    q, least = {"at rest": (q[:1].repeat(400, 0), LEAST), "finer than the noise": (q, 2e-3)}.get(
-        why, (q[:5], LEAST)
-    )
+Q = rounded(turning(9), 1e-3)
+EXACT = np.eye(4)[[0, 1, 2, 3] * 5]
+
+
+@pytest.mark.parametrize(
+    ("q", "least"),
+    [
+        (Q[:1].repeat(400, 0), LEAST),
+        (Q, 2e-3),
+        (Q[:5], LEAST),
+        (Q[:0], LEAST),
+        (np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, -1.0]] * 10), LEAST),
+        (EXACT, LEAST),
+        (Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2]] * 10).as_quat(), LEAST),
+    ],
+    ids=["at rest", "finer than the noise", "short", "empty", "signs", "half turns", "right angles"],
+)
+def test_what_does_not_tell(q, least):
     assert step_of(q, least) is None
+
+
+def test_noise_of_which_nothing_is_known_will_do():
+    assert step_of(Q, 0.0) is not None

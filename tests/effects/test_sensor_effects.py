@@ -196,3 +196,11 @@ def test_an_attitude_is_rounded_in_steps_of_its_quaternion(paper: Description) -
     read = ErrorModel(quantisation=0.01).apply(np.arange(5.0), still, np.random.default_rng(1), attitude=True)
     whole = np.array([10.0, -30.0, 20.0, 93.0])
     np.testing.assert_allclose(read[0], whole / np.linalg.norm(whole), atol=1e-15)
+
+
+@pytest.mark.parametrize("wrong", [{"component": "x"}, {"step": 0.5}])
+def test_an_attitude_is_rounded_as_a_whole_and_finely(wrong) -> None:
+    with pytest.raises(ValidationError):
+        Quantisation.model_validate(
+            {"name": "c", "sensor": "pose", "quantity": "attitude", "step": 0.01, **wrong}
+        )

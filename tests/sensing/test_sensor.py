@@ -102,6 +102,7 @@ def test_stations_are_indices_or_distances():
         {"kind": "accelerometers", "rate": 1.0, "appendage": "panel", "stations": []},
         {"kind": "encoder", "rate": 1.0, "errors": {"joint_position": {"misalignment_sigma": 0.1}}},
         {"kind": "pose", "rate": 1.0, "errors": {"attitude": {"saturation": 0.1}}},
+        {"kind": "pose", "rate": 1.0, "errors": {"attitude": {"quantisation": 0.5}}},
     ],
 )
 def test_what_does_not_fit_is_refused(fields):
