@@ -28,7 +28,9 @@ STUDIES = (
     "658345c",
     "02b55e7",
     "6374faf",
-    "91d27e9", "7f38066", "6ee3787",
+    "91d27e9",
+    "7f38066",
+    "6ee3787",
 )
 FIGURES = (
     ("false alarms, nothing hidden", "<= 1 %", "nothing_hidden"),

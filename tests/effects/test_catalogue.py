@@ -118,7 +118,7 @@ def test_values_put_in_come_out(data, kind):
     parameters = effect.parameters()
     chosen = data.draw(st.lists(st.sampled_from(parameters), unique=True))
     factor = data.draw(st.floats(min_value=1.0, max_value=3.0))
-    values = {p.name: factor * p.value + 1e-3 for p in chosen}
+    values = {p.name: float(np.clip(factor * p.value + 1e-3, p.lower, p.upper)) for p in chosen}
     changed = effect.with_values(values)
     expected = {p.name: values.get(p.name, p.value) for p in parameters}
     assert {p.name: p.value for p in changed.parameters()} == expected
