@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from scipy.stats import chi2
@@ -78,6 +79,19 @@ class Candidate:
             changed = plain.with_values({name: p.value + sign * step})
             found.append(_times(changes.effect(plain, changed, sign * step), step))
         return found
+
+    def apart(self, names: Collection[str]) -> Candidate:
+        """Return it with an effect of its own where one of its name is known, as an effect has one start."""
+        effect = self.effect
+        if effect is None or effect.name not in names:
+            return self
+        own = next(n for k in count(2) if (n := f"{effect.name}_{k}") not in names)
+
+        def renamed(parameters: Sequence[str]) -> tuple[str, ...]:
+            return tuple(f"{own}.{p.partition('.')[2]}" for p in parameters)
+
+        effect = effect.model_copy(update={"name": own})
+        return replace(self, effect=effect, free=renamed(self.free), also=renamed(self.also))
 
     def instance(self, point: Point) -> Effect:
         """Return its effect as the point has it, perhaps with other parameters freed already."""

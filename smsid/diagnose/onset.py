@@ -44,11 +44,12 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     if not _may_begin(s.candidate):
         return s
     times, loud = current.run.states.time, loudest(current.run)
+    begins = s.candidate.apart({e.name for e in current.point.description.effect})
     own = changes_of(current, s.candidate) if _may_be_cut(s.candidate) else None
 
     def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
         starts = [step_from(current, float(t)) for t in about if times[0] < t < times[-1]]
-        tried = [_from(s.candidate, t, grid) for t in starts]
+        tried = [_from(begins, t, grid) for t in starts]
         if own is None:
             columns = signatures(current, tried)
             scores = iter(scored(current, [tried[i] for i in columns], list(columns.values())))
@@ -149,6 +150,16 @@ def _plain(score: Score) -> Score:
     assert score.candidate.effect is not None
     effect = score.candidate.effect.model_copy(update={"start": None})
     return replace(score, candidate=replace(score.candidate, effect=effect, grid=1))
+
+
+def as_begun(current: Fit, score: Score) -> Score:
+    """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
+    effect = score.candidate.effect
+    if not isinstance(effect, Starting):
+        return score
+    start = getattr(score.candidate.instance(current.point), "start", None)
+    effect = effect.model_copy(update={"start": start})
+    return replace(score, candidate=replace(score.candidate, effect=effect))
 
 
 def settled(current: Fit, score: Score) -> tuple[Score, Fit]:

@@ -19,6 +19,7 @@ from smsid.diagnose.noise import Fitted, refitted, strayed
 from smsid.diagnose.onset import (
     always,
     always_together,
+    as_begun,
     beginning,
     begins_midway,
     poor,
@@ -172,7 +173,7 @@ class State:
     def _add(self, cause: Cause, found: Fit) -> None:
         """Take an accepted cause in, in the place of those that are special cases of it."""
         levels, self._finer = self.levels, False
-        moved, found = settled(found, cause.score)
+        moved, found = settled(found, as_begun(found, cause.score))
         cause = replace(cause, score=moved)
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.onset)

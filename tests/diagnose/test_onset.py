@@ -14,10 +14,12 @@ from smsid.diagnose.fit import evaluate
 from smsid.diagnose.onset import (
     always,
     always_together,
+    as_begun,
     beginning,
     loudest,
     moved_start,
     price,
+    settled,
     step_from,
     with_onset,
 )  # fmt: skip
@@ -34,6 +36,7 @@ def hidden(fitted, key, size, start):
     kinds = ("torque_gain", "joint_friction", "external_wrench", "sensor_bias")
     candidates = [c for c in propose(point, problem, unknowns) if c.kind in kinds]
     one = next(c for c in candidates if c.key == key)
+    one = one if start is None else one.apart({e.name for e in point.description.effect})
     begun = replace(one, effect=one.effect.model_copy(update={"start": start}))
     column = signatures(found, [begun])[0][:, 0]
     own = found.left(column[:, None])[:, 0]
@@ -64,6 +67,36 @@ def test_the_time_is_found_where_there_is_one(fitted, start):
     else:
         assert begun.candidate.effect.start == pytest.approx(start, abs=0.1)
         assert begun.ratio - own.ratio > price(ALIAS)
+
+
+@pytest.mark.parametrize("known_start", [None, 1.0])
+def test_what_begins_beside_its_own_effect_is_another_effect(fitted, known_start):
+    """An effect has one start: friction that is described, or found, does not begin when more of it does."""
+    point, problem, unknowns = fitted
+    key = ("joint_friction", "joint2", "viscous")
+    plain = next(c for c in propose(point, problem, unknowns) if c.key == key).effect
+    described = plain.model_copy(update={"viscous": 0.01, "start": known_start})
+    found, scores = hidden((point.with_effect(described), problem, unknowns), key, 60.0, 4.3)
+    begun = with_onset(found, next(s for s in scores if s.candidate.key == key), ALIAS)
+    own = begun.candidate
+    assert own.effect.name == f"{described.name}_2" and own.free == (f"{own.effect.name}.viscous",)
+    assert own.effect.start == pytest.approx(4.3, abs=0.05) and own.effect.viscous == 0.0
+    with_it = evaluate(found.point.with_effect(own.effect), (*unknowns, *own.unknowns(unknowns)), problem)
+    assert with_it.point.description.get_effect(described.name) == described
+    settled(with_it, begun)  # finds its effect, with a start
+
+
+def test_a_cause_begins_when_the_effect_does_that_it_is_part_of(fitted):
+    """A Stribeck curve found after what seemed a Coulomb friction from a time on is there from then on."""
+    point, problem, unknowns = fitted
+    by_shape = {c.shape: c for c in propose(point, problem, unknowns) if c.location == "joint2"}
+    first, second = by_shape["coulomb"], by_shape["stribeck"]
+    known = first.effect.model_copy(update={"start": 3.0, "coulomb": 0.01})
+    found, _ = hidden((point.with_effect(known), problem, unknowns), KEY, 1.0, None)
+    score = scored(found, [second], list(signatures(found, [second]).values()))[0]
+    begun = as_begun(found, score).candidate
+    assert second.effect.start is None and begun.effect.start == 3.0
+    assert begun.holds(replace(first, effect=known))
 
 
 def test_of_a_strong_one_what_is_there_all_the_time_is_fitted_too(fitted):

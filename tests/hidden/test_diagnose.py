@@ -13,7 +13,7 @@ import pytest
 from .catalogue import hidden_effects
 from .judge import Injected
 from .plan import Run, inject
-from .study import run_and_judge
+from .study import diagnosis_of, judged, run_and_judge, tamed
 
 pytest.importorskip("smsid.diagnose")
 
@@ -86,6 +86,21 @@ def test_when_it_began(seed, name, strength, onset, off, tmp_path):
     assert row["outcome"] in RIGHT, row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - onset) < off
+
+
+def test_more_of_a_described_friction_begins(tmp_path):
+    """A description that a diagnosis has extended has an effect of the name that a new cause would get."""
+    rng = np.random.default_rng([17, 80])
+    hidden = inject("arm", hidden_effects("arm")["joint_friction:viscous@joint2"], 10.0, rng, 35.0)
+    run, files = tamed(Run(17, "onset", "arm", (hidden,)), tmp_path)
+    known = {"kind": "joint_friction", "name": "joint_friction_joint2", "joint": "joint2", "viscous": 1e-7}
+    with files.description.open("a", encoding="utf-8") as text:
+        text.write("\n[[effect]]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in known.items()))
+    found = judged(run, diagnosis_of(files, tmp_path))
+    assert found.outcome in RIGHT, found
+    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
+    assert abs(cause["onset"] - 35.0) < 2.0
+    assert cause["parameters"][0]["name"] == "joint_friction_joint2_2.viscous"
 
 
 def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
