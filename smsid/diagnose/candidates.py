@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 
 import numpy as np
 from scipy.stats import chi2
@@ -85,13 +85,14 @@ class Candidate:
         effect = self.effect
         if effect is None or effect.name not in names:
             return self
-        own = next(n for k in count(2) if (n := f"{effect.name}_{k}") not in names)
+        numbers = chain([""], count(2))
+        return self.renamed(next(n for k in numbers if (n := f"{effect.name}_later{k}") not in names))
 
-        def renamed(parameters: Sequence[str]) -> tuple[str, ...]:
-            return tuple(f"{own}.{p.partition('.')[2]}" for p in parameters)
-
-        effect = effect.model_copy(update={"name": own})
-        return replace(self, effect=effect, free=renamed(self.free), also=renamed(self.also))
+    def renamed(self, name: str) -> Candidate:
+        """Return it with its effect, and with that its parameters, under another name."""
+        assert self.effect is not None
+        free, also = (tuple(parameter_of(name, p) for p in some) for some in (self.free, self.also))
+        return replace(self, effect=self.effect.model_copy(update={"name": name}), free=free, also=also)
 
     def instance(self, point: Point) -> Effect:
         """Return its effect as the point has it, perhaps with other parameters freed already."""
@@ -136,6 +137,11 @@ class Candidate:
             return False
         (p,) = (p for p in self.effect.parameters() if p.name == self.free[0])
         return p.value in (p.lower, p.upper)
+
+
+def parameter_of(effect: str, parameter: str) -> str:
+    """Return the name of a parameter, ``<effect>.<parameter>``, as one of another effect."""
+    return f"{effect}.{parameter.partition('.')[2]}"
 
 
 @dataclass(frozen=True)

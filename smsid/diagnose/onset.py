@@ -39,13 +39,18 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
 
     A grid over the recording, then finer ones about its best; what the grid costs is paid in the criterion.
     Of a strong one the score without a beginning is kept as `Score.another`: linear about the motion without
-    the effect, a thousandth of a large ratio may make up a beginning.
+    the effect, a thousandth of a large ratio may make up a beginning. Where an effect of its name is there
+    already, it begins as one of its own, which may be one that cannot be: `Score.another` is kept then, too.
     """
     if not _may_begin(s.candidate):
         return s
     times, loud = current.run.states.time, loudest(current.run)
     begins = s.candidate.apart({e.name for e in current.point.description.effect})
-    own = changes_of(current, s.candidate) if _may_be_cut(s.candidate) else None
+    try:
+        own = changes_of(current, begins) if _may_be_cut(begins) else None
+    except SmsidError as error:
+        LOGGER.info("%s does not begin beside its own effect: %s", s.candidate.key, error)
+        return s
 
     def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
         starts = [step_from(current, float(t)) for t in about if times[0] < t < times[-1]]
@@ -74,7 +79,7 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
         best = best_of(best, _about(begun, width), grid)
     if best.ratio - s.ratio <= price(alias, grid):
         return s
-    return best if best.ratio < STRONG else replace(best, another=s)
+    return best if best.ratio < STRONG and begins is s.candidate else replace(best, another=s)
 
 
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
@@ -121,8 +126,8 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     late = [s for s in scores if begins_midway(s)]
     if not late:
         return list(scores), current
-    names, pays = [s.candidate.key for s in late], len(late) * price(alias)
-    plain = current.point
+    names, plain = [s.candidate.key for s in late], current.point
+    pays = len({s.candidate.effect.name for s in late if s.candidate.effect}) * price(alias)
     for s in late:
         assert s.candidate.effect is not None
         mine = plain.description.get_effect(s.candidate.effect.name)
@@ -155,9 +160,11 @@ def _plain(score: Score) -> Score:
 def as_begun(current: Fit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
-    if not isinstance(effect, Starting):
+    start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
+    if not isinstance(effect, Starting) or effect.start == start:
         return score
-    start = getattr(score.candidate.instance(current.point), "start", None)
+    if start is None:
+        return _plain(score)
     effect = effect.model_copy(update={"start": start})
     return replace(score, candidate=replace(score.candidate, effect=effect))
 
@@ -165,7 +172,8 @@ def as_begun(current: Fit, score: Score) -> Score:
 def settled(current: Fit, score: Score) -> tuple[Score, Fit]:
     """Return a cause's score and the fit with its beginning moved to where the fit is best.
 
-    The score that found it is linear about the motion without the cause, where a large effect is curved.
+    The score that found it is linear about the motion without the cause, where a large effect is curved. The
+    effect may be another cause's, too, and no longer begin.
     """
     effect = score.candidate.effect
     if not isinstance(effect, Starting) or effect.start is None:
@@ -173,7 +181,8 @@ def settled(current: Fit, score: Score) -> tuple[Score, Fit]:
     name = effect.name
     for _ in range(MOVES):
         mine = current.point.description.get_effect(name)
-        assert isinstance(mine, Starting) and mine.start is not None
+        if not isinstance(mine, Starting) or mine.start is None:
+            return as_begun(current, score), current
         start, gain = moved_start(current, mine)
         if gain < MOVED:
             break

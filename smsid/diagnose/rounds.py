@@ -173,12 +173,14 @@ class State:
     def _add(self, cause: Cause, found: Fit) -> None:
         """Take an accepted cause in, in the place of those that are special cases of it."""
         levels, self._finer = self.levels, False
-        moved, found = settled(found, as_begun(found, cause.score))
+        (cause,) = self._as_begun([cause], found)
+        moved, found = settled(found, cause.score)
         cause = replace(cause, score=moved)
         if poor(found):  # perhaps as the cause was there all the time
             still, found = always(found, cause.score, levels.onset)
             cause = replace(cause, score=still)
         self.causes, found = there_always(self.causes, found, levels)
+        *self.causes, cause = self._as_begun([*self.causes, cause], found)
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
@@ -196,8 +198,19 @@ class State:
         self.scores = self._scored()
 
     def _there_always(self) -> None:
-        self.causes, found = there_always(self.causes, self.current, self.levels)
+        causes, found = there_always(self.causes, self.current, self.levels)
+        self.causes = self._as_begun(causes, found)
         self._keep(found)
+
+    def _as_begun(self, causes: Sequence[Cause], found: Fit) -> list[Cause]:
+        """Return causes with the starts that their effects have in a fit; described ones are left alone."""
+        described = {e.name for e in self.nominal.point.description.effect}
+
+        def own(cause: Cause) -> bool:
+            effect = cause.score.candidate.effect
+            return effect is not None and effect.name not in described
+
+        return [replace(c, score=as_begun(found, c.score)) if own(c) else c for c in causes]
 
     def _nominal(self) -> None:
         """The last fit is of the nominal parameters alone."""
@@ -221,6 +234,7 @@ class State:
             still, found = settled(self.current, before.score)
             self.causes[i] = replace(before, score=still)
             self._keep(found)
+        self.causes = self._as_begun(self.causes, self.current)
         self.causes = weighed(self.causes, self.current, self.nominal)
 
     def _keep(self, found: Fit) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares, odds
+from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares, odds, parameter_of
 from smsid.diagnose.columns import Change, Changes
 from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.point import Unknown
@@ -31,6 +31,11 @@ class Resolved(Candidate):
     """
 
     means: tuple[tuple[str, float], ...] = ()
+
+    def renamed(self, name: str) -> Resolved:
+        """Return it with its effect, its parameters and their priors under another name."""
+        means = tuple((parameter_of(name, p), mean) for p, mean in self.means)
+        return replace(super().renamed(name), means=means)
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
         """Return the parameters it frees; the strength is counted from zero.

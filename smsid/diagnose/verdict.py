@@ -73,7 +73,7 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
             "information_gain": float(cause.score.information_gain(found.samples)),
             "siblings_not_rejected": float(len(siblings)),
         },
-        onset=None if own.effect is None else getattr(own.instance(found.last.point), "start", None),
+        onset=getattr(own.effect, "start", None),
         fitted=own.shape,
     )
 

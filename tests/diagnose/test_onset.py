@@ -69,7 +69,7 @@ def test_the_time_is_found_where_there_is_one(fitted, start):
         assert begun.ratio - own.ratio > price(ALIAS)
 
 
-@pytest.mark.parametrize("known_start", [None, 1.0])
+@pytest.mark.parametrize("known_start", [None, 1.0, 5.0])
 def test_what_begins_beside_its_own_effect_is_another_effect(fitted, known_start):
     """An effect has one start: friction that is described, or found, does not begin when more of it does."""
     point, problem, unknowns = fitted
@@ -79,11 +79,14 @@ def test_what_begins_beside_its_own_effect_is_another_effect(fitted, known_start
     found, scores = hidden((point.with_effect(described), problem, unknowns), key, 60.0, 4.3)
     begun = with_onset(found, next(s for s in scores if s.candidate.key == key), ALIAS)
     own = begun.candidate
-    assert own.effect.name == f"{described.name}_2" and own.free == (f"{own.effect.name}.viscous",)
+    assert own.effect.name == f"{described.name}_later" and own.free == (f"{own.effect.name}.viscous",)
     assert own.effect.start == pytest.approx(4.3, abs=0.05) and own.effect.viscous == 0.0
     with_it = evaluate(found.point.with_effect(own.effect), (*unknowns, *own.unknowns(unknowns)), problem)
-    assert with_it.point.description.get_effect(described.name) == described
-    settled(with_it, begun)  # finds its effect, with a start
+    same, _ = settled(with_it, begun)
+    assert same.candidate.effect.name == own.effect.name
+    gone = replace(with_it, point=with_it.point.with_effect(own.effect.model_copy(update={"start": None})))
+    always_there, kept = settled(gone, begun)  # its effect was another cause's too, and begins no longer
+    assert always_there.candidate.effect.start is None and kept is gone
 
 
 def test_a_cause_begins_when_the_effect_does_that_it_is_part_of(fitted):
@@ -193,6 +196,24 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
     monkeypatch.setattr("smsid.diagnose.rounds.begins_midway", lambda s: s.candidate.effect.start is not None)
     causes, found = there_always([stand_in(5.0), stand_in(9.0)], "with", Levels())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
+
+
+def test_one_start_is_paid_for_once(fitted, monkeypatch):
+    """Two causes of one effect have one start: together, they are no dearer than each of them."""
+    found, scores = hidden(fitted, KEY, 60.0, None)
+    shapes = [next(s for s in scores if s.candidate.key[1:] == ("joint2", x)) for x in ("viscous", "coulomb")]
+    effect = shapes[0].candidate.effect.model_copy(update={"start": 0.5})
+    late = [replace(s, candidate=replace(s.candidate, effect=effect)) for s in shapes]
+    with_it = evaluate(found.point.with_effect(effect), found.unknowns, found.problem)
+
+    def dearer(point, unknowns, problem):  # without the start, by more than one costs and less than two
+        return replace(with_it, point=point, objective=with_it.objective + 0.75 * price(ALIAS))
+
+    monkeypatch.setattr(onset, "evaluate", dearer)
+    monkeypatch.setattr(onset, "within_reach", lambda found: found.objective)
+    monkeypatch.setattr(onset, "continued", lambda found, **_: found)
+    kept, same = always_together(with_it, late, ALIAS)
+    assert kept == late and same is with_it
 
 
 @pytest.mark.parametrize("begin", [3.3, 4.42, 4.55])  # the last two closer than the coarser grids

@@ -8,7 +8,9 @@ import pytest
 
 from smsid.diagnose import rounds
 from smsid.diagnose.accept import Cause, Levels
+from smsid.diagnose.candidates import Score
 from smsid.diagnose.noise import Fitted
+from smsid.diagnose.proposals import propose
 from smsid.diagnose.rounds import State
 
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
@@ -16,6 +18,10 @@ FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other",
 
 def candidate(key):
     return SimpleNamespace(key=key, location=key[1], effect=None, holds=lambda other: False)
+
+
+def score_of(candidate):
+    return Score(candidate, 30.0, 1, np.zeros(1), np.eye(1), 1.0, np.zeros((1, 1)), np.zeros((1, 1)))
 
 
 class Stub(SimpleNamespace):
@@ -37,9 +43,9 @@ def world(monkeypatch):
 
     def at(name, objective=0.0):
         changes = SimpleNamespace(by_candidate={})
-        return SimpleNamespace(
-            name=name, objective=objective, run=SimpleNamespace(samples=100), changes=changes
-        )
+        point = SimpleNamespace(description=SimpleNamespace(effect=()))
+        run = SimpleNamespace(samples=100)
+        return SimpleNamespace(name=name, objective=objective, run=run, changes=changes, point=point)
 
     def signatures(fit, candidates):
         return {i: fit.name for i in range(len(candidates))}
@@ -163,3 +169,25 @@ def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, m
     state.close()
     assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
     assert asked.scored[-1][0] == "exchanged"
+
+
+def test_causes_that_share_an_effect_begin_together(known, plain):
+    """One that is found as a part of another's effect has its start, wherever that goes; described ones stay."""
+    state = State.__new__(State)
+    state.nominal = plain
+    tried = propose(plain.point, plain.problem, known.unknowns)
+    by_shape = {c.shape: c for c in tried if c.location == "joint2"}
+    first, second = by_shape["coulomb"], by_shape["stribeck"]
+    begun = replace(first, effect=first.effect.model_copy(update={"start": 3.0}))
+    causes = [Cause(score_of(c), (), 30.0, ()) for c in (begun, second)]
+    for start in (3.0, 2.5, None):
+        found = replace(
+            plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": start}))
+        )
+        one, two = (c.score.candidate for c in state._as_begun(causes, found))
+        assert one.effect.start == two.effect.start == start
+        assert two.holds(one)
+    state.nominal = found = replace(
+        plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": 20.0}))
+    )
+    assert state._as_begun(causes[1:], found)[0].score.candidate.effect.start is None

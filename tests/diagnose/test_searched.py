@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.fit import Fit
-from smsid.diagnose.searched import Imbalance, Leak
+from smsid.diagnose.searched import Imbalance, Leak, Resolved
 from smsid.effects import MassLoss, WheelImbalance
 
 ROWS = 4000
@@ -104,3 +104,19 @@ def test_place_of_a_leak():
     assert nothing.ratio < 30.0
     gains = scored(candidate, stub(columns, -rate * theta, rng, 1.0), columns)
     assert gains.ratio < 0.2 * found.ratio, "mass is lost, not won"
+
+
+def test_the_priors_of_a_place_keep_their_means_under_another_name():
+    """A leak that begins beside a described one: what was found of its place is no prior's mean."""
+    place = {f"position.{axis}": 1.0 for axis in "xyz"}
+    effect = MassLoss(name="leak", frame="bus", rate=0.0, position=(0.3, -0.2, 0.1), prior=place)
+    free = ("leak.rate", *(f"leak.{p}" for p in place))
+    found = Resolved(
+        "mass_loss", "bus", "inertia", "mass loss", effect, free, (1e-3, 0.1, 0.1, 0.1),
+        means=tuple((n, 0.0) for n in free[1:]),
+    )  # fmt: skip
+    apart = found.apart({"leak", "leak_later"})
+    assert isinstance(apart, Resolved) and apart.effect.name == "leak_later2"
+    assert apart.free == ("leak_later2.rate", *(f"leak_later2.{p}" for p in place))
+    assert [u.nominal for u in apart.unknowns(())] == [0.0, 0.0, 0.0, 0.0]
+    assert found.apart({"another"}) is found

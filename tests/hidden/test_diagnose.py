@@ -100,7 +100,7 @@ def test_more_of_a_described_friction_begins(tmp_path):
     assert found.outcome in RIGHT, found
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - 35.0) < 2.0
-    assert cause["parameters"][0]["name"] == "joint_friction_joint2_2.viscous"
+    assert cause["parameters"][0]["name"] == "joint_friction_joint2_later.viscous"
 
 
 def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
