@@ -32,7 +32,7 @@ class Resolved(Candidate):
 
     means: tuple[tuple[str, float], ...] = ()
 
-    def renamed(self, name: str) -> Resolved:
+    def renamed(self, name: str) -> Candidate:
         """Return it with its effect, its parameters and their priors under another name."""
         means = tuple((parameter_of(name, p), mean) for p, mean in self.means)
         return replace(super().renamed(name), means=means)

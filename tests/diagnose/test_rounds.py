@@ -172,7 +172,7 @@ def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, m
 
 
 def test_causes_that_share_an_effect_begin_together(known, plain):
-    """One that is found as a part of another's effect has its start, wherever that goes; described ones stay."""
+    """One that is found as a part of another's effect has its start, wherever that goes."""
     state = State.__new__(State)
     state.nominal = plain
     tried = propose(plain.point, plain.problem, known.unknowns)
