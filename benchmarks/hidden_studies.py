@@ -31,6 +31,7 @@ STUDIES = (
     "91d27e9",
     "7f38066",
     "6ee3787",
+    "33a4183",
 )
 FIGURES = (
     ("false alarms, nothing hidden", "<= 1 %", "nothing_hidden"),
