@@ -13,6 +13,7 @@ from smsid.diagnose.candidates import Candidate, Score, changes_of, scored, sign
 from smsid.diagnose.columns import Change, propagate
 from smsid.diagnose.filter import Run
 from smsid.diagnose.fit import Fit, continued, evaluate, fit, within_reach
+from smsid.diagnose.starts import Starts
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
@@ -208,33 +209,19 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
     The effect is taken out of the fit and put back from another time on, as large as it then explains most.
     """
     assert mine.start is not None
-    strength = [
-        u.name.startswith(f"{mine.name}.") and u.name.split(".")[1] in mine.strength for u in current.unknowns
-    ]
-    size = np.array([current.point.value(u) / u.scale for u in current.unknowns]) * strength
-    whole = np.vstack([current.whitened.reshape(-1, len(size)), current.prior.rows])
-    q, _ = np.linalg.qr(whole[:, ~np.array(strength)])
-    now = whole @ size
-    there = current.residual + now
-
-    def ratios(changed: np.ndarray) -> np.ndarray:
-        columns = changed + now[:, None]
-        left = columns - q @ (q.T @ columns)
-        own = np.einsum("ij,ij->j", left, left)
-        return np.where(own > 0.0, (left.T @ there) ** 2 / np.where(own > 0.0, own, 1.0), 0.0)
-
+    starts = Starts(current, mine)
     times = current.run.states.time
     first, last = float(times[0]), float(times[-1])
-    start, before = mine.start, float(ratios(np.zeros((len(whole), 1)))[0])
+    start, before = mine.start, float(starts.ratios([mine.start])[0])
     best, width, about = before, (last - first) / (AGAIN + 1), _within(first, last, AGAIN)
+    if before > STRONG:  # where its torque changes sign, maxima are close to each other
+        about = np.append(about, _within(start - width, start + width, 2 * DENSE // AGAIN))
     for _ in range(ROUNDS + MORE):  # all: the best may be a sample away, where no coarser step gains
         tried = [step_from(current, float(t)) for t in about if first < t < last]
         tried = sorted({*tried} - {mine.start, start})
         if not tried:
             break
-        changes = [current.changes.effect(mine, mine.model_copy(update={"start": t}), 1.0) for t in tried]
-        columns = propagate(current.run, changes).reshape(-1, len(changes))
-        found = ratios(np.vstack([columns, np.zeros((len(whole) - len(columns), len(changes)))]))
+        found = starts.ratios(tried)
         k = int(np.argmax(found))
         if found[k] > best:
             start, best = tried[k], float(found[k])

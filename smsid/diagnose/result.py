@@ -53,8 +53,8 @@ class Alias:
 @dataclass(frozen=True)
 class FoundCause:
     """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
-    the parameters are of. ``onset`` [s] if it began midway. ``evidence``: likelihood ratio, degrees of
-    freedom, corrected p-value.
+    the parameters are of. ``onset`` [s] if it began midway, and its standard deviation, which those of the
+    parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value.
     """
 
     effect: str
@@ -65,6 +65,7 @@ class FoundCause:
     aliases: tuple[Alias, ...]
     evidence: Mapping[str, float]
     onset: float | None = None
+    onset_sigma: float | None = None
     fitted: str = ""
 
     @property

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import norm
 
 from smsid.diagnose.accept import FEW, Cause
+from smsid.diagnose.began import Began, began
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.point import Unknown
@@ -40,12 +41,15 @@ SEPARATE = {
 
 def causes(found: Search) -> tuple[FoundCause, ...]:
     """Return the causes of a search with their values at the last fit."""
-    return tuple(_cause(found, cause) for cause in found.causes)
+    described = {e.name for e in found.nominal.point.description.effect}
+    starts = began(found.last, found.causes, described)
+    return tuple(_cause(found, cause, starts) for cause in found.causes)
 
 
-def _cause(found: Search, cause: Cause) -> FoundCause:
+def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCause:
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
+    start = None if own.effect is None else starts.get(own.effect.name)
     siblings = [(s, c) for s, c in cause.aliases if _sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not _sibling(s.candidate, own)]
     aliases = tuple(
@@ -64,7 +68,7 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
         location=own.location,
         family=own.family,
         shape=None if siblings else own.shape,
-        parameters=values(found, own),
+        parameters=values(found, own, starts),
         aliases=aliases,
         evidence={
             "likelihood_ratio": float(cause.ratio),
@@ -74,19 +78,22 @@ def _cause(found: Search, cause: Cause) -> FoundCause:
             "siblings_not_rejected": float(len(siblings)),
         },
         onset=getattr(own.effect, "start", None),
+        onset_sigma=None if start is None else start.sigma,
         fitted=own.shape,
     )
 
 
-def values(found: Search, candidate: Candidate) -> tuple[Value, ...]:
+def values(found: Search, candidate: Candidate, starts: Mapping[str, Began]) -> tuple[Value, ...]:
     """Return a cause's parameters at the last fit.
 
-    Further ones of its effect that were not fitted, but have a prior, count in the uncertainties of the rest.
+    Further ones of its effect that were not fitted, but have a prior, count in the uncertainties of the rest,
+    and so does when it and the others began.
     """
     unknowns: dict[str, Unknown] = {u.name: u for u in found.last.unknowns}
     assumed = _assumed(found, candidate)
     covariance = (found.last.with_unfitted(assumed) if assumed else found.last).covariance()
     names = [u.name for u in found.last.unknowns]
+    covariance = covariance[: len(names), : len(names)] + sum(s.covariance for s in starts.values())
     out = []
     for name in (*candidate.free, *(n for n in candidate.also if n in unknowns)):
         u = unknowns[name]
@@ -220,6 +227,7 @@ def describe(cause: FoundCause) -> str:
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} +- {p.sigma:.2g} {p.unit}{shift}"
     if cause.onset is not None:
-        what += f", from {cause.onset:.3g} s on"
+        give = "" if cause.onset_sigma is None else f" +- {cause.onset_sigma:.2g}"
+        what += f", from {cause.onset:.4g}{give} s on"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

@@ -41,7 +41,9 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
 
 def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     name = f"{c.label} ({c.effect})"
-    name += f", from {number(c.onset, 4)} s on" if c.onset is not None else ""
+    if c.onset is not None:
+        known_to = "" if c.onset_sigma is None else f" ± {number(c.onset_sigma, 2)}"
+        name += f", from {number(c.onset, 4)}{known_to} s on"
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
     out = []
     for v in c.parameters:

@@ -86,6 +86,7 @@ def test_when_it_began(seed, name, strength, onset, off, tmp_path):
     assert row["outcome"] in RIGHT, row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - onset) < off
+    assert 0.0 < cause["onset_sigma"] < off
 
 
 def test_more_of_a_described_friction_begins(tmp_path):
@@ -111,6 +112,18 @@ def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
     assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - onset) < 0.02
+
+
+@pytest.mark.slow
+def test_a_strong_one_has_many_beginnings_close_to_each_other(tmp_path):
+    """Its torque changes sign: found 1.5 s early, the torque constant was 13.6 standard deviations off."""
+    effect = hidden_effects("sms")["torque_gain:error@joint3"]
+    run = Run(290256, "onset", "sms", (Injected(effect, -6.561e-4, 30.0, 25.803529),))
+    row = run_and_judge(run, tmp_path)
+    assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
+    (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
+    assert cause["onset"] == pytest.approx(25.85, abs=0.03)  # when the next command came
+    assert abs(row["deviation"]) < 3.0
 
 
 def test_a_clock_that_is_early_reads_what_the_next_command_does(tmp_path):
