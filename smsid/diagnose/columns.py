@@ -148,12 +148,11 @@ class Changes:
 
     def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel, changed: str) -> np.ndarray:
         states = self._states(where)
-        if origin.loads or model.loads:  # they see each other's forces
-            out = _passive(model, states) - _passive(origin, states)
-        else:
-            out = _springs(model, states) - _springs(origin, states)
-            for sign, of in ((1.0, model), (-1.0, origin)):
-                _add_terms(out, sign, of, states, _touched(of, changed))
+        out = _springs(model, states) - _springs(origin, states)
+        for sign, of in ((1.0, model), (-1.0, origin)):
+            _add_terms(out, sign, of, states, _touched(of, changed))
+        if _loads_of(origin, changed) or _loads_of(model, changed):  # they see each other's forces
+            out += _loads(model, states) - _loads(origin, states)
         if any(a != b for a, b in zip(origin.pin.jointPlacements, model.pin.jointPlacements, strict=True)):
             return out - _inverse(model, states) + _inverse(origin, states)
         theta = _inertial(model) - _inertial(origin)
@@ -189,14 +188,18 @@ class Changes:
         return out
 
 
-def _passive(model: SpacecraftModel, states: States) -> np.ndarray:
-    """Return the passive forces (N, nv) along states."""
+def _loads_of(model: SpacecraftModel, changed: str) -> bool:
+    """Whether forces that depend on the applied ones may change with an effect."""
+    touched = _touched(model, changed) if model.loads else ()
+    return any(owner in touched and any(term is x for x in model.loads) for owner, term in model.owned)
+
+
+def _loads(model: SpacecraftModel, states: States) -> np.ndarray:
+    """Return the forces (N, nv) that depend on the applied ones along states."""
     out = states.tau.copy()
     for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
-        model.add_passive_forces(float(t), q, v, tau, inertial=False)
-    if model.inertial is not None:  # at the accelerations there are, whatever is held still
-        for i, t in enumerate(states.time):
-            out[i] += model.inertial.force(float(t), states.q[i], states.v[i], states.a[i])
+        for term in model.loads:
+            term(float(t), q, v, tau)
     return out - states.tau
 
 

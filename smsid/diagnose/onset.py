@@ -13,7 +13,7 @@ from smsid.diagnose.candidates import Candidate, Score, changes_of, scored, sign
 from smsid.diagnose.columns import Change, propagate
 from smsid.diagnose.filter import Run
 from smsid.diagnose.fit import Fit, continued, evaluate, fit, within_reach
-from smsid.diagnose.starts import Starts
+from smsid.diagnose.starts import Starts, cut
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 
@@ -267,15 +267,6 @@ def _about(start: float, width: float) -> np.ndarray:
     return start + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
 
 
-def _cut(change: Change, start: float, run: Run) -> Change:
-    later, there = (run.middle.time >= start)[:, None], (run.states.time >= start)[:, None]
-    return Change(
-        None if change.middle is None else change.middle * later,
-        None if change.at is None else change.at * there,
-        None if change.reading is None else change.reading * there,
-    )
-
-
 def _start(candidate: Candidate) -> float:
     assert isinstance(candidate.effect, Starting) and candidate.effect.start is not None
     return candidate.effect.start
@@ -289,7 +280,7 @@ def _cut_scores(current: Fit, tried: Sequence[tuple[Candidate, Sequence[Change],
     while first < len(tried):
         last = max(first + 1, int(np.searchsorted(widths, widths[first] + room, side="right")) - 1)
         some = tried[first:last]
-        changes = [_cut(c, start, run) for _, own, start in some for c in own]
+        changes = [cut(c, run, start) for _, own, start in some for c in own]
         whole = propagate(run, changes).reshape(-1, len(changes))
         parts = np.split(whole, (widths[first + 1 : last] - widths[first]).tolist(), axis=1)
         yield from scored(current, [c for c, _, _ in some], parts)

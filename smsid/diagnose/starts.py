@@ -7,9 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from smsid.diagnose.columns import propagate
+from smsid.diagnose.columns import Change, propagate
+from smsid.diagnose.filter import Run
 from smsid.diagnose.fit import Fit
-from smsid.effects.base import Starting
+from smsid.effects.base import Effect, Starting
+
+
+def cut(change: Change, run: Run, begin: float, end: float = np.inf) -> Change:
+    """Return a change as it is from one time on and before another, and nothing else."""
+
+    def within(values: np.ndarray | None, times: np.ndarray) -> np.ndarray | None:
+        return None if values is None else values * ((times >= begin) & (times < end))[:, None]
+
+    at = run.states.time
+    return Change(within(change.middle, run.middle.time), within(change.at, at), within(change.reading, at))
 
 
 class Starts:
@@ -39,15 +50,29 @@ class Starts:
         """Return what it does, as large as it is in the fit, from these times on: (N rows + priors, k)."""
         new = [t for t in dict.fromkeys(times) if t not in self._columns]
         if new:
-            changes = [
-                self._current.changes.effect(self._mine, self._mine.model_copy(update={"start": t}), 1.0)
-                for t in new
-            ]
-            changed = propagate(self._current.run, changes).reshape(-1, len(new))
+            changed = propagate(self._current.run, self._changes(new)).reshape(-1, len(new))
             for t, one in zip(new, changed.T, strict=True):
                 self._columns[t] = self._columns[self.start].copy()
                 self._columns[t][: len(one)] += one
         return np.column_stack([self._columns[t] for t in times])
+
+    def _changes(self, times: Sequence[float]) -> list[Change]:
+        """Return what beginning at other times changes.
+
+        Forces and readings of an effect that does not grow are the same whenever it began, and are cut; what
+        goes through commands acts within a sample, too.
+        """
+        if self._mine.grows or type(self._mine).drive is not Effect.drive:
+            return [self._begun(t) for t in times]
+        run = self._current.run
+        first, never = float(run.states.time[0]), float(run.states.time[-1]) + 1.0
+        earlier = self._begun(first) if min(times) < self.start else Change()
+        later = self._begun(never) if max(times) > self.start else Change()
+        return [cut(earlier, run, t) if t < self.start else cut(later, run, first, t) for t in times]
+
+    def _begun(self, time: float) -> Change:
+        other = self._mine.model_copy(update={"start": time})
+        return self._current.changes.effect(self._mine, other, 1.0)
 
     def explained(self, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return of these times how they go together, beside the other parameters: products of what it does

@@ -91,7 +91,7 @@ class Assembly:
     owner: str = ""  # effect that is being attached
     owned: list[tuple[str, ForceTerm | InertiaTerm]] = field(
         default_factory=list
-    )  # forces, inertias by effect
+    )  # loads, forces, inertias by effect
     breakpoints: list[float] = field(default_factory=list)  # times at which a force jumps [s]
     motors: dict[int, int] = field(default_factory=dict)  # joint: joint whose angle the encoder adds
     twists: dict[int, Twist] = field(default_factory=dict)  # joint: twist that its encoder adds at once
@@ -221,6 +221,7 @@ class Assembly:
         """
         term = term if depends is None else Dependent(term, depends)
         self.loads.insert(0 if first else len(self.loads), term)
+        self.owned.append((self.owner, term))
         self.breakpoints += breakpoints
 
     def add_inertia_term(self, term: InertiaTerm, breakpoints: Sequence[float] = ()) -> None:

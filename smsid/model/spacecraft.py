@@ -74,8 +74,9 @@ class SpacecraftModel:
     the bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and
     ``damping``; ``loads`` are forces that depend on the applied ones and come first, ``forces`` all other
     nonlinear ones, the last of them ``inertial`` if there is any; at ``breakpoints`` [s] a force jumps.
-    ``owned`` are the terms of ``forces`` and ``inertial``, each with the name of the effect it is of.
-    What an encoder reads is `encoder_angles`. Not safe to share between threads: ``data`` is scratch space.
+    ``owned`` are the terms of ``loads``, ``forces`` and ``inertial``, each with the name of the effect it is
+    of. What an encoder reads is `encoder_angles`. Not safe to share between threads: ``data`` is scratch
+    space.
     """
 
     description: Description

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.channels import measured
+from smsid.diagnose.columns import propagate
 from smsid.diagnose.fit import fit
 from smsid.diagnose.starts import Starts
 from smsid.experiments import fly, named_experiment
@@ -38,3 +39,24 @@ def test_other_times_explain_what_refits_there_do(description, known, problem, s
         if value > 0.0:  # its bound
             assert along[i] / gram[i, i] * unit == pytest.approx(value, abs=0.1 * sigma)
     assert lost.min() > 3.0 and lost[-1] > 50.0  # as good as without it
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        KEY,
+        ("joint_friction", "joint2", "load-dependent"),
+        ("sensor_bias", "imu.angular_rate", "bias"),
+        ("torque_gain", "joint2", "torque constant"),
+        ("mass_loss", "bus", "mass loss"),
+    ],
+)
+def test_what_is_cut_is_what_an_effect_of_that_start_does(known, problem, key):
+    found, late, _, _ = begun(known, problem, key, 0.01)
+    times = [1.0, 2.995, 3.2, 3.21, 4.4, 5.9]
+    changes = [found.changes.effect(late, late.model_copy(update={"start": t}), 1.0) for t in times]
+    changed = propagate(found.run, changes).reshape(-1, len(times))
+    columns = Starts(found, late).columns(times)
+    columns -= columns[:, [2]]  # less what it does as it is
+    assert np.abs(changed).max() > 1e-6
+    np.testing.assert_allclose(columns[: len(changed)], changed, atol=1e-12 * np.abs(columns).max())

@@ -1,0 +1,49 @@
+"""What an effect changes along a recorded motion: against all forces of the models with and without it."""
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.columns import Changes
+from smsid.diagnose.filter import run_filter
+from smsid.effects import JointFriction
+
+THERE = (
+    JointFriction(name="rubs", joint="joint1", coulomb=0.02, load=0.01, viscous=0.3),
+    JointFriction(name="grinds", joint="joint2", load=0.02),
+)
+CHANGED = [
+    JointFriction(name="rubs", joint="joint1", coulomb=0.02, load=0.03, viscous=0.3),
+    JointFriction(name="rubs", joint="joint1", coulomb=0.05, load=0.01, viscous=0.1),
+    JointFriction(name="grinds", joint="joint2", load=0.02, start=2.0),
+    JointFriction(name="more", joint="joint2", load=0.02, position_cos=0.01),
+    JointFriction(name="else", joint="joint3", stribeck=0.01),
+]
+
+
+def passive(model, states):
+    out = states.tau.copy()
+    for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
+        model.add_passive_forces(float(t), q, v, tau, inertial=False)
+    return out
+
+
+@pytest.mark.parametrize("loaded", [True, False])
+@pytest.mark.parametrize("changed", CHANGED, ids=range(len(CHANGED)))
+def test_forces_that_see_the_applied_ones_are_those_of_the_whole_model(known, problem, changed, loaded):
+    """An effect of its own, or a change of one there is; beside frictions that go with the torque, or not."""
+    point = known.point
+    for effect in THERE if loaded else ():
+        point = point.with_effect(effect)
+    there = {e.name: e for e in point.description.effect}
+    nothing = JointFriction(name=changed.name, joint=changed.joint)
+    model, other = point.model(), point.with_effect(changed).model()
+    changes = Changes(point, model, problem, run_filter(model, problem))
+    found = changes.effect(there.get(changed.name, nothing), changed, 1.0)
+    for states, inverse, own in (
+        (changes.run.states, changes.run.inverse, found.at),
+        (changes.run.middle, changes.run.middle_inverse, found.middle),
+    ):
+        difference = passive(other, states) - passive(model, states)
+        expected = np.einsum("nij,nj->ni", inverse, difference)
+        assert np.abs(expected).max() > 0.0
+        np.testing.assert_allclose(own, expected, atol=1e-9 * np.abs(expected).max())
