@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,8 +22,8 @@ BETWEEN = 40  # times between two of these, where changes are interpolated
 
 @dataclass(frozen=True)
 class Began:
-    """Standard deviation of an effect's start [s], and the covariance (m, m) of a fit's parameters, in their
-    units, that comes from not knowing it.
+    """Standard deviation of an effect's start [s], no less than that of a time within a sample, and the
+    covariance (m, m) of a fit's parameters, in their units, that comes from not knowing it.
     """
 
     sigma: float
@@ -64,7 +64,8 @@ def start_of(found: Fit, mine: Starting) -> Began:
     stride = sample * max(1.0, np.round((latest - earliest) / (APART * sample)))
     finer = [np.arange(start, earliest, -stride), np.arange(start, latest, stride)]
     near = [t for t in tried if earliest <= t <= latest]
-    return _over(starts, steps(np.concatenate([*finer, near])), found.scales)
+    likely = _over(starts, steps(np.concatenate([*finer, near])), found.scales)
+    return replace(likely, sigma=float(np.hypot(likely.sigma, sample / np.sqrt(12.0))))
 
 
 def _over(starts: Starts, knots: Sequence[float], scales: np.ndarray) -> Began:
