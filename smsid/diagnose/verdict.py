@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import norm
@@ -83,7 +84,9 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     )
 
 
-def values(found: Search, candidate: Candidate, starts: Mapping[str, Began]) -> tuple[Value, ...]:
+def values(
+    found: Search, candidate: Candidate, starts: Mapping[str, Began] = MappingProxyType({})
+) -> tuple[Value, ...]:
     """Return a cause's parameters at the last fit.
 
     Further ones of its effect that were not fitted, but have a prior, count in the uncertainties of the rest,

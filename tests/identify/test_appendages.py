@@ -19,7 +19,7 @@ from smsid.likelihood.parameters import Parameters
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 
-from .support import noisy, paper, reference
+from .support import noisy, oracle, paper, reference
 
 ERRORS = (
     ModeError(name="slow", appendage="panel", mode=1, frequency=-0.05, damping=1e-3),
@@ -145,6 +145,7 @@ def test_parameters_begin_and_end_at_corrected_modes():
     np.testing.assert_allclose(accelerations(again), accelerations(linear), rtol=1e-10)
 
 
+@oracle
 def test_a_panel_that_softens_is_identified():
     """By the paper's method, on recordings of the linear panel: the numbers are those without the effects."""
     recordings = [
