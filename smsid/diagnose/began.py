@@ -77,9 +77,8 @@ def _over(starts: Starts, knots: Sequence[float], scales: np.ndarray) -> Began:
     explained = along @ weight
     amount = explained / np.where(own > 0.0, own, np.inf)
     ratio = explained * amount
-    chance = np.exp(0.5 * (ratio - ratio.max())) * np.gradient(
-        fine
-    )  # each stands for half of what is beside it
+    # by the trapezoidal rule: each time stands for half of what is beside it
+    chance = np.exp(0.5 * (ratio - ratio.max())) * np.gradient(fine)
     chance /= chance.sum()
     here = int(np.searchsorted(fine, starts.start))  # a fit is where it is best but for rounding
     moved = np.outer(starts.size, amount - amount[here])

@@ -208,17 +208,16 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
 
     The effect is taken out of the fit and put back from another time on, as large as it then explains most.
     """
-    assert mine.start is not None
     starts = Starts(current, mine)
     times = current.run.states.time
-    first, last = float(times[0]), float(times[-1])
-    start, before = mine.start, float(starts.ratios([mine.start])[0])
+    first, last, start = float(times[0]), float(times[-1]), starts.start
+    before = float(starts.ratios([start])[0])
     best, width, about = before, (last - first) / (AGAIN + 1), _within(first, last, AGAIN)
     if before > STRONG:  # where its torque changes sign, maxima are close to each other
         about = np.append(about, _within(start - width, start + width, 2 * DENSE // AGAIN))
     for _ in range(ROUNDS + MORE):  # all: the best may be a sample away, where no coarser step gains
         tried = [step_from(current, float(t)) for t in about if first < t < last]
-        tried = sorted({*tried} - {mine.start, start})
+        tried = sorted({*tried} - {starts.start, start})
         if not tried:
             break
         found = starts.ratios(tried)
