@@ -21,15 +21,15 @@ from rich.console import Console
 from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
-from smsid.diagnose.channels import measured
 from smsid.diagnose.diagnose import RATE, Diagnosed
-from smsid.diagnose.filter import Noise, Problem, Timing, run_filter
-from smsid.diagnose.fit import Fit
-from smsid.diagnose.inputs import locked
 from smsid.diagnose.noise import fit_with_noise
 from smsid.diagnose.nominal import nominal
-from smsid.diagnose.point import Point
 from smsid.diagnose.timing import timing_of
+from smsid.estimation.input_hold import locked
+from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.measurements import measured
+from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import identify
 from smsid.likelihood import refine

@@ -22,15 +22,15 @@ from smsid.design.trials import Trials, families
 from smsid.design.watch import Progress, Watch
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
-from smsid.diagnose.channels import measured
 from smsid.diagnose.diagnose import RATE
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import Fit, evaluate
-from smsid.diagnose.inputs import locked
 from smsid.diagnose.nominal import Nominal, nominal
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.verdict import POWER
 from smsid.errors import ExperimentError, SmsidError
+from smsid.estimation.input_hold import locked
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.map_estimate import Fit, evaluate
+from smsid.estimation.measurements import measured
 from smsid.experiments import Experiment, LimitUse
 from smsid.model import build_model
 from smsid.recording import Recording

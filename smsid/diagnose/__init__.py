@@ -3,7 +3,6 @@
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.diagnose import Diagnosed, diagnose
-from smsid.diagnose.filter import Noise
 from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import (
     Alias,
@@ -15,6 +14,7 @@ from smsid.diagnose.result import (
     load_diagnosis,
     save_diagnosis,
 )
+from smsid.estimation.kalman import Noise
 
 __all__ = [
     "Alias",

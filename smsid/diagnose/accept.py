@@ -12,10 +12,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.candidates import Candidate, Score, correlation, odds
-from smsid.diagnose.fit import Fit, fit
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved
 from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, fit
+from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
 NEAR = 0.5  # least correlation of two candidates that are taken for each other

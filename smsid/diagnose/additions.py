@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from smsid.diagnose.beam_modes import HigherMode
-from smsid.diagnose.filter import Problem
 from smsid.diagnose.oscillating import Oscillating, Springs
-from smsid.diagnose.point import Point
 from smsid.effects.appendage import Appendage, BeamAppendage
 from smsid.effects.beam_mode import BeamMode
+from smsid.estimation.kalman import Problem
+from smsid.estimation.parameter_vector import Point
 from smsid.model.regressor import body_names
 
 SLOSH = (0.03, 1.0)  # [Hz] between which a tank's frequency is looked for

@@ -15,13 +15,13 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.diagnose.candidates import Score
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit, Projected
 from smsid.diagnose.oscillating import Springs, pulled, pulls
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
 from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.beam_mode import BeamMode
+from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.truth import find_appendage, station_indices
 
 OFF = np.linspace(-0.08, 0.08, 17)  # relative errors of the frequency that are tried first
@@ -67,12 +67,12 @@ class HigherMode(Searched):
         assert self.mode is not None
         return self.mode
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the factor for every frequency of the first grid."""
         here = self._at(changes)
         return here._columns(changes, [(f, here._coarse) for f in OFF])
 
-    def _at(self, changes: Changes) -> HigherMode:
+    def _at(self, changes: Sensitivities) -> HigherMode:
         """Return the candidate of the beam as it is fitted: its density and stiffness may have moved."""
         panel = find_appendage(changes.model, self.location)
         assert isinstance(panel.appendage, BeamAppendage)
@@ -82,7 +82,7 @@ class HigherMode(Searched):
     def _coarse(self) -> float:
         return max(COARSE, self._mode.damping)
 
-    def _columns(self, changes: Changes, tried: Sequence[tuple[float, float]]) -> list[Change]:
+    def _columns(self, changes: Sensitivities, tried: Sequence[tuple[float, float]]) -> list[Sensitivity]:
         """Return the derivatives by the factor for relative errors of frequency and damping ratios."""
         omega = 2.0 * np.pi * self._mode.frequency * (1.0 + np.array([f for f, _ in tried]))
         zeta = np.array([z for _, z in tried])
@@ -95,10 +95,10 @@ class HigherMode(Searched):
             assert force.middle is not None and force.at is not None
             reading = self._reading(changes, -at[:, f, 0, 0])
             step = STEPS[0]
-            found.append(Change(step * mass * force.middle, step * mass * force.at, step * reading))
+            found.append(Sensitivity(step * mass * force.middle, step * mass * force.at, step * reading))
         return found
 
-    def _reading(self, changes: Changes, acceleration: np.ndarray) -> np.ndarray:
+    def _reading(self, changes: Sensitivities, acceleration: np.ndarray) -> np.ndarray:
         """Return what stations read (N, rows) of accelerations (N,) of the mass along its axis."""
         out = np.zeros((len(acceleration), changes.problem.data.rows))
         for block in changes.problem.data.blocks:

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from smsid.diagnose.accept import Cause
-from smsid.diagnose.fit import Fit
 from smsid.diagnose.onset import step_from
 from smsid.diagnose.starts import Starts
 from smsid.effects.base import Starting
+from smsid.estimation.map_estimate import Fit
 
 FAR = 25.0  # likelihood ratio against the best time above which an effect did not begin then: 5 sigma
 COARSE = 16  # times over the whole recording, as there may be other maxima

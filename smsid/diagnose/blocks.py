@@ -9,8 +9,8 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from smsid.diagnose.candidates import EXCITED
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
 TIME_TERMS = 6
@@ -65,7 +65,7 @@ def adequacy(found: Fit) -> list[Block]:
     the bus against time; slosh and modes against their amplitude; every channel against time, its own value
     and rate; and the correlation in time of every channel's innovations.
     """
-    named: list[tuple[str, str, list[Change]]] = []
+    named: list[tuple[str, str, list[Sensitivity]]] = []
     named += _torques(found)
     named += _bus(found)
     named += _hidden(found)
@@ -114,7 +114,7 @@ def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
     return [np.cos(np.pi * k * x) for k in range(terms)]
 
 
-def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Change]:
+def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Sensitivity]:
     """Return the changes by forces on one degree of freedom.
 
     They are given at the samples, ``of`` (N,) each, and between them, ``of_mid`` (N - 1,).
@@ -123,12 +123,12 @@ def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray
     run = found.run
     for at, middle in zip(of, of_mid, strict=True):
         changes.append(
-            Change(run.middle_inverse[:, :, dof] * middle[:, None], run.inverse[:, :, dof] * at[:, None])
+            Sensitivity(run.middle_inverse[:, :, dof] * middle[:, None], run.inverse[:, :, dof] * at[:, None])
         )
     return changes
 
 
-def _torques(found: Fit) -> list[tuple[str, str, list[Change]]]:
+def _torques(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
     model, out = found.changes.model, []
     for group in (model.arm_joints, model.wheels):
         for name, kq, kv in zip(group.names, group.q, group.v, strict=True):
@@ -154,7 +154,7 @@ def _torques(found: Fit) -> list[tuple[str, str, list[Change]]]:
     return out
 
 
-def _bus(found: Fit) -> list[tuple[str, str, list[Change]]]:
+def _bus(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
     if not found.changes.model.free:
         return []
     at, middle = _times(found.run.states.time), _times(found.run.middle.time)
@@ -162,7 +162,7 @@ def _bus(found: Fit) -> list[tuple[str, str, list[Change]]]:
     return [(name, "time", force_on(found, i, at, middle)) for i, name in enumerate(names)]
 
 
-def _hidden(found: Fit) -> list[tuple[str, str, list[Change]]]:
+def _hidden(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
     model, out = found.changes.model, []
 
     def terms(s: States, kq: int, kv: int) -> list[np.ndarray]:
@@ -183,23 +183,23 @@ def _hidden(found: Fit) -> list[tuple[str, str, list[Change]]]:
         for name, kq, kv in zip(g.names, g.q, g.v, strict=True)
     ]
     for name, dofs in groups:
-        own: list[Change] = []
+        own: list[Sensitivity] = []
         for kq, kv in dofs:
             own += force_on(found, kv, terms(found.run.states, kq, kv), terms(found.run.middle, kq, kv))
         out.append((name, "amplitude", own))
     return out
 
 
-def _channels(found: Fit) -> list[tuple[str, str, list[Change]]]:
-    changes: Changes = found.changes
+def _channels(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
+    changes: Sensitivities = found.changes
     run, data, out = found.run, found.problem.data, []
     values, rates = changes.outputs.all(run.states), changes.rates()
     n = len(run.states.time)
 
-    def reading(row: int, x: np.ndarray) -> Change:
+    def reading(row: int, x: np.ndarray) -> Sensitivity:
         column = np.zeros((n, data.rows))
         column[:, row] = x
-        return Change(reading=column)
+        return Sensitivity(reading=column)
 
     basis = _times(run.states.time)
     for block in data.blocks:

@@ -9,11 +9,11 @@ from itertools import chain, count
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit, Projected, columns_of
-from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, Projected, columns_of
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 
 EXCITED = 1e-12  # share of a column's information that rounding may leave beside the fitted parameters
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
@@ -65,7 +65,7 @@ class Candidate:
             found.append(Unknown(name, "effect", p.unit, p.value, sigma, step, lower=p.lower, upper=p.upper))
         return tuple(found)
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by its parameters, per unit of ``steps``, where it does nothing."""
         if self.effect is None:
             unknowns = self.unknowns(nominal)
@@ -195,7 +195,7 @@ def odds(ratio: float, freedom: int, samples: int) -> float:
     return ratio - freedom * min(1.0 + float(np.log(width)), float(np.log(samples)))
 
 
-def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
+def changes_of(found: Fit, candidate: Candidate) -> list[Sensitivity]:
     """Return the changes by a candidate's parameters at a fit; those that are there all the time are kept.
 
     Raises `SmsidError` where it cannot be there.
@@ -210,7 +210,7 @@ def changes_of(found: Fit, candidate: Candidate) -> list[Change]:
 
 def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any, by its place in the list."""
-    changes: list[Change] = []
+    changes: list[Sensitivity] = []
     where: dict[int, slice] = {}
     for i, candidate in enumerate(candidates):
         try:
@@ -272,5 +272,7 @@ def correlation(first: Score, second: Score) -> float:
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False).max(initial=0.0))
 
 
-def _times(change: Change, factor: float) -> Change:
-    return Change(*(None if x is None else factor * x for x in (change.middle, change.at, change.reading)))
+def _times(change: Sensitivity, factor: float) -> Sensitivity:
+    return Sensitivity(
+        *(None if x is None else factor * x for x in (change.middle, change.at, change.reading))
+    )

@@ -11,16 +11,12 @@ from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
-from smsid.diagnose.channels import measured
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
-from smsid.diagnose.filter import Noise, Problem, Timing
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
-from smsid.diagnose.inputs import locked
 from smsid.diagnose.noise import FOLLOWED, strayed
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.outliers import counted_again, outliers
-from smsid.diagnose.point import Point
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.rest import resting
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
@@ -30,6 +26,10 @@ from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_m
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
+from smsid.estimation.input_hold import locked
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.measurements import measured
+from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 

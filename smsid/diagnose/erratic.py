@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.diagnose.blocks import Block
-from smsid.diagnose.filter import Run
-from smsid.diagnose.fit import Fit, continued, fit
 from smsid.errors import SmsidError
+from smsid.estimation.kalman import FilterRun
+from smsid.estimation.map_estimate import Fit, continued, fit
 
 LOGGER = logging.getLogger(__name__)
 CHANCE = "chance"
@@ -66,7 +66,7 @@ def _inputs(found: Fit) -> dict[str, int]:
     return out
 
 
-def disturbances(run: Run) -> tuple[np.ndarray, np.ndarray]:
+def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:
     """Return the slope of the log-likelihood by a generalised force held over an interval, and its variance
     where nothing disturbs: (N - 1, nv) each.
     """

@@ -10,9 +10,9 @@ import numpy as np
 
 from smsid.diagnose.accept import Cause, Levels, aliases_of, cost, refit, told_apart
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import Fit, fit, prior_of
 from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, fit, prior_of
+from smsid.estimation.sensitivities import propagate
 
 LOGGER = logging.getLogger(__name__)
 

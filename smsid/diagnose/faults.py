@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.channels import Block, Measured
 from smsid.diagnose.rounded_attitude import step_of
+from smsid.estimation.measurements import Block, Measured
 
 STUCK_RUN = 12  # identical samples in a row that noise does not give
 REPEATS = 4  # the same where no other sample repeats the one before, and the noise is many steps of rounding

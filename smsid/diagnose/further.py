@@ -9,8 +9,8 @@ import numpy as np
 
 from smsid.diagnose.accept import Cause, Levels, unfitted
 from smsid.diagnose.candidates import Score, odds
-from smsid.diagnose.fit import Fit, fit, within_reach
 from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, fit, within_reach
 
 LOGGER = logging.getLogger(__name__)
 CURVED = 1.5  # times what its slopes promise that a fit may gain

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.channels import measured
 from smsid.diagnose.faults import Fault, stuck_channels, without
-from smsid.diagnose.filter import Problem, run_filter
 from smsid.diagnose.outliers import outliers
-from smsid.diagnose.point import Point
+from smsid.estimation.kalman import Problem, run_filter
+from smsid.estimation.measurements import measured
+from smsid.estimation.parameter_vector import Point
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from smsid.diagnose.blocks import Block, force_on
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import Fit
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.sensitivities import propagate
 
 WAY = "the way since it turned"
 WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # ways over which the torque turns round, over the joint's travel

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import welch
 
-from smsid.diagnose.channels import Measured
-from smsid.diagnose.filter import Noise, Problem, Run
-from smsid.diagnose.fit import ENOUGH, Fit, continued, evaluate, fit
-from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.kalman import FilterRun, Noise, Problem
+from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
+from smsid.estimation.measurements import Measured
+from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
 SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
@@ -120,7 +120,7 @@ def _exact(found: Fitted) -> Fitted | None:
     return _with_noise(Fitted(exact, np.ones(stated.rows)))
 
 
-def strayed(run: Run, factors: np.ndarray | float = 1.0) -> float:
+def strayed(run: FilterRun, factors: np.ndarray | float = 1.0) -> float:
     """Return the root mean square of the prediction errors over their noise, outliers left out.
 
     ``factors`` (rows,) on the noise, or one for all.
@@ -164,7 +164,7 @@ def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: floa
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 
-def noise_factors(data: Measured, run: Run) -> np.ndarray:
+def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
     """Return what every channel's stated noise is off by (rows,), from its prediction errors.
 
     From their variance, or where that is clearly larger, from that of their differences: what varies slowly
@@ -191,7 +191,7 @@ def noise_factors(data: Measured, run: Run) -> np.ndarray:
     return out
 
 
-def misfit_factors(data: Measured, run: Run) -> np.ndarray:
+def misfit_factors(data: Measured, run: FilterRun) -> np.ndarray:
     """Return by what the noise of every component (rows,) is to grow for its misfit to weigh as noise.
 
     White noise of that level has as much power as the prediction errors at the frequency where they have

@@ -8,7 +8,6 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.diagnose.beams import with_beams
-from smsid.diagnose.point import Combination, Point, Unknown
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.base import Effect, Parameter
 from smsid.effects.beam_mode import BeamMode
@@ -16,6 +15,7 @@ from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.mode_error import ModeError
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
+from smsid.estimation.parameter_vector import Combination, Point, Unknown
 from smsid.export.bodies import GROUPS, identified_bodies, parse_combination, urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size

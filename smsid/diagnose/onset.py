@@ -10,12 +10,12 @@ from itertools import chain
 import numpy as np
 
 from smsid.diagnose.candidates import Candidate, Score, changes_of, scored, signatures
-from smsid.diagnose.columns import Change, propagate
-from smsid.diagnose.filter import Run
-from smsid.diagnose.fit import Fit, continued, evaluate, fit, within_reach
 from smsid.diagnose.starts import Starts, cut
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
+from smsid.estimation.kalman import FilterRun
+from smsid.estimation.map_estimate import Fit, continued, evaluate, fit, within_reach
+from smsid.estimation.sensitivities import Sensitivity, propagate
 
 LOGGER = logging.getLogger(__name__)
 ONSETS = 9  # times an effect may begin at, a round
@@ -99,7 +99,7 @@ def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
     return [tried[i] for i in chosen if best[i] > tried[i].ratio]
 
 
-def loudest(run: Run) -> float:
+def loudest(run: FilterRun) -> float:
     """Return the time [s] of the sample with the largest sum of squared innovations; not the first one's."""
     squares = (run.innovations**2).sum(axis=1)
     return float(run.states.time[1 + int(np.argmax(squares[1:]))])
@@ -271,7 +271,9 @@ def _start(candidate: Candidate) -> float:
     return candidate.effect.start
 
 
-def _cut_scores(current: Fit, tried: Sequence[tuple[Candidate, Sequence[Change], float]]) -> Iterator[Score]:
+def _cut_scores(
+    current: Fit, tried: Sequence[tuple[Candidate, Sequence[Sensitivity], float]]
+) -> Iterator[Score]:
     """Give the scores of candidates whose changes begin at times, as many at once as there is room for."""
     run, first = current.run, 0
     room = max(1, int(ROOM / run.innovations.size))

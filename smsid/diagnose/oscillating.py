@@ -16,13 +16,13 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import Score, least_squares
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit, Projected
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, by_one, moments, placed
 from smsid.effects.base import Effect
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
+from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
 COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth of its frequency wide
@@ -48,8 +48,8 @@ class Springs:
 
 
 def answers(
-    changes: Changes, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
-) -> list[Change]:
+    changes: Sensitivities, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
+) -> list[Sensitivity]:
     """Return what unit masses at a place add to the motion: per axis a and oscillator f, the derivatives by
     mass and by first moment along ``moves``, in the order (a, f, 1 + k).
 
@@ -59,8 +59,8 @@ def answers(
 
 
 def pulled(
-    changes: Changes, springs: Springs, place: np.ndarray, forces: tuple[np.ndarray, np.ndarray]
-) -> list[Change]:
+    changes: Sensitivities, springs: Springs, place: np.ndarray, forces: tuple[np.ndarray, np.ndarray]
+) -> list[Sensitivity]:
     """Return what ``forces`` of unit masses at a ``place`` (3,) add to the motion: those of `pulls`,
     (N, f, axes, 1 + k) at the samples and (N - 1, ...) between.
     """
@@ -76,12 +76,12 @@ def pulled(
                     if j:
                         wrench[:, 3:] += force[:, f, a, 0, None] * np.cross(moves[j - 1], axis)
                     parts.append(np.matmul(inverse[:, :, :6], wrench[:, :, None])[:, :, 0])
-                out.append(Change(*parts))
+                out.append(Sensitivity(*parts))
     return out
 
 
 def pulls(
-    changes: Changes, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
+    changes: Sensitivities, springs: Springs, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how unit masses pull at a place, (N, f, axes, 1 + k) at the samples and (N - 1, ...) between:
     minus their accelerations relative to it.
@@ -149,7 +149,7 @@ class Oscillating(Searched):
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))  # from the bus frame to that of `appendage`
     root: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return for every frequency the derivatives by mass and first moment."""
         omega = 2.0 * np.pi * np.asarray(self.frequencies)
         found = answers(changes, self.springs, self.springs.place, omega, np.full_like(omega, COARSE))
@@ -235,7 +235,7 @@ class Oscillating(Searched):
         for frequencies, damping in (FINE, FINER, FINEST):
             grid = np.array([(f, z) for f in frequencies for z in damping])
             chosen, damped = np.outer(omega, grid[:, 0]), np.outer(zeta, grid[:, 1])
-            changes: list[Change] = []
+            changes: list[Sensitivity] = []
             for a in range(axes):
                 one = Springs(place, self.springs.axes[a : a + 1], np.zeros((0, 3)))
                 changes += answers(found.changes, one, place, chosen[a], damped[a])
@@ -309,7 +309,7 @@ class Oscillating(Searched):
         return tuple(f"{self.name}.{n}" for n in names), tuple(steps)
 
 
-def _choose(found: Fit, changes: list[Change], axes: int, choices: int) -> list[int]:
+def _choose(found: Fit, changes: list[Sensitivity], axes: int, choices: int) -> list[int]:
     """Return for every axis the oscillator whose sum over the axes explains most, one mass for all."""
     columns = propagate(found.run, changes).reshape(-1, len(changes))
     left = found.left(columns)
@@ -331,7 +331,7 @@ def _choose(found: Fit, changes: list[Change], axes: int, choices: int) -> list[
     return best
 
 
-def _sum(changes: Sequence[Change], factor: float) -> Change:
+def _sum(changes: Sequence[Sensitivity], factor: float) -> Sensitivity:
     middle = sum(c.middle for c in changes if c.middle is not None)
     at = sum(c.at for c in changes if c.at is not None)
-    return Change(factor * middle, factor * at)  # type: ignore[arg-type]
+    return Sensitivity(factor * middle, factor * at)  # type: ignore[arg-type]

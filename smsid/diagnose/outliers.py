@@ -11,9 +11,9 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import laplace, norm
 
-from smsid.diagnose.channels import Measured
 from smsid.diagnose.faults import Fault
-from smsid.diagnose.filter import Problem, Run
+from smsid.estimation.kalman import FilterRun, Problem
+from smsid.estimation.measurements import Measured
 
 OUTLIER = 6.0  # standard deviations of the prediction error
 CALM = 3.0  # what the neighbours of an outlier stay below
@@ -23,7 +23,7 @@ ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 mil
 ELSEWHERE = 4.0  # what other channels then stay below at the same sample
 
 
-def outliers(data: Measured, run: Run) -> list[Fault]:
+def outliers(data: Measured, run: FilterRun) -> list[Fault]:
     """Return the channels with more single samples far off than Gaussian noise has, and which they are.
 
     Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
@@ -53,7 +53,7 @@ def outliers(data: Measured, run: Run) -> list[Fault]:
     return found
 
 
-def counted_again(faults: Sequence[Fault], whole: Measured, problem: Problem, run: Run) -> list[Fault]:
+def counted_again(faults: Sequence[Fault], whole: Measured, problem: Problem, run: FilterRun) -> list[Fault]:
     """Return the faults with their shares as a fit without them sees them, less those it shows to be none.
 
     Readings (N, rows) of ``whole`` are compared with the predictions of ``run`` on a ``problem``, which they

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.diagnose.candidates import Score
-from smsid.diagnose.columns import Change, Changes
-from smsid.diagnose.fit import Fit, Projected
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
 from smsid.effects.elastic_gear import Backlash
+from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity
 
 # of the joint's torque (rms): with more, play is hardly told from a soft gear
 SHARES = (0.7, 0.2, 0.06, 0.015, 0.003)
@@ -28,7 +28,7 @@ class Play(Searched):
 
     dof: int = 0
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the gap, crossed by each share of the torque."""
         mine = self.instance(changes.point)
         assert isinstance(mine, Backlash)
@@ -56,6 +56,6 @@ class Play(Searched):
         )
         return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
 
-    def _turning(self, changes: Changes) -> list[float]:
+    def _turning(self, changes: Sensitivities) -> list[float]:
         torque = changes.run.states.tau[:, self.dof]
         return [max(s * float(np.sqrt(np.mean(torque**2))), IDLE) for s in SHARES]

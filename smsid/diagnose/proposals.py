@@ -13,9 +13,7 @@ from pydantic import ValidationError
 
 from smsid.diagnose.additions import higher_modes, more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.filter import Problem
 from smsid.diagnose.play import Play
-from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.searched import Imbalance, Leak
 from smsid.diagnose.tidal import Tidal
 from smsid.effects.appendage import BeamAppendage
@@ -26,6 +24,8 @@ from smsid.effects.mode_error import ModeError
 from smsid.effects.rotor import turns
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
+from smsid.estimation.kalman import Problem
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.model.regressor import INERTIAL_NAMES
 
 LOGGER = logging.getLogger(__name__)

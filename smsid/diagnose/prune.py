@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.accept import Cause, Levels, refit, strengths, unfitted, wald, without_candidate
-from smsid.diagnose.fit import Fit, evaluate, fit
 from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, evaluate, fit
 
 LOGGER = logging.getLogger(__name__)
 

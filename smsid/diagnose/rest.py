@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.channels import Measured
 from smsid.diagnose.faults import Fault
-from smsid.diagnose.filter import run_filter
-from smsid.diagnose.fit import Fit
 from smsid.errors import SimulationError
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.measurements import Measured
 
 HELD = 2.0  # rms of the normalised errors up to which what repeats itself is at rest; rounding has sqrt(3)
 

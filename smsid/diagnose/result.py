@@ -172,5 +172,5 @@ def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise SmsidError(f"'{file}' cannot be read: {error}.", advice="Is it cut short?") from error
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
-        raise SmsidError(f"'{file}' is no diagnosis.", advice="Run `smsid diagnose` to make one.")
+        raise SmsidError(f"'{file}' is no diagnosis.", advice="FilterRun `smsid diagnose` to make one.")
     return document

@@ -12,7 +12,6 @@ from smsid.diagnose.accept import Cause, Levels, accept
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.exchange import judged_again, sought_again, weighed
-from smsid.diagnose.fit import Fit
 from smsid.diagnose.further import freed_instead
 from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import Fitted, refitted, strayed
@@ -28,6 +27,7 @@ from smsid.diagnose.onset import (
 )
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
+from smsid.estimation.map_estimate import Fit
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all

@@ -12,14 +12,14 @@ from smsid.diagnose.accept import Cause, Levels
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score
 from smsid.diagnose.erratic import erratic
-from smsid.diagnose.filter import Problem
-from smsid.diagnose.fit import Fit
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.further import freed
 from smsid.diagnose.noise import fit_with_noise, strayed
-from smsid.diagnose.point import Point, Unknown
 from smsid.diagnose.rounds import State
 from smsid.errors import RecordingError
+from smsid.estimation.kalman import Problem
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.parameter_vector import Point, Unknown
 
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 

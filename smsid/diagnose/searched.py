@@ -14,11 +14,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares, odds, parameter_of
-from smsid.diagnose.columns import Change, Changes
-from smsid.diagnose.fit import Fit, Projected
-from smsid.diagnose.point import Unknown
 from smsid.effects.payload import point_parameters
 from smsid.effects.wheel_imbalance import WheelImbalance
+from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity
 
 FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
 
@@ -134,7 +134,7 @@ class Imbalance(Searched):
 
     joint: int = 0
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the size where the phase is zero, and where it is a right angle."""
         assert isinstance(self.effect, WheelImbalance)
         size, phase = self.free
@@ -147,7 +147,7 @@ class Imbalance(Searched):
             theta = changed.inertia(model, self.joint)
             middle = sum(x * c.middle for x, c in zip(theta, body, strict=True) if x and c.middle is not None)
             at = sum(x * c.at for x, c in zip(theta, body, strict=True) if x and c.at is not None)
-            found.append(Change(np.asarray(middle), np.asarray(at)))
+            found.append(Sensitivity(np.asarray(middle), np.asarray(at)))
         return found
 
     def shapes(self) -> tuple[Shape, ...]:
@@ -180,13 +180,15 @@ class Leak(Candidate):
 
     body: int = 0
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the body's inertial parameters, less at the rate of one step."""
         middle, at = changes.run.middle.time[:, None], changes.run.states.time[:, None]
         found = []
         for change in changes.inertial(range(10 * self.body, 10 * self.body + 10)):
             assert change.middle is not None and change.at is not None
-            found.append(Change(-self.steps[0] * change.middle * middle, -self.steps[0] * change.at * at))
+            found.append(
+                Sensitivity(-self.steps[0] * change.middle * middle, -self.steps[0] * change.at * at)
+            )
         return found
 
     def scored(self, found: Fit, own: Projected) -> Score:

@@ -7,20 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from smsid.diagnose.columns import Change, propagate
-from smsid.diagnose.filter import Run
-from smsid.diagnose.fit import Fit
 from smsid.effects.base import Effect, Starting
+from smsid.estimation.kalman import FilterRun
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.sensitivities import Sensitivity, propagate
 
 
-def cut(change: Change, run: Run, begin: float, end: float = np.inf) -> Change:
+def cut(change: Sensitivity, run: FilterRun, begin: float, end: float = np.inf) -> Sensitivity:
     """Return a change as it is from one time on and before another, and nothing else."""
 
     def within(values: np.ndarray | None, times: np.ndarray) -> np.ndarray | None:
         return None if values is None else values * ((times >= begin) & (times < end))[:, None]
 
     at = run.states.time
-    return Change(within(change.middle, run.middle.time), within(change.at, at), within(change.reading, at))
+    return Sensitivity(
+        within(change.middle, run.middle.time), within(change.at, at), within(change.reading, at)
+    )
 
 
 class Starts:
@@ -56,7 +58,7 @@ class Starts:
                 self._columns[t][: len(one)] += one
         return np.column_stack([self._columns[t] for t in times])
 
-    def _changes(self, times: Sequence[float]) -> list[Change]:
+    def _changes(self, times: Sequence[float]) -> list[Sensitivity]:
         """Return what beginning at other times changes.
 
         Forces and readings of an effect that does not grow are the same whenever it began, and are cut; what
@@ -66,11 +68,11 @@ class Starts:
             return [self._begun(t) for t in times]
         run = self._current.run
         first, never = float(run.states.time[0]), float(run.states.time[-1]) + 1.0
-        earlier = self._begun(first) if min(times) < self.start else Change()
-        later = self._begun(never) if max(times) > self.start else Change()
+        earlier = self._begun(first) if min(times) < self.start else Sensitivity()
+        later = self._begun(never) if max(times) > self.start else Sensitivity()
         return [cut(earlier, run, t) if t < self.start else cut(later, run, first, t) for t in times]
 
-    def _begun(self, time: float) -> Change:
+    def _begun(self, time: float) -> Sensitivity:
         other = self._mine.model_copy(update={"start": time})
         return self._current.changes.effect(self._mine, other, 1.0)
 

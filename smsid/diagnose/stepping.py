@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.diagnose.filter import Applied, applied
-from smsid.diagnose.fit import Fit, fit
-from smsid.diagnose.plant import Plant
 from smsid.errors import SmsidError
+from smsid.estimation.kalman import Applied, applied
+from smsid.estimation.map_estimate import Fit, fit
+from smsid.estimation.process_model import ProcessModel
 
 LOGGER = logging.getLogger(__name__)
 SEEN = 4.0  # squared size of the steps' errors in the innovations, beside the fitted parameters, that shows
@@ -44,7 +44,7 @@ def left_by_steps(found: Fit) -> float:
     """
     run, model = found.run, found.changes.model
     problem, inputs = found.changes.problem, found.changes.inputs
-    plant = Plant(model, problem.locked)
+    plant = ProcessModel(model, problem.locked)
     coarse = found.changes.applied
     fine = applied(plant, replace(problem, substep=0.5 * _substep(found)), inputs)
     shift = np.empty_like(run.innovations)
@@ -66,7 +66,7 @@ def _substep(found: Fit) -> float:
     return float(np.median(np.diff(found.run.states.time))) / found.changes.applied.means.shape[1]
 
 
-def _stepped(plant: Plant, found: Fit, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:
+def _stepped(plant: ProcessModel, found: Fit, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return q and v a sample on from the prediction at sample k."""
     states = found.run.states
     q, v, t = states.q[k], states.v[k], float(states.time[k])

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, changes_of, least_squares
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.fit import Fit, Projected
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.searched import Resolved
 from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
+from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
 STRONG = 400.0  # likelihood ratio from which the recording tells which way the vertical turns
@@ -45,7 +45,7 @@ def coefficients(vertical: np.ndarray) -> np.ndarray:
 class Tidal(Candidate):
     """A gravity gradient; ``free`` are the gradient and the rotation vector of its orbit."""
 
-    def columns(self, changes: Changes, nominal: Sequence[Unknown]) -> list[Change]:
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the field's five coefficients, per step of the gradient."""
         bodies = Bodies(changes.model.pin)
 
@@ -97,13 +97,13 @@ class Tidal(Candidate):
         left = found.residual[:, None] - own.left
         return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
 
-    def _turned(self, found: Fit, effect: Effect) -> Change:
+    def _turned(self, found: Fit, effect: Effect) -> Sensitivity:
         """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
         assert isinstance(effect, GravityGradient)
         size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
         middle = np.stack([c.middle for c in parts if c.middle is not None])
         at = np.stack([c.at for c in parts if c.at is not None])
-        return Change(
+        return Sensitivity(
             size * np.einsum("nk,knv->nv", over_time(effect, run.middle.time), middle),
             size * np.einsum("nk,knv->nv", over_time(effect, run.states.time), at),
         )

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.filter import Problem, Run, Timing, run_filter
-from smsid.diagnose.inputs import Hold, mixed
 from smsid.diagnose.noise import MISFIT, strayed
-from smsid.diagnose.point import Point
 from smsid.errors import SimulationError
+from smsid.estimation.input_hold import Hold, mixed
+from smsid.estimation.kalman import FilterRun, Problem, Timing, run_filter
+from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
         return choices[0]
     model = point.model()
     problem = replace(problem, data=problem.data.with_blocks(point.sensors()))
-    runs: dict[Timing, Run] = {}
+    runs: dict[Timing, FilterRun] = {}
     for timing in choices:
         try:
             runs[timing] = run_filter(model, replace(problem, timing=timing))
@@ -64,14 +64,14 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     return now if now in likely and likely[best] - likely[now] < CLEARLY else best
 
 
-def _after_the_first(run: Run) -> float:
+def _after_the_first(run: FilterRun) -> float:
     """Return the log-likelihood of all samples but the first, of which not every timing takes as much."""
     first, used = run.innovations[0], run.used[0]
     taken = float(np.log(run.whitening[0].diagonal()[used]).sum()) - 0.5 * float(first @ first)
     return run.log_likelihood - taken
 
 
-def _with_own_levels(run: Run) -> float:
+def _with_own_levels(run: FilterRun) -> float:
     """Return the same, but for a constant, with the noise of every component as its errors are."""
     squares = np.where(run.used, run.normalised**2, 0.0)[1:].sum(axis=0)
     count = run.used[1:].sum(axis=0)

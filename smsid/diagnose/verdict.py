@@ -12,9 +12,9 @@ from smsid.diagnose.accept import FEW, Cause
 from smsid.diagnose.began import Began, began
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.point import Unknown
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.search import Search
+from smsid.estimation.parameter_vector import Unknown
 
 POWER = 0.95
 IN_TURN = 1.0  # [s] between their beginnings above which causes of one family are pieces of a drift

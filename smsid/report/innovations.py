@@ -8,11 +8,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.channels import Measured, measured
-from smsid.diagnose.filter import Run, run_filter
 from smsid.diagnose.gain import SETTLE
-from smsid.diagnose.point import Point
 from smsid.diagnose.search import Search
+from smsid.estimation.kalman import FilterRun, run_filter
+from smsid.estimation.measurements import Measured, measured
+from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.report.traces import Trace
 
@@ -43,7 +43,7 @@ def open_loop_traces(
 
 
 def _traces(
-    data: Measured, run: Run, before: Run, recording: Recording, *, whitened: bool
+    data: Measured, run: FilterRun, before: FilterRun, recording: Recording, *, whitened: bool
 ) -> dict[str, tuple[Trace, ...]]:
     out: dict[str, tuple[Trace, ...]] = {}
     for block in data.blocks:
@@ -65,7 +65,7 @@ def _traces(
 
 
 def _values(
-    data: Measured, channel: str, quantity: str, row: int, k: int, error: np.ndarray, run: Run
+    data: Measured, channel: str, quantity: str, row: int, k: int, error: np.ndarray, run: FilterRun
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Measured and simulated values; attitudes as rotation vectors from the first sample."""
     if quantity != "attitude":

@@ -6,8 +6,8 @@ import numpy as np
 
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import EXCITED, least_squares
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import Fit
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.sensitivities import propagate
 from smsid.simulate.trajectory import States
 
 DEPENDENCE = "wheel speed"

@@ -10,9 +10,6 @@ from scipy.stats import chi2
 
 from smsid.diagnose.accept import Levels, accept, aliases_of, cost, plainest, refit, told_apart, wald
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
-from smsid.diagnose.channels import measured
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.noise import Fitted
 from smsid.diagnose.oscillating import LEAST, STEP
 from smsid.diagnose.proposals import propose
@@ -20,6 +17,9 @@ from smsid.diagnose.rounds import RESTLESS
 from smsid.diagnose.search import search
 from smsid.diagnose.searched import Resolved
 from smsid.effects import JointFriction, Slosh
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.map_estimate import evaluate, fit
+from smsid.estimation.measurements import measured
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

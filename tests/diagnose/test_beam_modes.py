@@ -8,11 +8,11 @@ import pytest
 from smsid.diagnose.additions import higher_modes
 from smsid.diagnose.beam_modes import OFF, STEPS
 from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.proposals import propose
 from smsid.effects import BeamMode
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.began import began, start_of
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.starts import Starts
 from smsid.diagnose.verdict import values
+from smsid.estimation.map_estimate import evaluate
 
 CASES = [
     (("torque_gain", "joint2", "torque constant"), 0.002),

@@ -10,8 +10,8 @@ from scipy.integrate import trapezoid
 from scipy.stats import norm
 
 from smsid.diagnose.candidates import Candidate, correlation, odds, scored
-from smsid.diagnose.fit import Fit
 from smsid.effects import GearCompliance
+from smsid.estimation.map_estimate import Fit
 
 SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.0, 1.0))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.blocks import force_on
-from smsid.diagnose.columns import propagate
 from smsid.diagnose.erratic import CHANCE, disturbances, erratic
-from smsid.diagnose.fit import evaluate, fit
+from smsid.estimation.map_estimate import evaluate, fit
+from smsid.estimation.sensitivities import propagate
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ import pytest
 
 from smsid.diagnose.accept import Cause, Levels, refit
 from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.channels import measured
 from smsid.diagnose.exchange import judged_again, sought_again, weighed, without
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import evaluate, fit
 from smsid.diagnose.proposals import propose
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.map_estimate import evaluate, fit
+from smsid.estimation.measurements import measured
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

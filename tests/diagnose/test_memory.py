@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.blocks import force_on
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.memory import hysteresis, memory
 from smsid.diagnose.proposals import propose
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
 
 WIDTH = 0.05
 

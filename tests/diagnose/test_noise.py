@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from smsid.diagnose.fit import fit
 from smsid.diagnose.noise import (
     Fitted,
     fit_with_noise,
@@ -17,6 +16,7 @@ from smsid.diagnose.noise import (
     strayed,
 )
 from smsid.errors import SimulationError
+from smsid.estimation.map_estimate import fit
 
 N = 20000
 

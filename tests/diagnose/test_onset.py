@@ -9,8 +9,6 @@ import pytest
 from smsid.diagnose import onset
 from smsid.diagnose.accept import Cause, Levels
 from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.onset import (
     always,
     always_together,
@@ -25,6 +23,8 @@ from smsid.diagnose.onset import (
 )  # fmt: skip
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.rounds import there_always
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
 
 ALIAS = 9.2
 

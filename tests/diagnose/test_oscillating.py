@@ -7,11 +7,11 @@ from scipy.optimize import dual_annealing
 
 from smsid.diagnose.additions import more_slosh
 from smsid.diagnose.candidates import least_squares
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.oscillating import LEAST, STEP, Oscillating, Springs, _forces, answers
 from smsid.diagnose.searched import Shape
 from smsid.effects import Slosh
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
 
 OMEGA, ZETA = np.array([3.0, 4.0, 5.0]), np.array([0.05, 0.1, 0.02])
 

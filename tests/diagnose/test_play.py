@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.play import SHARES, Play
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.verdict import values
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
 
 GAP = 2e-5
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from smsid.description import load_description
 from smsid.diagnose.candidates import signatures
-from smsid.diagnose.channels import measured
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.proposals import propose
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.measurements import measured
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder

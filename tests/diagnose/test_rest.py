@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.channels import measured
 from smsid.diagnose.diagnose import diagnose
 from smsid.diagnose.faults import quantised_channels, rougher, stuck_channels, without
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.rest import resting
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.measurements import measured
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import observe

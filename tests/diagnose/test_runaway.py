@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import diagnose
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.foreign import SETTLE, motion_left
 from smsid.errors import SimulationError
+from smsid.estimation.map_estimate import evaluate
 
 BEYOND = 1e9  # times the torque that was commanded
 

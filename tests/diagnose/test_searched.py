@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.fit import Fit
 from smsid.diagnose.searched import Imbalance, Leak, Resolved
 from smsid.effects import MassLoss, WheelImbalance
+from smsid.estimation.map_estimate import Fit
 
 ROWS = 4000
 

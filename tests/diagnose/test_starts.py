@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.channels import measured
-from smsid.diagnose.columns import propagate
-from smsid.diagnose.fit import fit
 from smsid.diagnose.starts import Starts
+from smsid.estimation.map_estimate import fit
+from smsid.estimation.measurements import measured
+from smsid.estimation.sensitivities import propagate
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.stepping import SEEN, finely_stepped, left_by_steps
+from smsid.estimation.map_estimate import evaluate
 
 
 def test_steps_that_are_short_enough_stay(known, problem):

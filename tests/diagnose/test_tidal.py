@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.fit import evaluate
 from smsid.diagnose.tidal import FIELDS, Tidal, coefficients, over_time
 from smsid.effects import GravityGradient
+from smsid.estimation.map_estimate import evaluate
 from tests.diagnose.test_searched import ROWS, scored, stub
 
 FREE = ("g.gradient", "g.turn.x", "g.turn.y", "g.turn.z")

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.channels import measured
-from smsid.diagnose.filter import Noise, Problem, Timing
-from smsid.diagnose.inputs import locked
 from smsid.diagnose.timing import timing_of, timings
 from smsid.effects import ThrusterGain
+from smsid.estimation.input_hold import locked
+from smsid.estimation.kalman import Noise, Problem, Timing
+from smsid.estimation.measurements import measured
 
 
 @pytest.fixture(scope="module")

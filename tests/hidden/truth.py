@@ -59,7 +59,7 @@ def against_truth(
 def _true_point(run: Run, injected: Injected, folder: Path, found: Any, judgement: Judgement) -> Any:
     """Return the true numbers with the true effect: as other numbers, or as the named effect's true value."""
     from smsid.description import load_description
-    from smsid.diagnose.point import Point
+    from smsid.estimation.parameter_vector import Point
 
     numbers = draw(WORLDS[run.world], np.random.default_rng([run.seed, 79]))
     change = injected.effect.make(injected.value, injected.onset, np.random.default_rng([run.seed, 78]))

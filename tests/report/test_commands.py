@@ -11,12 +11,12 @@ from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli import main
 from smsid.description import load_description
 from smsid.diagnose import Diagnosed, Diagnosis, Levels, Noise, diagnose
-from smsid.diagnose.channels import measured
-from smsid.diagnose.filter import Problem, Timing
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.search import search
 from smsid.effects import JointFriction
+from smsid.estimation.kalman import Problem, Timing
+from smsid.estimation.measurements import measured
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import save_recording

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.filter import Timing, _delayed, _readable, run_filter
-from smsid.diagnose.fit import columns_of
-from smsid.diagnose.outputs import Outputs
-from smsid.diagnose.plant import Plant
+from smsid.estimation.kalman import Timing, _delayed, _readable, run_filter
+from smsid.estimation.map_estimate import columns_of
+from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.process_model import ProcessModel
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 
 STEP = 1e-6
 
@@ -32,7 +32,7 @@ def noiseless(known, problem):
 def test_linearised_step_is_that_of_differences(known):
     model, rng = known.point.base, np.random.default_rng(1)
     nv = model.nv
-    plant = Plant(model, np.array([], dtype=int))
+    plant = ProcessModel(model, np.array([], dtype=int))
     q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(nv))
     v, tau = 0.1 * rng.standard_normal(nv), rng.standard_normal(nv)
     transition, _ = plant.transition(0.01, v, plant.linear(0.0, q, v, tau))
@@ -51,7 +51,7 @@ def test_linearised_step_is_that_of_differences(known):
 def test_a_step_under_a_force_that_ramps_is_the_limit_of_many_short_ones(known):
     model, rng = known.point.base, np.random.default_rng(2)
     nv, h, n = model.nv, 0.02, 400
-    plant = Plant(model, np.array([], dtype=int))
+    plant = ProcessModel(model, np.array([], dtype=int))
     q0 = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(nv))
     v0, tau, rise = 0.3 * rng.standard_normal(nv), rng.standard_normal(nv), 5.0 * rng.standard_normal(nv)
     q, v = q0, v0
@@ -77,7 +77,7 @@ def test_derivatives_of_innovations_are_those_of_filtering_again(known, noiseles
     unknown = next(u for u in known.unknowns if u.name == name)
     point = known.point
     run = run_filter(point.model(), noiseless)
-    changes = Changes(point, point.model(), noiseless, run)
+    changes = Sensitivities(point, point.model(), noiseless, run)
     found = propagate(run, columns_of(changes, [unknown]))[:, :, 0] * unknown.scale
     step = 1e-3 * unknown.scale
     more, less = (
@@ -97,7 +97,7 @@ def test_a_reading_that_is_off_goes_through_the_filter_as_predicted(known, noise
     moved = run_filter(known.point.model(), replace(problem, data=shifted)).innovations
     reading = np.zeros_like(run.predicted)
     reading[1:, row] = 1.0
-    found = propagate(run, [Change(reading=reading)])[:, :, 0] * 1e-6
+    found = propagate(run, [Sensitivity(reading=reading)])[:, :, 0] * 1e-6
     np.testing.assert_allclose(moved - run.innovations, found, atol=1e-3 * np.abs(found).max())
 
 
@@ -108,7 +108,7 @@ def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem, delay):
     One that is early reads what is to come, under the forces from then on.
     """
     model = known.point.base
-    plant, outputs = Plant(model, problem.locked), Outputs(model, problem.data)
+    plant, outputs = ProcessModel(model, problem.locked), MeasurementModel(model, problem.data)
     rng = np.random.default_rng(5)
     q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(model.nv))
     v, tau = 0.1 * rng.standard_normal((2, model.nv))

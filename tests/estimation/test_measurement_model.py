@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.diagnose.outputs import Outputs
 from smsid.effects import BeamMode, GearCompliance, GeometricStiffness
+from smsid.estimation.measurement_model import MeasurementModel
 from smsid.simulate.trajectory import States
 
 STEP = 1e-6
@@ -23,7 +23,7 @@ def place(known, problem, request):
         point = point.with_effect(BeamMode(name="more", appendage="panel", mode=4, factor=0.8))
     model, rng = point.model(), np.random.default_rng(0)
     q = pin.integrate(model.pin, model.home, 0.2 * rng.standard_normal(model.nv))
-    return Outputs(model, problem.data), q, *(0.2 * rng.standard_normal((2, model.nv)))
+    return MeasurementModel(model, problem.data), q, *(0.2 * rng.standard_normal((2, model.nv)))
 
 
 def test_one_sample_reads_what_the_simulator_reads(place):
@@ -59,7 +59,7 @@ def test_encoder_sees_a_gear_that_gives_at_once(known, problem, locked):
     q, v, (tau, a) = model.home, np.zeros(model.nv), rng.standard_normal((2, model.nv))
     k, held = int(model.arm_joints.v[1]), model.arm_joints.v[:1]
     h = np.zeros(problem.data.rows)
-    Outputs(model, problem.data, held if locked else None).twisted(h, 0.0, q, v, tau, a)
+    MeasurementModel(model, problem.data, held if locked else None).twisted(h, 0.0, q, v, tau, a)
     rows = next(b.rows for b in problem.data.blocks if b.channel == "encoder.joint_position")
     twist = 1e-3 * (tau[k] - 0.5 * a[k])
     free = [i for i in range(model.nv) if not (locked and i in held)]

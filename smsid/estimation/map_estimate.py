@@ -11,12 +11,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
-from smsid.diagnose.columns import Change, Changes, propagate
-from smsid.diagnose.filter import Problem, Run, run_filter
-from smsid.diagnose.point import Point, Unknown
-from smsid.diagnose.steps import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
-from smsid.diagnose.straight import straight
 from smsid.errors import SmsidError
+from smsid.estimation.kalman import FilterRun, Problem, run_filter
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.retraction import retract
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
@@ -64,12 +64,12 @@ class Fit:
     point: Point
     unknowns: tuple[Unknown, ...]
     problem: Problem
-    run: Run
+    run: FilterRun
     whitened: np.ndarray
     gram: np.ndarray
     slope: np.ndarray
     objective: float
-    changes: Changes
+    changes: Sensitivities
     prior: Prior
 
     @cached_property
@@ -210,7 +210,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
         step = bounded_step(found, damping)
         length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
         try:
-            point = straight(found.point, unknowns, step * found.scales)
+            point = retract(found.point, unknowns, step * found.scales)
             if point.physical():
                 model = point.model()
                 run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
@@ -238,7 +238,7 @@ def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit
     return _normal(point, unknowns, problem, run_filter(model, problem_here), model)
 
 
-def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Run) -> float:
+def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun) -> float:
     """Return minus the log-posterior, without constants."""
     off = prior_of(point, unknowns, problem).off
     return -run.log_likelihood + 0.5 * float(off @ off)
@@ -267,9 +267,9 @@ def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Pri
     return Prior(rows @ shift, rows * scale)
 
 
-def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Run, model) -> Fit:
+def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun, model) -> Fit:
     here = replace(problem, data=problem.data.with_blocks(point.sensors()))
-    changes = Changes(point, model, here, run)
+    changes = Sensitivities(point, model, here, run)
     whitened = propagate(run, columns_of(changes, unknowns))
     whitened *= np.array([u.scale for u in unknowns])
     flat = whitened.reshape(-1, len(unknowns))
@@ -280,7 +280,7 @@ def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Ru
     return Fit(point, tuple(unknowns), problem, run, whitened, gram, slope, least, changes, prior)
 
 
-def columns_of(changes: Changes, unknowns: Sequence[Unknown]) -> list[Change]:
+def columns_of(changes: Sensitivities, unknowns: Sequence[Unknown]) -> list[Sensitivity]:
     """Return the changes by unknowns, inertial ones together."""
     inertial = [u for u in unknowns if u.kind == "inertial"]
     by_column = dict(

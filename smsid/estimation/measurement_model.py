@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from smsid.diagnose.channels import Block, Measured, matrix
+from smsid.estimation.measurements import Block, Measured, matrix
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.simulate.trajectory import States
 from smsid.simulate.truth import find_appendage, sensed, station_indices
 
 
-class Outputs:
+class MeasurementModel:
     """Predicted measurements of one model, sample by sample with derivatives, or all samples at once."""
 
     def __init__(self, model: SpacecraftModel, data: Measured, locked: np.ndarray | None = None) -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.diagnose.point import Unknown
-from smsid.diagnose.straight import straight
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.mass_loss import MassLoss
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.retraction import retract
 
 
 def test_a_mass_on_springs_that_moves_leaves_the_whole_as_it_is(known):
@@ -21,7 +21,7 @@ def test_a_mass_on_springs_that_moves_leaves_the_whole_as_it_is(known):
     own = tuple(Unknown(p.name, "effect", p.unit, p.value, np.inf, 1.0) for p in free)
     inertial = tuple(u for u in known.unknowns if u.kind == "inertial")
     step = np.concatenate([np.zeros(len(inertial)), [-0.2, 0.8, -0.5]])
-    moved = straight(point, (*inertial, *own), step)
+    moved = retract(point, (*inertial, *own), step)
     assert moved.description.get_effect("more").position == pytest.approx((2.8, -0.2, 0.0))
     whole = [composite(p) for p in (point, moved)]
     assert whole[1] == pytest.approx(whole[0], abs=1e-6 * np.abs(whole[0]).max())
@@ -42,10 +42,10 @@ def test_mass_lost_at_a_place_goes_straight_in_what_rotation_tells(known):
     names = ["leak.rate", *(f"leak.position.{axis}" for axis in "xyz")]
     own = tuple(Unknown(n, "effect", parameters[n].unit, parameters[n].value, np.inf, 1.0) for n in names)
     step = np.r_[2.0 * rate, -place]  # to first order, rate * place * place' stays
-    end = straight(point, own, step).description.get_effect("leak")
+    end = retract(point, own, step).description.get_effect("leak")
     assert end.rate == pytest.approx(4.0 * rate)
     assert end.position == pytest.approx(0.5 * place)
     # and to first order the step is the one that was meant
-    near = straight(point, own, 1e-6 * step).description.get_effect("leak")
+    near = retract(point, own, 1e-6 * step).description.get_effect("leak")
     assert near.rate - rate == pytest.approx(2e-6 * rate, rel=1e-4)
     assert near.position - place == pytest.approx(-1e-6 * place, rel=1e-4)

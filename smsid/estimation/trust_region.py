@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
-from smsid.diagnose.point import Point, Unknown
+from smsid.estimation.parameter_vector import Point, Unknown
 
 if TYPE_CHECKING:
-    from smsid.diagnose.fit import Fit
+    from smsid.estimation.map_estimate import Fit
 
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
 GROWN = 3.0  # times as far the next step may go after one that gained what it promised

@@ -4,10 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.diagnose.channels import measured
-from smsid.diagnose.outputs import Outputs
 from smsid.effects import SensorBias
 from smsid.errors import RecordingError
+from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.measurements import measured
 from smsid.recording import Recording
 from smsid.simulate.trajectory import States
 
@@ -46,5 +46,5 @@ def test_a_bias_that_begins_midway_is_there_from_then_on(known, problem):
     model, n = point.base, 3
     still = np.zeros((n, model.nv))
     states = States(np.array([1.9, 2.0, 2.1]), np.tile(model.home, (n, 1)), still, still, still, still)
-    change = Outputs(model, later).all(states) - Outputs(model, data).all(states)
+    change = MeasurementModel(model, later).all(states) - MeasurementModel(model, data).all(states)
     np.testing.assert_allclose(change[:, rows], np.outer([0.0, 1.0, 1.0], bias), atol=1e-15)

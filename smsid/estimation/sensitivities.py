@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.diagnose.filter import Applied, Problem, Run, applied
-from smsid.diagnose.outputs import Outputs
-from smsid.diagnose.plant import Plant
-from smsid.diagnose.point import Point, Unknown
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
+from smsid.estimation.kalman import Applied, FilterRun, Problem, applied
+from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.process_model import ProcessModel
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
@@ -24,7 +24,7 @@ BLOCK = 16  # samples whose columns are written at once: a transposition is slow
 
 
 @dataclass(frozen=True)
-class Change:
+class Sensitivity:
     """Derivatives by one parameter: of the acceleration between samples (N - 1, nv) and at them (N, nv), and
     of the readings at fixed motion (N, rows); ``None`` where there is none.
     """
@@ -34,27 +34,27 @@ class Change:
     reading: np.ndarray | None = None
 
 
-class Changes:
+class Sensitivities:
     """Changes by any parameter at a point, along a run of the filter there."""
 
-    def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: Run) -> None:
+    def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
         self.point, self.model, self.problem, self.run = point, model, problem, run
-        self.outputs = Outputs(model, problem.data, problem.locked)
+        self.outputs = MeasurementModel(model, problem.data, problem.locked)
         self.sensors = point.sensors()
         self.inputs = problem.inputs(model)
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
-        self.by_candidate: dict[tuple[object, ...], list[Change]] = {}  # what is scored is scored again
+        self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
-    def inertial(self, columns: Sequence[int]) -> list[Change]:
+    def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
         """Return the changes by inertial parameters, ten per body: -M^-1 Y."""
         index = np.asarray(columns)
         middle, at = (
             -np.matmul(inverse, self._regressor(where)[:, :, index])
             for where, inverse in (("middle", self.run.middle_inverse), ("at", self.run.inverse))
         )
-        return [Change(middle[:, :, i], at[:, :, i]) for i in range(len(columns))]
+        return [Sensitivity(middle[:, :, i], at[:, :, i]) for i in range(len(columns))]
 
     def _regressor(self, where: str) -> np.ndarray:
         """Return Y (N, nv, 10 bodies) along the run; computed once."""
@@ -69,7 +69,7 @@ class Changes:
     def _states(self, where: str) -> States:
         return self.run.middle if where == "middle" else self.run.states
 
-    def effect(self, plain: Effect, changed: Effect, step: float) -> Change:
+    def effect(self, plain: Effect, changed: Effect, step: float) -> Sensitivity:
         """Return the change from one instance of an effect to another, per unit of the step.
 
         An effect that the point does not have is taken to do nothing in its ``plain`` instance. Raises
@@ -95,21 +95,21 @@ class Changes:
                 middle = np.matmul(self.run.middle_inverse, forces[0][:, :, None])[:, :, 0] / step
                 at = np.matmul(self.run.inverse, forces[1][:, :, None])[:, :, 0] / step
         reading = self._reading(base, other, origin, model)
-        return Change(middle, at, None if reading is None else reading / step)
+        return Sensitivity(middle, at, None if reading is None else reading / step)
 
     def _applied(self, model: SpacecraftModel) -> Applied:
-        return applied(Plant(model, self.problem.locked), self.problem, self.inputs)
+        return applied(ProcessModel(model, self.problem.locked), self.problem, self.inputs)
 
-    def bias(self, unknown: Unknown) -> Change:
+    def bias(self, unknown: Unknown) -> Sensitivity:
         """Return the change by the bias of one axis of a channel."""
         channel = ".".join(unknown.name.split(".")[:2])
         reading = np.zeros((len(self.run.states.time), self.problem.data.rows))
         for block in self.problem.data.blocks:
             if block.channel == channel:
                 reading[:, block.rows.start + unknown.column] = 1.0
-        return Change(reading=reading)
+        return Sensitivity(reading=reading)
 
-    def unknown(self, unknown: Unknown) -> Change:
+    def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a central difference."""
         effect = self.point.description.get_effect(unknown.name.partition(".")[0])
         value = self.point.value(unknown)
@@ -120,12 +120,12 @@ class Changes:
         more = effect.with_values({unknown.name: high})
         return self.effect(less, more, high - low)
 
-    def force(self, middle: np.ndarray, at: np.ndarray) -> Change:
+    def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
         """Return the change by a generalised force along the run.
 
         ``middle`` (N - 1, nv) between samples, ``at`` (N, nv) them.
         """
-        return Change(
+        return Sensitivity(
             np.einsum("nij,nj->ni", self.run.middle_inverse, middle),
             np.einsum("nij,nj->ni", self.run.inverse, at),
         )
@@ -133,7 +133,7 @@ class Changes:
     def rates(self) -> np.ndarray:
         """Return time derivatives of the readings (N, rows) between jumps of the commands, for delays."""
         if self._rates is None:
-            s, plant = self.run.states, Plant(self.model, self.problem.locked)
+            s, plant = self.run.states, ProcessModel(self.model, self.problem.locked)
             q, v, a = np.empty_like(s.q), s.v - BACK * s.a, np.empty_like(s.a)
             for k, (t, tau) in enumerate(zip(s.time, s.tau, strict=True)):
                 q[k] = pin.integrate(self.model.pin, s.q[k], -BACK * s.v[k])
@@ -179,9 +179,9 @@ class Changes:
             return None
         old, new = (self.problem.data.with_blocks(s) for s in (before, after))
         locked = self.problem.locked
-        out = Outputs(model, new, locked).all(self.run.states) - Outputs(origin, old, locked).all(
-            self.run.states
-        )
+        out = MeasurementModel(model, new, locked).all(self.run.states) - MeasurementModel(
+            origin, old, locked
+        ).all(self.run.states)
         for a, b in zip(old.blocks, new.blocks, strict=True):
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
@@ -255,7 +255,7 @@ def _inertial(model: SpacecraftModel) -> np.ndarray:
     return np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
 
 
-def propagate(run: Run, changes: Sequence[Change]) -> np.ndarray:
+def propagate(run: FilterRun, changes: Sequence[Sensitivity]) -> np.ndarray:
     """Return how the whitened predictions change by each parameter: (N, rows, columns).
 
     The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from smsid.description import load_description
-from smsid.diagnose.plant import Plant
 from smsid.effects import GravityGradient, JointFriction, MassLoss, WheelImbalance, catalogue
+from smsid.estimation.process_model import ProcessModel
 from smsid.model import build_model
 from tests.effects.test_catalogue import example
 
@@ -26,7 +26,7 @@ def state(known):
     model, rng = point.model(), np.random.default_rng(0)
     q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
     return (
-        Plant(model, np.zeros(0, dtype=int)),
+        ProcessModel(model, np.zeros(0, dtype=int)),
         q,
         rng.standard_normal(model.nv),
         rng.standard_normal(model.nv),
@@ -57,7 +57,7 @@ def test_every_effect_is_linearised_whole(kind, urdf):
         effect = effect.model_copy(update={"quasistatic": False})
     described = load_description(urdf / "paper_sms.toml").with_effects(effect)
     model, rng = build_model(described), np.random.default_rng(5)
-    plant = Plant(model, np.zeros(0, dtype=int))
+    plant = ProcessModel(model, np.zeros(0, dtype=int))
     q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
     v, tau = rng.standard_normal((2, model.nv))
     found = plant.linear(40.0, q, v, tau)
@@ -74,7 +74,7 @@ def test_a_slow_force_is_held_over_a_step_and_nothing_shows(known):
     model, rng = known.point.with_effect(tide).model(), np.random.default_rng(1)
     q = pin.integrate(model.pin, model.home, 0.3 * rng.standard_normal(model.nv))
     v, tau = 0.1 * rng.standard_normal((2, model.nv))
-    held, exact, free = (Plant(m, np.zeros(0, dtype=int)) for m in (model, model, known.point.model()))
+    held, exact, free = (ProcessModel(m, np.zeros(0, dtype=int)) for m in (model, model, known.point.model()))
     exact.model, exact._slow = model, []
     ends = [p.step(0.0, 0.025, q, v, tau)[1] for p in (held, exact, free)]
     by_hold, by_tide = ends[0] - ends[2], ends[1] - ends[2]

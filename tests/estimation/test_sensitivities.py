@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from smsid.diagnose.columns import Changes
-from smsid.diagnose.filter import run_filter
 from smsid.effects import JointFriction
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.sensitivities import Sensitivities
 
 THERE = (
     JointFriction(name="rubs", joint="joint1", coulomb=0.02, load=0.01, viscous=0.3),
@@ -37,7 +37,7 @@ def test_forces_that_see_the_applied_ones_are_those_of_the_whole_model(known, pr
     there = {e.name: e for e in point.description.effect}
     nothing = JointFriction(name=changed.name, joint=changed.joint)
     model, other = point.model(), point.with_effect(changed).model()
-    changes = Changes(point, model, problem, run_filter(model, problem))
+    changes = Sensitivities(point, model, problem, run_filter(model, problem))
     found = changes.effect(there.get(changed.name, nothing), changed, 1.0)
     for states, inverse, own in (
         (changes.run.states, changes.run.inverse, found.at),

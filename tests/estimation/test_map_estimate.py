@@ -8,12 +8,12 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
-from smsid.diagnose import fit as fitting
-from smsid.diagnose.channels import measured
-from smsid.diagnose.fit import evaluate, fit
-from smsid.diagnose.point import Unknown
-from smsid.diagnose.steps import bounded_step, damping_within, reach, shortened, sizes
 from smsid.effects.friction import JointFriction
+from smsid.estimation import map_estimate as fitting
+from smsid.estimation.map_estimate import evaluate, fit
+from smsid.estimation.measurements import measured
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.trust_region import bounded_step, damping_within, reach, shortened, sizes
 from smsid.experiments import fly, named_experiment
 
 

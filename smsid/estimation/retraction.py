@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.point import Point, Unknown
 from smsid.errors import SmsidError
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.model.regressor import dynamic_parameters
 
 LITTLE = 1e-4  # share of a step by which its first order is found
 
 
-def straight(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
+def retract(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
     """Return the point a step (unknowns,) away, in the parameters' units, bodies moved as it means.
 
     A payload's mass times its place is no straight line, and what bodies are together is known far better

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smsid.diagnose.inputs import _with_ramps, jumping, limits, means, mixed, unevenness
+from smsid.estimation.input_hold import _with_ramps, jumping, limits, means, mixed, unevenness
 from smsid.simulate.changed import Delayed
 from smsid.simulate.signals import Fourier, Sampled
 

@@ -26,7 +26,7 @@ class Linear:
     by_tau: np.ndarray
 
 
-class Plant:
+class ProcessModel:
     """Forward dynamics of a spacecraft, some joints perhaps locked. Not to be shared between threads."""
 
     def __init__(self, model: SpacecraftModel, locked: np.ndarray) -> None:

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.diagnose.channels import Measured
-from smsid.diagnose.inputs import Hold, commanded, jumps_in, limits, means, unevenness
-from smsid.diagnose.outputs import Outputs
-from smsid.diagnose.plant import Plant
-from smsid.diagnose.point import Combination
 from smsid.errors import SimulationError
+from smsid.estimation.input_hold import Hold, commanded, jumps_in, limits, means, unevenness
+from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.measurements import Measured
+from smsid.estimation.parameter_vector import Combination
+from smsid.estimation.process_model import ProcessModel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.simulate import Inputs
@@ -51,7 +51,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Run:
+class FilterRun:
     """What a filter made of a recording. First index: sample k = 0 .. N - 1.
 
     ``innovations`` (N, rows) whitened, zero where nothing was measured; ``whitening`` (N, rows, rows) takes
@@ -125,7 +125,7 @@ class Applied:
         return before, after
 
 
-def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
+def applied(plant: ProcessModel, problem: Problem, inputs: Inputs) -> Applied:
     """Return the applied generalised forces on the clock of the samples."""
     times = problem.data.times
     signal = inputs.driven(plant.model).applied(plant.model)
@@ -140,16 +140,16 @@ def applied(plant: Plant, problem: Problem, inputs: Inputs) -> Applied:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
-def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> Run:
-    """Run the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
+def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> FilterRun:
+    """FilterRun the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
 
     Only states, predictions and errors are there then, derivatives are zero.
 
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
-    plant = Plant(model, problem.locked)
+    plant = ProcessModel(model, problem.locked)
     data = problem.data
-    outputs = Outputs(model, data, problem.locked)
+    outputs = MeasurementModel(model, data, problem.locked)
     drive = applied(plant, problem, problem.inputs(model))
     times, n, nv, rows = data.times, len(data.times), model.nv, data.rows
     present = _readable(problem)
@@ -229,7 +229,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
         p = f @ p @ f.T + (b * input_noise) @ b.T
         p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     middle_times = 0.5 * (times[1:] + times[:-1])
-    return Run(
+    return FilterRun(
         e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
         at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised,
         used,
@@ -264,13 +264,13 @@ class _Store:
 
 
 def _delayed(
-    outputs: Outputs,
+    outputs: MeasurementModel,
     late: np.ndarray,
     t: float,
     state: tuple[np.ndarray, np.ndarray],
     a: np.ndarray,
     forces: tuple[np.ndarray, np.ndarray],
-    plant: Plant,
+    plant: ProcessModel,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Predict what late sensors read: the state (q, v) carried back by each delay, forces held.
 
