@@ -24,8 +24,8 @@ from smsid.diagnose import diagnose
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.noise import fit_with_noise
 from smsid.diagnose.nominal import nominal
-from smsid.diagnose.timing import timing_of
 from smsid.estimation.input_hold import locked
+from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import measured

@@ -14,19 +14,20 @@ from smsid.diagnose.accept import Levels
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
-from smsid.diagnose.noise import FOLLOWED, strayed
+from smsid.diagnose.noise import FOLLOWED
 from smsid.diagnose.nominal import nominal
 from smsid.diagnose.outliers import counted_again, outliers
 from smsid.diagnose.proposals import propose
 from smsid.diagnose.rest import resting
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
-from smsid.diagnose.timing import timing_of
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
+from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import locked
+from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point
@@ -242,7 +243,7 @@ def _gain(
 
 def _foreign(found: Search) -> str:
     """Return why the recording cannot be of this spacecraft, if so; asked where it is not followed."""
-    if strayed(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
+    if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
         return ""
     left = motion_left(found.last, found.noise)
     if left > FOREIGN:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import welch
 
 from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.kalman import FilterRun, Noise, Problem
 from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
 from smsid.estimation.measurements import Measured
@@ -57,7 +58,7 @@ def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) 
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
-    if strayed(found.fit.run) > MISFIT:
+    if normalised_rmse(found.fit.run) > MISFIT:
         return _but_for_one(found) or refitted(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
@@ -76,7 +77,7 @@ def _but_for_one(found: Fitted) -> Fitted | None:
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
-        if strayed(rest.run) > FOLLOWED:
+        if normalised_rmse(rest.run) > FOLLOWED:
             return None
         LOGGER.info("all but %s is followed", whole.data.names[worst])
         return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors, alone=True)
@@ -97,7 +98,7 @@ def refitted(found: Fitted, *, strong: bool = False) -> Fitted:
         if exact is not None:
             return exact
     again = _with_misfit(found)
-    if strayed(again.fit.run, again.factors) > FOLLOWED:
+    if normalised_rmse(again.fit.run, again.factors) > FOLLOWED:
         return again
     return _exact(again) or again
 
@@ -111,22 +112,13 @@ def _exact(found: Fitted) -> Fitted | None:
     except SimulationError as error:
         LOGGER.info("not to the noise: %s", error)
         return None
-    if strayed(first.run) > MISFIT:
+    if normalised_rmse(first.run) > MISFIT:
         return None
     exact = continued(first, iterations=6)
-    if strayed(exact.run) > FOLLOWED:
+    if normalised_rmse(exact.run) > FOLLOWED:
         return None
     LOGGER.info("what is left can be fitted to the noise")
     return _with_noise(Fitted(exact, np.ones(stated.rows)))
-
-
-def strayed(run: FilterRun, factors: np.ndarray | float = 1.0) -> float:
-    """Return the root mean square of the prediction errors over their noise, outliers left out.
-
-    ``factors`` (rows,) on the noise, or one for all.
-    """
-    x = np.where(run.used, run.normalised * factors, np.nan)
-    return float(np.sqrt(np.nanmean(np.minimum(x**2, np.nanquantile(x**2, 0.99)))))
 
 
 def _with_noise(found: Fitted) -> Fitted:

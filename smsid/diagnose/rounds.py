@@ -14,7 +14,7 @@ from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.exchange import judged_again, sought_again, weighed
 from smsid.diagnose.further import freed_instead
 from smsid.diagnose.memory import memory
-from smsid.diagnose.noise import Fitted, refitted, strayed
+from smsid.diagnose.noise import Fitted, normalised_rmse, refitted
 from smsid.diagnose.onset import (
     always,
     always_together,
@@ -37,9 +37,9 @@ RESTLESS = 5  # times at most that a search goes on from a better fit that a can
 class State:
     """Where a search stands: the last fit, the causes in it, and the candidates left with their scores.
 
-    ``nominal`` is the fit without causes, ``strayed`` the rms of its prediction errors over the stated
-    noise; ``held`` are the tests for memory that end a search, where the next cause would stand in for a
-    piece of it.
+    ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over
+    the stated noise; ``held`` are the tests for memory that end a search, where the next cause would stand
+    in for a piece of it.
     """
 
     def __init__(self, fitted: Fitted, candidates: Sequence[Candidate], levels: Levels) -> None:
@@ -215,7 +215,7 @@ class State:
     def _nominal(self) -> None:
         """The last fit is of the nominal parameters alone."""
         self.nominal = self.current
-        self.strayed = strayed(self.current.run, self.fitted.factors)
+        self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
 
     def _move(self, found: Fit, *, strong: bool) -> None:
         """Go on from another fit, with its noise levels.

@@ -14,7 +14,7 @@ from smsid.diagnose.candidates import Candidate, Score
 from smsid.diagnose.erratic import erratic
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.further import freed
-from smsid.diagnose.noise import fit_with_noise, strayed
+from smsid.diagnose.noise import fit_with_noise, normalised_rmse
 from smsid.diagnose.rounds import State
 from smsid.errors import RecordingError
 from smsid.estimation.kalman import Problem
@@ -30,8 +30,8 @@ class Search:
 
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
-    fitted; with ``misfit`` they count what the model cannot follow. ``strayed`` are rms of the prediction
-    errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
+    prediction errors over the stated noise, before and after. ``coarse`` are components read in steps.
     """
 
     nominal: Fit
@@ -44,7 +44,7 @@ class Search:
     samples: int
     noise: dict[str, float]
     misfit: bool = False
-    strayed: tuple[float, float] = (1.0, 1.0)
+    normalised_rmse: tuple[float, float] = (1.0, 1.0)
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = field(default_factory=Levels)
     coarse: frozenset[str] = frozenset()
@@ -62,7 +62,7 @@ class Search:
     @property
     def followed(self) -> float:
         """Share of the squared prediction errors, in stated noise, that the causes take away."""
-        before, after = self.strayed
+        before, after = self.normalised_rmse
         return 1.0 - (after / before) ** 2
 
 
@@ -105,7 +105,7 @@ def search(
     return Search(
         state.nominal, state.current, tuple(state.causes), tuple(state.scores), before, blocks,
         len(candidates), state.samples, state.fitted.by_channel, state.fitted.misfit,
-        (state.strayed, strayed(state.current.run, state.fitted.factors)),
+        (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse,
     )  # fmt: skip

@@ -27,6 +27,10 @@ class ActuatorEffect(Starting):
 
     family: ClassVar[str] = "actuator"
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return () if self.target() == THRUSTER else (self.target(),)
+
     def target(self) -> str:
         """Return the actuator: ``thruster``, a joint or a wheel."""
         return THRUSTER

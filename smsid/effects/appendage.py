@@ -8,6 +8,7 @@ straight beam.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
@@ -155,6 +156,7 @@ class BeamAppendage(Appendage):
     """
 
     summary: ClassVar[str] = "flexible panel: Euler-Bernoulli cantilever plate"
+    geometry: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
     kind: Literal["beam_appendage"] = "beam_appendage"
     length: float = physical("m", lower=0.0, gt=0.0, description="along x, from the clamp")
     width: float = physical("m", lower=0.0, gt=0.0, description="along y")
@@ -237,7 +239,11 @@ class ModalAppendage(Appendage):
 
     summary: ClassVar[str] = "flexible appendage from finite-element modal data"
     kind: Literal["modal_appendage"] = "modal_appendage"
-    mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage")
+    geometry: ClassVar[tuple[str, ...]] = ("mass", "participation_factor")
+    mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage, as a rigid body")
+    participation_factor: float = physical(
+        "1", lower=0.0, gt=0.0, default=1.0, description="modal masses over those of the modes given"
+    )
     center_of_mass: Vector3 = Field(description="in appendage axes [m]")
     inertia: tuple[float, ...] = Field(
         min_length=6, max_length=6, description="about the root: xx, xy, yy, xz, yz, zz [kg m^2]"
@@ -258,8 +264,20 @@ class ModalAppendage(Appendage):
         return self
 
     def modal_data(self) -> tuple[Mode, ...]:
-        """Return the modes."""
-        return self.mode
+        """Return the modes, their participation and shapes as `participation_factor` has them."""
+        if self.participation_factor == 1.0:
+            return self.mode
+        root = float(np.sqrt(self.participation_factor))
+        return tuple(
+            mode.model_copy(
+                update={
+                    "translation": tuple(root * x for x in mode.translation),
+                    "rotation": tuple(root * x for x in mode.rotation),
+                    "shape": tuple(tuple(x / root for x in s) for s in mode.shape),
+                }
+            )
+            for mode in self.mode
+        )
 
     def rigid_inertia(self) -> pin.Inertia:
         """Return the rigid inertia (about its CM, lever from the root)."""
@@ -273,16 +291,19 @@ class ModalAppendage(Appendage):
         return np.asarray(self.stations, dtype=float).reshape(-1, 3)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return mass, and frequency and damping of every mode."""
+        """Return mass, and of every mode frequency, damping and the participation that is not zero."""
         found = list(super().parameters())
         for k, mode in enumerate(self.mode, start=1):
-            for field, unit in (("frequency", "Hz"), ("damping", "1")):
+            values = [
+                (f"{f}", getattr(mode, f), unit, 0.0) for f, unit in (("frequency", "Hz"), ("damping", "1"))
+            ]
+            for field, unit in (("translation", "kg^0.5"), ("rotation", "kg^0.5 m")):
+                parts = zip("xyz", getattr(mode, field), strict=True)
+                values += [(f"{field}.{axis}", x, unit, -math.inf) for axis, x in parts if x != 0.0]
+            for field, value, unit, lower in values:
                 key = f"mode{k}.{field}"
-                found.append(
-                    Parameter(
-                        f"{self.name}.{key}", getattr(mode, field), unit, 0.0, sigma=self.prior.get(key)
-                    )
-                )
+                name = f"{self.name}.{key}"
+                found.append(Parameter(name, value, unit, lower, sigma=self.prior.get(key)))
         return tuple(found)
 
     def with_values(self, values: Mapping[str, float]) -> ModalAppendage:
@@ -296,7 +317,14 @@ class ModalAppendage(Appendage):
         for name, value in values.items():
             field, _, part = name.removeprefix(f"{self.name}.").partition(".")
             if part:
-                modes[int(field.removeprefix("mode")) - 1][part] = float(value)
+                own = modes[int(field.removeprefix("mode")) - 1]
+                part, _, axis = part.partition(".")
+                if axis:
+                    vector = list(own[part])
+                    vector["xyz".index(axis)] = float(value)
+                    own[part] = tuple(vector)
+                else:
+                    own[part] = float(value)
             else:
                 update[field] = float(value)
         return cast(ModalAppendage, self._replaced({**update, "mode": modes}))

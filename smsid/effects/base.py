@@ -54,7 +54,12 @@ class Effect(Table):
     changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
     for an effect that is no more than that.
 
-    ``prior`` gives standard deviations by parameter name (without the effect's own name).
+    ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
+    of those that are not to be estimated (``["all"]``: none of it is).
+
+    Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
+    a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
+    why.
     """
 
     summary: ClassVar[str] = ""
@@ -62,10 +67,15 @@ class Effect(Table):
     aliases: ClassVar[tuple[str, ...]] = ()
     strength: ClassVar[tuple[str, ...]] = ()
     point_mass: ClassVar[tuple[str, str] | None] = None
+    geometry: ClassVar[tuple[str, ...]] = ()
+    not_estimated: ClassVar[Mapping[str, str]] = {}
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
         default_factory=dict, description="standard deviation by parameter, as in `{ mass = 2.0 }`"
+    )
+    known: tuple[str, ...] = Field(
+        default=(), description='parameters that are not estimated, as in `["mass"]`; `["all"]` for none'
     )
 
     @model_validator(mode="after")
@@ -73,13 +83,17 @@ class Effect(Table):
         for p in self.parameters():
             if not p.lower <= p.value <= p.upper:
                 raise ValueError(f"{p.name} = {p.value} {p.unit} is outside [{p.lower}, {p.upper}]")
-        known = [p.name.removeprefix(f"{self.name}.") for p in self.parameters()]
-        unknown = sorted(set(self.prior) - set(known))
-        if unknown:
-            raise ValueError(
-                f"prior names {', '.join(map(repr, unknown))}, no parameter of '{self.name}'; "
-                f"it has {', '.join(known)}"
-            )
+        own = [p.name.removeprefix(f"{self.name}.") for p in self.parameters()]
+        fields = {part for name in own for part in _prefixes(name)}
+        for table, given, allowed in (
+            ("prior", set(self.prior), set(own)),
+            ("known", set(self.known), {*own, *fields, "all"}),
+        ):
+            if given - allowed:
+                raise ValueError(
+                    f"{table} names {', '.join(map(repr, sorted(given - allowed)))}, no parameter of "
+                    f"'{self.name}'; it has {', '.join(own)}"
+                )
         return self
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -105,6 +119,31 @@ class Effect(Table):
                     )
                 )
         return tuple(found)
+
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """Return the parameters that identification estimates: all but those `held` names."""
+        held = self.held()
+        return tuple(p for p in self.parameters() if p.name not in held)
+
+    def held(self) -> dict[str, str]:
+        """Return why parameters are not estimated, by name."""
+        found: dict[str, str] = {}
+        for p in self.parameters():
+            own = _prefixes(p.name.removeprefix(f"{self.name}."))
+            if own & {*self.known} or "all" in self.known:
+                found[p.name] = "marked `known`"
+            elif own & set(self.not_estimated):
+                found[p.name] = next(self.not_estimated[x] for x in own if x in self.not_estimated)
+            elif own & set(self.geometry) and p.sigma is None:
+                found[p.name] = "geometry, known unless a prior is given"
+        return found
+
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joints and wheels whose motor torque it has to do with.
+
+        To estimate its parameters, these are driven by their torque and not by their measured motion.
+        """
+        return ()
 
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with the named parameters replaced; names as in `parameters`.
@@ -268,6 +307,12 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
             f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(kinds)}."
         )
     return cls.model_validate(dict(table))
+
+
+def _prefixes(key: str) -> set[str]:
+    """Return a parameter's name and those of what it is part of: ``mode1.rotation.y``, ``mode1.rotation``, ..."""
+    parts = key.split(".")
+    return {".".join(parts[: k + 1]) for k in range(len(parts))}
 
 
 def _flatten(value: Any) -> list[tuple[str, float]]:

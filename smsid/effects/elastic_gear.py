@@ -56,6 +56,10 @@ class ElasticGear(Effect):
         default=False, description="whether the twist follows the torque at once, without a joint of its own"
     )
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return (self.joint,)
+
     def rigid(self) -> bool:
         """Whether the gear does not give."""
         raise NotImplementedError

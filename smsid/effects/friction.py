@@ -73,6 +73,10 @@ class JointFriction(Starting):
         default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
     )
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return (self.joint,)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; a viscous part that is always there is a linear damper."""
         number = assembly.joint_id(self.joint)

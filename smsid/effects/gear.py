@@ -38,6 +38,10 @@ class Gear(Effect):
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
     )
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return (self.joint,)
+
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""
         for name in (self.joint, *self.also):

@@ -48,6 +48,10 @@ class TorqueOffset(Effect):
     joint: str = Field(description="joint of the model")
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return (self.joint,)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the constant torque, against the motor."""
         index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v

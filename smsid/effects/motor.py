@@ -31,6 +31,10 @@ class MotorInertia(Effect):
         "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
     )
 
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint whose motor torque it has to do with."""
+        return (self.joint,)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia to the joint's armature."""
         index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
@@ -74,6 +78,10 @@ class MotorCoupling(Effect):
     def weights(self) -> tuple[float, ...]:
         """Weight of each joint in s."""
         return self.ratios or (1.0,) * len(self.joints)
+
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joints whose motor torque it has to do with."""
+        return self.joints
 
     def attach(self, assembly: Assembly) -> None:
         """Add the friction of s as a generalised force, and the rotor's inertia ``inertia w w'`` on the

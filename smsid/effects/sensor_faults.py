@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -15,6 +16,8 @@ from smsid.parameter import Parameter
 from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel
 
+OF_NOISE = "a property of the readings that no motion depends on; `smsid diagnose` finds it"
+
 
 @register
 class Quantisation(ComponentEffect):
@@ -22,6 +25,7 @@ class Quantisation(ComponentEffect):
 
     summary: ClassVar[str] = "readings rounded to coarser steps than stated"
     strength: ClassVar[tuple[str, ...]] = ("step",)
+    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("step",), OF_NOISE)
     kind: Literal["quantisation"] = "quantisation"
     step: float = physical(
         OF_QUANTITY,
@@ -58,6 +62,7 @@ class Outliers(ComponentEffect):
 
     summary: ClassVar[str] = "single samples far off"
     strength: ClassVar[tuple[str, ...]] = ("share", "size")
+    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("share", "size"), OF_NOISE)
     kind: Literal["outliers"] = "outliers"
     share: float = physical("1", lower=0.0, upper=1.0, default=0.0, description="of the samples")
     size: float = physical(
@@ -83,6 +88,7 @@ class Stuck(ComponentEffect):
     """A channel that repeats its last value from ``start`` on; it never sticks when that is not given."""
 
     summary: ClassVar[str] = "channel that repeats its last value from some time on"
+    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("start",), OF_NOISE)
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 

@@ -28,32 +28,44 @@ COMMANDS = {
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def commanded(model: SpacecraftModel, recording: Recording, hold: Hold) -> Inputs:
+def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True) -> Inputs:
     """Return the commanded inputs of a recording; between samples they are held or vary linearly.
 
     With ``"jumps"`` they vary linearly but where they jump: there the sample before is held until the one
-    after. So are thrusters that switch beside wheels or a torque that do not.
+    after. So are thrusters that switch beside wheels or a torque that do not. What is not commanded but
+    measured (``<sensor>.joint_torque``, say) stands in.
 
-    Raises `RecordingError` when nothing is commanded at all: a diagnosis needs to know what drove the motion.
+    Raises `RecordingError` when nothing is commanded at all and that is ``required``: a diagnosis needs to
+    know what drove the motion.
     """
-    wanted = {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
-    wanted |= {"force": 3, "torque": 3} if model.free else {}
     signals: dict[str, Signal | None] = dict.fromkeys(COMMANDS)
-    for field, size in wanted.items():
-        channel = COMMANDS[field]
-        if size and channel in recording:
-            values = np.asarray(recording[channel])
-            times = np.asarray(recording.time(channel), dtype=float)
-            if hold == "jumps":
-                times, values = _with_ramps(times, values.reshape(len(values), -1))
-            signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
-    if all(s is None for s in signals.values()):
+    for field, channel in input_channels(model, recording).items():
+        values = np.asarray(recording[channel])
+        times = np.asarray(recording.time(channel), dtype=float)
+        if hold == "jumps":
+            times, values = _with_ramps(times, values.reshape(len(values), -1))
+        signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
+    if required and all(s is None for s in signals.values()):
         raise RecordingError(
             f"The recording '{recording.name}' has no command.* channel.",
             advice="Record what was commanded: " + ", ".join(COMMANDS.values()) + ".",
             channels=recording.channels,
         )
     return Inputs(**signals)  # type: ignore[arg-type]
+
+
+def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, str]:
+    """Return which channel of a recording says what each input was: a command, else a measured torque."""
+    wanted = {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
+    wanted |= {"force": 3, "torque": 3} if model.free else {}
+    found = {}
+    for field, size in wanted.items():
+        others = [c for c in recording.channels if c.partition(".")[2] == field]
+        others = [c for c in others if c.partition(".")[0] not in ("command", "truth")]
+        named = [c for c in (COMMANDS[field], *others) if c in recording]
+        if size and named:
+            found[field] = named[0]
+    return found
 
 
 def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:

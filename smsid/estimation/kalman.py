@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -60,7 +60,8 @@ class FilterRun:
     ``by_a`` (N, rows, nv): measurement by acceleration. ``states`` are the predictions at the samples,
     ``middle`` the states between them; ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass
     matrices. ``errors`` (N, rows) are measured minus ``predicted``; ``normalised`` the same in their own
-    standard deviations, not decorrelated. ``used`` (N, rows): what took part.
+    standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
+    samples and, where more follow, of the next one: there are then N transitions.
     """
 
     innovations: np.ndarray
@@ -79,6 +80,7 @@ class FilterRun:
     errors: np.ndarray
     normalised: np.ndarray
     used: np.ndarray
+    edges: np.ndarray
 
     @property
     def samples(self) -> int:
@@ -87,10 +89,20 @@ class FilterRun:
 
 
 @dataclass(frozen=True)
+class Belief:
+    """What is known of a state: q (nq,), v (nv,), covariance (2 nv, 2 nv) of the tangent of q and of v."""
+
+    q: np.ndarray
+    v: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
 class Problem:
     """A recording to be explained: samples, commands, how they are taken, and combinations known before.
 
-    ``substep`` is the longest step of the integration between samples [s].
+    ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
+    state at the first sample (read from it, with wide standard deviations, when not given).
     """
 
     recording: Recording
@@ -100,36 +112,43 @@ class Problem:
     noise: Noise
     combinations: tuple[Combination, ...] = ()
     substep: float = SUBSTEP
+    begin: Belief | None = None
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
-        return commanded(model, self.recording, self.timing.hold)
+        return commanded(model, self.recording, self.timing.hold, required=self.begin is None)
 
 
 @dataclass(frozen=True)
 class Applied:
     """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
     between samples (N - 1, nv), and values at the samples (N, nv). ``rise`` (N - 1, substeps, nv) is by how
-    much the line of equal mean and equal first moment rises over half a substep.
+    much the line of equal mean and equal first moment rises over half a substep. ``before`` (nv,) are the
+    forces just before the first sample, where that is not the first of all.
     """
 
     means: np.ndarray
     middle: np.ndarray
     at: np.ndarray
     rise: np.ndarray
+    before: np.ndarray | None = None
 
     def about(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the forces (nv,) just before and just after sample k."""
-        before = self.means[k - 1, -1] + self.rise[k - 1, -1] if k > 0 else self.at[0]
+        before = self.means[k - 1, -1] + self.rise[k - 1, -1] if k > 0 else self.before
+        before = self.at[0] if before is None else before
         after = self.means[k, 0] - self.rise[k, 0] if k < len(self.means) else self.at[k]
         return before, after
 
 
-def applied(plant: ProcessModel, problem: Problem, inputs: Inputs) -> Applied:
-    """Return the applied generalised forces on the clock of the samples."""
-    times = problem.data.times
+def applied(
+    plant: ProcessModel, problem: Problem, inputs: Inputs, times: np.ndarray | None = None
+) -> Applied:
+    """Return the applied generalised forces on the clock of the samples, or of some ``times`` (n,) of it."""
+    whole = problem.data.times
+    times = whole if times is None else times
     signal = inputs.driven(plant.model).applied(plant.model)
-    n = max(1, int(np.ceil(float(np.median(np.diff(times))) / problem.substep - 1e-9)))
+    n = max(1, int(np.ceil(float(np.median(np.diff(whole))) / problem.substep - 1e-9)))
     n += n % 2  # the middle of a sample interval is an end of a step
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
     edges = np.append((times[:-1, None] + np.diff(times)[:, None] * parts).ravel(), times[-1])
@@ -139,101 +158,136 @@ def applied(plant: ProcessModel, problem: Problem, inputs: Inputs) -> Applied:
     return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side), rise.reshape(shape))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
 def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> FilterRun:
-    """FilterRun the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
+    """Run the filter over a recording; after ``until`` [s] nothing is corrected any more: open loop.
 
     Only states, predictions and errors are there then, derivatives are zero.
 
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
-    plant = ProcessModel(model, problem.locked)
-    data = problem.data
-    outputs = MeasurementModel(model, data, problem.locked)
-    drive = applied(plant, problem, problem.inputs(model))
-    times, n, nv, rows = data.times, len(data.times), model.nv, data.rows
-    present = _readable(problem)
-    q, v = first_state(model, problem)
-    p = _first_covariance(model, problem)
-    input_noise = _input_covariance(model, problem)
-    late = np.array([b.delay for b in data.blocks])
+    return KalmanFilter(model, problem, until=until).advance(len(problem.data.times))
 
-    e, used = np.zeros((n, rows)), present & (times <= until)[:, None]
-    whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, 2 * nv, rows))
-    sensitivity, by_a = np.zeros((n, rows, 2 * nv)), np.zeros((n, rows, nv))
-    transition, forcing = np.zeros((n - 1, 2 * nv, 2 * nv)), np.zeros((n - 1, 2 * nv, nv))
-    at, mid = _Store(n, model), _Store(n - 1, model)
-    predicted, normalised, errors = np.zeros((3, n, rows))
-    variance = data.sigma**2
-    log_likelihood = 0.0
-    for k in range(n):
-        corrects = times[k] <= until
-        lin = (plant.linear if corrects else plant.moving)(times[k], q, v, drive.at[k])
-        at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
-        if late.any():
-            h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
+
+class KalmanFilter:
+    """The extended Kalman filter over a recording, some samples at a time.
+
+    ``q`` (nq,), ``v`` (nv,) and ``covariance`` (2 nv, 2 nv) are what is believed of the state at the next
+    sample before it is read. Not to be shared between threads.
+    """
+
+    def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
+        self.model, self.problem, self.until = model, problem, until
+        self.plant = ProcessModel(model, problem.locked)
+        self.outputs = MeasurementModel(model, problem.data, problem.locked)
+        self.inputs = problem.inputs(model)
+        begin = problem.begin
+        if begin is None:
+            self.q, self.v = first_state(model, problem)
+            self.covariance = _first_covariance(model, problem)
         else:
-            h, cq, cv, ca = outputs.predict(q, v, lin.a)
-        outputs.twisted(h, times[k], q, v, drive.at[k], lin.a)
-        predicted[k] = h
-        residual = data.residual(k, h, pin.Quaternion(q[3:7]).matrix() if model.free else None)
-        by_a[k], errors[k] = ca, residual
-        there = np.flatnonzero(present[k]) if corrects else ()
-        if corrects:
-            big_h = sensitivity[k]
-            np.matmul(ca, lin.by_q, out=big_h[:, :nv])
-            np.matmul(ca, lin.by_v, out=big_h[:, nv:])
-            big_h[:, :nv] += cq
-            big_h[:, nv:] += cv
-        if len(there):
-            hk = big_h[there]
-            ph = p @ hk.T
-            s = hk @ ph
-            s.flat[:: len(there) + 1] += variance[there]
-            normalised[k, there] = residual[there] / np.sqrt(s.diagonal())
-            low, info = lapack.dpotrf(s, lower=1, clean=1)
-            if info != 0 or not np.isfinite(residual[there]).all():
-                raise _lost(times[k])
-            inverse, _ = lapack.dtrtri(low, lower=1)
-            root = ph @ inverse.T
-            white = inverse @ residual[there]
-            e[k, there] = white
-            log_likelihood -= 0.5 * float(white @ white) + float(np.log(low.diagonal()).sum())
-            if len(there) == rows:
-                whitening[k], gain[k] = inverse, root @ inverse
+            self.q, self.v, self.covariance = begin.q.copy(), begin.v.copy(), begin.covariance.copy()
+        self._input_noise = _input_covariance(model, problem)
+        self._late = np.array([b.delay for b in problem.data.blocks])
+        self._readable = _readable(problem)
+        self._next, self._before = 0, None
+
+    @np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
+    def advance(self, samples: int) -> FilterRun:
+        """Read the next samples and return what was made of them.
+
+        The run has a transition to the sample after them, if there is one.
+
+        Raises `SimulationError` when the state or its covariance is no longer finite.
+        """
+        model, data, plant, outputs = self.model, self.problem.data, self.plant, self.outputs
+        first = self._next
+        n = min(samples, len(data.times) - first)
+        edges = data.times[first : first + n + 1]
+        times, nv, rows = edges[:n], model.nv, data.rows
+        drive = replace(applied(plant, self.problem, self.inputs, edges), before=self._before)
+        moves = len(edges) - 1
+        present, late, input_noise = self._readable[first : first + n], self._late, self._input_noise
+        q, v, p = self.q, self.v, self.covariance
+
+        e, used = np.zeros((n, rows)), present & (times <= self.until)[:, None]
+        whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, 2 * nv, rows))
+        sensitivity, by_a = np.zeros((n, rows, 2 * nv)), np.zeros((n, rows, nv))
+        transition, forcing = np.zeros((moves, 2 * nv, 2 * nv)), np.zeros((moves, 2 * nv, nv))
+        at, mid = _Store(n, model), _Store(moves, model)
+        predicted, normalised, errors = np.zeros((3, n, rows))
+        variance = data.sigma**2
+        log_likelihood = 0.0
+        for k in range(n):
+            corrects = times[k] <= self.until
+            lin = (plant.linear if corrects else plant.moving)(times[k], q, v, drive.at[k])
+            at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
+            if late.any():
+                h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
             else:
-                whitening[k][np.ix_(there, there)] = inverse
-                gain[k][:, there] = root @ inverse
-            p = p - root @ root.T
-            dx = root @ white
-            q, v = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv:]
-        if k == n - 1:
-            break
-        h_k = float(times[k + 1] - times[k])
-        substeps = drive.means.shape[1]
-        for s_ in range(substeps):
-            if s_ == substeps // 2:
-                tau = drive.middle[k]
-                mid_lin = (plant.linear if corrects else plant.moving)(times[k] + 0.5 * h_k, q, v, tau)
-                mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
-                if corrects:
-                    f, psi = plant.transition(h_k, v, mid_lin)
-                    transition[k], forcing[k] = f, psi[:, nv:]
-            tau, rise = drive.means[k, s_], drive.rise[k, s_]
-            q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
-        if not np.abs(v).max() < WILD:
-            raise _lost(times[k])
-        if not corrects:
-            continue
-        b = forcing[k] @ mid_lin.by_tau
-        p = f @ p @ f.T + (b * input_noise) @ b.T
-        p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
-    middle_times = 0.5 * (times[1:] + times[:-1])
-    return FilterRun(
-        e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
-        at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors, normalised,
-        used,
-    )  # fmt: skip
+                h, cq, cv, ca = outputs.predict(q, v, lin.a)
+            outputs.twisted(h, times[k], q, v, drive.at[k], lin.a)
+            predicted[k] = h
+            rotation = pin.Quaternion(q[3:7]).matrix() if model.free else None
+            residual = data.residual(first + k, h, rotation)
+            by_a[k], errors[k] = ca, residual
+            there = np.flatnonzero(present[k]) if corrects else ()
+            if corrects:
+                big_h = sensitivity[k]
+                np.matmul(ca, lin.by_q, out=big_h[:, :nv])
+                np.matmul(ca, lin.by_v, out=big_h[:, nv:])
+                big_h[:, :nv] += cq
+                big_h[:, nv:] += cv
+            if len(there):
+                hk = big_h[there]
+                ph = p @ hk.T
+                s = hk @ ph
+                s.flat[:: len(there) + 1] += variance[there]
+                normalised[k, there] = residual[there] / np.sqrt(s.diagonal())
+                low, info = lapack.dpotrf(s, lower=1, clean=1)
+                if info != 0 or not np.isfinite(residual[there]).all():
+                    raise _lost(times[k])
+                inverse, _ = lapack.dtrtri(low, lower=1)
+                root = ph @ inverse.T
+                white = inverse @ residual[there]
+                e[k, there] = white
+                log_likelihood -= 0.5 * float(white @ white) + float(np.log(low.diagonal()).sum())
+                if len(there) == rows:
+                    whitening[k], gain[k] = inverse, root @ inverse
+                else:
+                    whitening[k][np.ix_(there, there)] = inverse
+                    gain[k][:, there] = root @ inverse
+                p = p - root @ root.T
+                dx = root @ white
+                q, v = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv:]
+            if k == moves:
+                break
+            h_k = float(edges[k + 1] - edges[k])
+            substeps = drive.means.shape[1]
+            for s_ in range(substeps):
+                if s_ == substeps // 2:
+                    tau = drive.middle[k]
+                    mid_lin = (plant.linear if corrects else plant.moving)(times[k] + 0.5 * h_k, q, v, tau)
+                    mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
+                    if corrects:
+                        f, psi = plant.transition(h_k, v, mid_lin)
+                        transition[k], forcing[k] = f, psi[:, nv:]
+                tau, rise = drive.means[k, s_], drive.rise[k, s_]
+                q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
+            if not np.abs(v).max() < WILD:
+                raise _lost(times[k])
+            if not corrects:
+                continue
+            b = forcing[k] @ mid_lin.by_tau
+            p = f @ p @ f.T + (b * input_noise) @ b.T
+            p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
+        self.q, self.v, self.covariance, self._next = q, v, p, first + n
+        self._before = drive.means[-1, -1] + drive.rise[-1, -1] if moves else None
+        middle_times = 0.5 * (edges[1:] + edges[:-1])
+        return FilterRun(
+            e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
+            at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors,
+            normalised, used, edges,
+        )  # fmt: skip
 
 
 def _readable(problem: Problem) -> np.ndarray:

@@ -14,6 +14,7 @@ from smsid.recording import Recording
 from smsid.sensing import Sensor
 
 WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
+TOGETHER = 0.02  # of a sample interval: readings no further apart are of one moment
 FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
 
 
@@ -119,11 +120,15 @@ class Measured:
         return replace(self, values=values)
 
 
-def measured(model: SpacecraftModel, recording: Recording, sensors: Sequence[Sensor]) -> Measured:
-    """Return what a recording holds of the sensors' channels, on the clock of the fastest of them.
+def measured(
+    model: SpacecraftModel, recording: Recording, sensors: Sequence[Sensor], longest: float = np.inf
+) -> Measured:
+    """Return what a recording holds of the sensors' channels, at all times at which one of them has a sample.
 
-    Channels on slower clocks are NaN between their samples. Noise levels are those the sensors state, or
-    where none is stated, those of the channel's third differences.
+    A channel is NaN where it has none. Times within `TOGETHER` of a sample interval of the fastest channel
+    count as one; where nothing is read for longer than ``longest`` [s], times without readings stand between.
+    Noise levels are those the sensors state, or where none is stated, those of the channel's third
+    differences.
 
     Raises `RecordingError` when no sensor of the description is in the recording.
     """
@@ -136,14 +141,14 @@ def measured(model: SpacecraftModel, recording: Recording, sensors: Sequence[Sen
             sensors=[s.name for s in sensors],
         )
     clocks = [np.asarray(recording.time(f"{s.name}.{q}")) for s, q in found]
-    times = max(clocks, key=len)
+    times = _filled(_all_times(clocks), longest)
     blocks, columns, sigmas, attitudes, start = [], [], [], {}, 0
     for (sensor, quantity), clock in zip(found, clocks, strict=True):
         channel = f"{sensor.name}.{quantity}"
         samples = np.asarray(recording[channel], dtype=float)
         stations = samples.shape[1] if samples.ndim == 3 else 1
         flat = samples.reshape(len(clock), -1)
-        placed = _placed(times, clock, flat, channel)
+        placed = _placed(times, clock, flat)
         if quantity == "attitude":
             attitudes[channel] = placed
             placed = np.where(np.isnan(placed[:, :3]), np.nan, 0.0)
@@ -157,20 +162,45 @@ def measured(model: SpacecraftModel, recording: Recording, sensors: Sequence[Sen
     return Measured(times, np.hstack(columns), attitudes, tuple(blocks), np.concatenate(sigmas))
 
 
-def _placed(times: np.ndarray, clock: np.ndarray, values: np.ndarray, channel: str) -> np.ndarray:
+def _all_times(clocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the times (N,) at which any of the clocks ticks, those of the fastest as they are."""
+    fastest = max(clocks, key=len)
+    near = TOGETHER * float(np.median(np.diff(fastest)))
+    found = fastest
+    for clock in clocks:
+        own = clock[_distance(found, clock) > near]
+        if len(own):
+            found = np.sort(np.concatenate([found, own]))
+    return found
+
+
+def _distance(times: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Return how far every tick of a clock (n,) is from the nearest of the times."""
+    return np.abs(times[_nearest(times, clock)] - clock)
+
+
+def _nearest(times: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Return the index of the nearest of the times for every tick of a clock (n,)."""
+    after = np.clip(np.searchsorted(times, clock), 1, len(times) - 1)
+    return after - (clock - times[after - 1] < times[after] - clock)
+
+
+def _filled(times: np.ndarray, longest: float) -> np.ndarray:
+    """Return times (N,) with more between those that are further apart than ``longest`` [s]."""
+    parts = np.ceil(np.diff(times) / longest - 1e-9) if np.isfinite(longest) else np.ones(len(times) - 1)
+    if parts.max(initial=1.0) <= 1.0:
+        return times
+    parts = np.maximum(parts, 1.0).astype(int)
+    starts, widths = np.repeat(times[:-1], parts), np.repeat(np.diff(times) / parts, parts)
+    count = np.concatenate([np.arange(n) for n in parts])
+    return np.append(starts + count * widths, times[-1])
+
+
+def _placed(times: np.ndarray, clock: np.ndarray, values: np.ndarray) -> np.ndarray:
     if len(clock) == len(times) and np.abs(clock - times).max() < 1e-9:
         return values
-    step = float(np.median(np.diff(times)))
-    index = np.clip(np.round((clock - times[0]) / step).astype(int), 0, len(times) - 1)
-    late = np.abs(times[index] - clock).max()
-    if late > 0.02 * step:
-        raise RecordingError(
-            f"The clock of '{channel}' does not meet that of the fastest sensor (up to {late:.3g} s off).",
-            advice="Resample the recording to one clock first (Recording.resampled).",
-            channel=channel,
-        )
     out = np.full((len(times), values.shape[1]), np.nan)
-    out[index] = values
+    out[_nearest(times, clock)] = values
     return out
 
 
@@ -191,10 +221,10 @@ def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, widt
     sigma = np.hypot(sigma, step)
     if (sigma > 0.0).all():
         return np.array(sigma)
-    third = np.diff(samples, 3, axis=0) / np.sqrt(20.0)
+    third = np.diff(samples[np.isfinite(samples).all(axis=1)], 3, axis=0) / np.sqrt(20.0)
     seen = 1.4826 * np.median(np.abs(third), axis=0)
     seen = np.full(width, 2.0 * seen.max()) if quantity == "attitude" else seen
-    floor = FLOOR * np.maximum(np.ptp(samples, axis=0).max(), 1e-6)
+    floor = FLOOR * np.maximum(float(np.nanmax(samples) - np.nanmin(samples)), 1e-6)
     return np.where(sigma > 0.0, sigma, np.maximum(seen, floor))
 
 

@@ -112,6 +112,12 @@ class Point:
     def _urdf(self, column: int) -> float:
         return float(self.base.pin.inertias[column // 10 + 1].toDynamicParameters()[column % 10])
 
+    def for_recording(self, label: str) -> Point:
+        """Return the point with the biases of one recording, ``<label>: <channel>.bias.<axis>`` by name."""
+        start = f"{label}: "
+        own = {n.removeprefix(start): x for n, x in self.biases.items() if n.startswith(start)}
+        return replace(self, biases=own)
+
     def with_effect(self, effect: Effect) -> Point:
         """Return the point with an effect more, or another instance of one it has."""
         return replace(self, description=self.description.with_effects(effect))

@@ -90,7 +90,7 @@ class Sensitivities:
             if type(changed).drive is not Effect.drive:
                 new, old = self._applied(model), self._applied(origin) if known else self.applied
                 forces[0] += new.middle - old.middle
-                forces[1] += new.at - old.at
+                forces[1] += (new.at - old.at)[: len(forces[1])]
             if np.any(forces[0]) or np.any(forces[1]):
                 middle = np.matmul(self.run.middle_inverse, forces[0][:, :, None])[:, :, 0] / step
                 at = np.matmul(self.run.inverse, forces[1][:, :, None])[:, :, 0] / step
@@ -98,7 +98,8 @@ class Sensitivities:
         return Sensitivity(middle, at, None if reading is None else reading / step)
 
     def _applied(self, model: SpacecraftModel) -> Applied:
-        return applied(ProcessModel(model, self.problem.locked), self.problem, self.inputs)
+        process = ProcessModel(model, self.problem.locked)
+        return applied(process, self.problem, self.inputs, self.run.edges)
 
     def bias(self, unknown: Unknown) -> Sensitivity:
         """Return the change by the bias of one axis of a channel."""
@@ -255,8 +256,11 @@ def _inertial(model: SpacecraftModel) -> np.ndarray:
     return np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
 
 
-def propagate(run: FilterRun, changes: Sequence[Sensitivity]) -> np.ndarray:
+def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray | None = None) -> np.ndarray:
     """Return how the whitened predictions change by each parameter: (N, rows, columns).
+
+    ``delta`` (2 nv, columns) is how the state changes at the first sample, none when not given; it is left as
+    it is at the sample after the run.
 
     The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.
     The innovations change by the negative. Each column is contiguous in memory.
@@ -268,9 +272,9 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity]) -> np.ndarray:
     seen, reading = _stacked([c.reading for c in changes])
     out = np.empty((m, n, rows))
     block = np.empty((BLOCK, rows, m))
-    delta = np.zeros((2 * nv, m))
+    now: np.ndarray = np.zeros((2 * nv, m)) if delta is None else delta.copy()
     for k in range(n):
-        predicted = run.sensitivity[k] @ delta
+        predicted = run.sensitivity[k] @ now
         if at is not None:
             predicted[:, moved] += run.by_a[k] @ at[:, k].T
         if reading is not None:
@@ -278,10 +282,12 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity]) -> np.ndarray:
         np.matmul(run.whitening[k], predicted, out=block[k % BLOCK])
         if k % BLOCK == BLOCK - 1 or k == n - 1:
             out[:, k - k % BLOCK : k + 1] = block[: k % BLOCK + 1].transpose(2, 0, 1)
-        if k < n - 1:
-            delta = run.transition[k] @ (delta - run.gain[k] @ predicted)
+        if k < len(run.transition):
+            now = run.transition[k] @ (now - run.gain[k] @ predicted)
             if middle is not None:
-                delta[:, pushed] += run.forcing[k] @ middle[:, k].T
+                now[:, pushed] += run.forcing[k] @ middle[:, k].T
+    if delta is not None:
+        delta[:] = now
     return out.transpose(1, 2, 0)
 
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
 from smsid.estimation.parameter_vector import Point, Unknown
-
-if TYPE_CHECKING:
-    from smsid.estimation.map_estimate import Fit
 
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
 GROWN = 3.0  # times as far the next step may go after one that gained what it promised
@@ -20,7 +17,31 @@ SHORTER = (0.05, 0.5)  # of a step that led up, what the next may be: at least, 
 ROUNDED = 1e-12  # share of a parameter's squares that is added: what does nothing stays where it is
 
 
-def bounded_step(found: Fit, damping: float = 0.0) -> np.ndarray:
+class Quadratic(Protocol):
+    """Normal equations at a point: Gram matrix (m, m) and slope (m,) in units of `Unknown.scale`."""
+
+    @property
+    def point(self) -> Point:
+        """Where they were taken."""
+        ...
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The parameters, in order."""
+        ...
+
+    @property
+    def gram(self) -> np.ndarray:
+        """Second derivatives (m, m) of minus the log-posterior, after Gauss."""
+        ...
+
+    @property
+    def slope(self) -> np.ndarray:
+        """First derivatives (m,) of the log-posterior."""
+        ...
+
+
+def bounded_step(found: Quadratic, damping: float = 0.0) -> np.ndarray:
     """Return the step (m,), in scales, to the lowest point of the quadratic form within the bounds.
 
     With ``damping``, of the form to which that share of every parameter's squares is added: what the data
@@ -48,13 +69,13 @@ def reach(point: Point, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, np.nda
     return ends[:, 0], ends[:, 1]
 
 
-def sizes(found: Fit) -> np.ndarray:
+def sizes(found: Quadratic) -> np.ndarray:
     """Return what a step of one scale in each parameter changes the whitened predictions by (m,)."""
     size = np.sqrt(np.diag(found.gram))
     return np.where(size > 0.0, size, 1.0)
 
 
-def damping_within(found: Fit, radius: float) -> float:
+def damping_within(found: Quadratic, radius: float) -> float:
     """Return the least damping with which `bounded_step` is no longer than ``radius``, in `sizes`.
 
     Source: Moré, Lecture Notes in Mathematics 630 (1978) 105. A parameter that its bound holds takes no part

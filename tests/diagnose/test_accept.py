@@ -116,7 +116,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
     assert seen[:2] == [stopped.objective] * 2
     assert 2.0 * (seen[2] - at_rest.objective) < 1.0
     assert found.nominal is found.last and found.last.objective == seen[3]
-    assert found.strayed[0] == found.strayed[1]
+    assert found.normalised_rmse[0] == found.normalised_rmse[1]
 
 
 def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, monkeypatch):

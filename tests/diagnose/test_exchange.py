@@ -177,8 +177,8 @@ def test_causes_weigh_more_where_the_noise_is_finer(pair):
     nominal, candidates = pair
     problem = nominal.problem
     coarse = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 5.0)))
-    strayed = fit(nominal.point, nominal.unknowns, coarse)
-    causes, current = with_causes(strayed, candidates, [(*FRICTION, "coulomb"), GAIN])
+    normalised_rmse = fit(nominal.point, nominal.unknowns, coarse)
+    causes, current = with_causes(normalised_rmse, candidates, [(*FRICTION, "coulomb"), GAIN])
     last = fit(current.point, current.unknowns, problem)
     for before, after in zip(causes, weighed(causes, last, nominal), strict=True):
         less = without(last, before.score.candidate, nominal)

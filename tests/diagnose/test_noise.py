@@ -12,8 +12,8 @@ from smsid.diagnose.noise import (
     fit_with_noise,
     misfit_factors,
     noise_factors,
+    normalised_rmse,
     refitted,
-    strayed,
 )
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import fit
@@ -63,7 +63,7 @@ def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
     rng = np.random.default_rng(4)
     factors = np.array([3.0, 3.0])
     _, run = channels(rng.standard_normal(N), rng.standard_normal(N))
-    assert strayed(run, factors) == pytest.approx(3.0, rel=0.05)
+    assert normalised_rmse(run, factors) == pytest.approx(3.0, rel=0.05)
 
 
 def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
@@ -76,7 +76,7 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
     found = fit_with_noise(known.point, replace(problem, data=replace(data, values=values)), unknowns)
     sound = fit_with_noise(known.point, problem, unknowns)
     assert not found.misfit
-    assert strayed(found.fit.run) > 100.0
+    assert normalised_rmse(found.fit.run) > 100.0
     for u in unknowns:
         off = found.fit.point.value(u) - sound.fit.point.value(u)
         assert abs(off) < 0.5 * sound.fit.sigma(u.name)

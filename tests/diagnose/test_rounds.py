@@ -86,7 +86,7 @@ def world(monkeypatch):
         "weighed": weighed,
         "refitted": refitted,
         "finely_stepped": finely,
-        "strayed": lambda *_: 1.0,
+        "normalised_rmse": lambda *_: 1.0,
         "memory": lambda *_: (),
         "beginning": lambda *_: [],
         "poor": lambda fit: False,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.timing import timing_of, timings
 from smsid.effects import ThrusterGain
 from smsid.estimation.input_hold import locked
+from smsid.estimation.input_timing import timing_of, timings
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
 

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.noise import MISFIT, strayed
 from smsid.errors import SimulationError
+from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import Hold, mixed
 from smsid.estimation.kalman import FilterRun, Problem, Timing, run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
+MISFIT = 10.0  # times its noise that the model leaves, over all channels, before it does not follow
 CLEARLY = 5.0  # in log-likelihood
 
 
@@ -54,7 +55,7 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     if not runs:
         return now or choices[0]  # the search says what is wrong
-    follows = min(strayed(r) for r in runs.values()) <= MISFIT
+    follows = min(normalised_rmse(r) for r in runs.values()) <= MISFIT
     likely = {t: _after_the_first(r) if follows else _with_own_levels(r) for t, r in runs.items()}
     LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
     best = max(likely, key=lambda t: likely[t])

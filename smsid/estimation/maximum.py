@@ -1,0 +1,94 @@
+"""The maximum of the posterior of several recordings: Gauss-Newton steps within a trust region."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from smsid.errors import SmsidError
+from smsid.estimation.flight import Flight
+from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.retraction import retract
+from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
+
+LOGGER = logging.getLogger(__name__)
+ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
+TRIES = 8  # steps that are tried from one point, each shorter than the last
+ITERATIONS = 40
+STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
+
+Tell = Callable[[str], None]
+
+
+def maximise(
+    point: Point,
+    unknowns: Sequence[Unknown],
+    flights: Sequence[Flight],
+    *,
+    enough: float = ENOUGH,
+    iterations: int = ITERATIONS,
+    tell: Tell | None = None,
+) -> tuple[NormalEquations, list[NormalEquations]]:
+    """Return the normal equations at the maximum of the posterior, and those of every point on the way.
+
+    Steps are those of Gauss and Newton within the parameters' bounds, shortened (Levenberg-Marquardt, with
+    the length in hand) until the objective falls and every body can exist. ``tell`` hears a line each step.
+    Raises `SimulationError` when the start cannot be filtered.
+    """
+    found = normal_equations(point, unknowns, flights)
+    visited = [found]
+    stalled, radius = 0, np.inf
+    for i in range(iterations):
+        step = bounded_step(found)
+        gain = predicted_gain(found, step)
+        if gain < enough:
+            break
+        better, radius = _descend(found, flights, radius)
+        if better is None:
+            break
+        gained = found.objective - better.objective
+        line = f"step {i + 1}: log-posterior {-better.objective:.1f} (+{gained:.3g})"
+        LOGGER.info("%s, predicted %.3g", line, gain)
+        if tell is not None:
+            tell(line)
+        stalled = stalled + 1 if gained < STALLED * gain else 0
+        found = better
+        visited.append(found)
+        if stalled == 2:
+            break
+    return found, visited
+
+
+def predicted_gain(found: NormalEquations, step: np.ndarray) -> float:
+    """Return what a step (m,) gains by the normal equations."""
+    return float(found.slope @ step - 0.5 * step @ found.gram @ step)
+
+
+def converged(found: NormalEquations) -> bool:
+    """Whether no step is left that would gain anything that matters."""
+    return predicted_gain(found, bounded_step(found)) < 20.0 * ENOUGH
+
+
+def _descend(
+    found: NormalEquations, flights: Sequence[Flight], radius: float
+) -> tuple[NormalEquations | None, float]:
+    """Return the normal equations a step on, within ``radius`` and leading down, and the next radius."""
+    for _ in range(TRIES):
+        step = bounded_step(found, damping_within(found, radius))
+        length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
+        try:
+            point = retract(found.point, found.unknowns, step * found.scales)
+            if point.physical():
+                gained = found.objective - objective_of(point, found.unknowns, flights)
+                if gained > 0.0:
+                    share = gained / predicted_gain(found, step)
+                    grown = max(radius, GROWN * length) if share > GOOD else radius
+                    radius = 0.5 * length if share < WEAK else grown
+                    return normal_equations(point, found.unknowns, flights), radius
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("step refused: %s", error)
+        radius = shortened(length, float(found.slope @ step), -gained)
+    return None, radius

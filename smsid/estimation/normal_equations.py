@@ -1,0 +1,175 @@
+"""The likelihood of several recordings at a point: its value, slope and Gauss-Newton curvature, in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.estimation.flight import Flight
+from smsid.estimation.kalman import KalmanFilter, Problem
+from smsid.estimation.map_estimate import columns_of
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.sensitivities import Sensitivities, propagate
+
+CHUNK = 2000  # samples whose derivatives are in memory at once
+LAGS = 20  # of the autocorrelation of the innovations
+
+
+@dataclass(frozen=True)
+class InnovationSums:
+    """Sums over the normalised innovations of one recording, by row of its measurements.
+
+    ``count``, ``squares`` (rows,) and ``products`` (rows, LAGS) at lags 1 to `LAGS`, outliers limited.
+    """
+
+    names: tuple[str, ...]
+    channels: tuple[str, ...]
+    count: np.ndarray
+    squares: np.ndarray
+    products: np.ndarray
+    pairs: np.ndarray
+
+
+@dataclass(frozen=True)
+class Term:
+    """One recording's part of the normal equations: data alone, no prior."""
+
+    label: str
+    gram: np.ndarray
+    slope: np.ndarray
+    log_likelihood: float
+    samples: int
+    innovations: InnovationSums
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """All recordings and the prior at a point.
+
+    ``gram`` (m, m) and ``slope`` (m,) are in units of `Unknown.scale`; ``objective`` is minus the
+    log-posterior without constants. ``information`` (m, m) is the data's share of the Gram matrix.
+    """
+
+    point: Point
+    unknowns: tuple[Unknown, ...]
+    terms: tuple[Term, ...]
+    gram: np.ndarray
+    slope: np.ndarray
+    objective: float
+
+    @property
+    def information(self) -> np.ndarray:
+        """What the data say (m, m), without the prior."""
+        return np.sum([t.gram for t in self.terms], axis=0)
+
+    @property
+    def scales(self) -> np.ndarray:
+        """Scales of the parameters (m,)."""
+        return np.array([u.scale for u in self.unknowns])
+
+    @property
+    def samples(self) -> int:
+        """Number of readings that count."""
+        return sum(t.samples for t in self.terms)
+
+
+def objective_of(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> float:
+    """Return minus the log-posterior at a point, without constants.
+
+    Raises `SimulationError` where a filter loses its recording.
+    """
+    total = 0.5 * float(np.sum(_prior_offset(point, unknowns) ** 2))
+    model = point.model()
+    for flight in flights:
+        kalman = KalmanFilter(model, _at(point, flight))
+        for _ in range(0, len(flight.problem.data.times), CHUNK):
+            total -= kalman.advance(CHUNK).log_likelihood
+    return total
+
+
+def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> NormalEquations:
+    """Return value, slope and curvature of the log-posterior at a point.
+
+    Source: Gauss-Newton on the innovations (prediction-error method; Ljung, System Identification, ch. 7).
+    Raises `SimulationError` where a filter loses its recording.
+    """
+    terms = tuple(_term(point, tuple(unknowns), f) for f in flights)
+    off = _prior_offset(point, unknowns)
+    rate = np.array([u.scale / u.sigma for u in unknowns])
+    gram = np.sum([t.gram for t in terms], axis=0) + np.diag(rate**2)
+    slope = np.sum([t.slope for t in terms], axis=0) - rate * off
+    objective = 0.5 * float(off @ off) - sum(t.log_likelihood for t in terms)
+    return NormalEquations(point, tuple(unknowns), terms, gram, slope, objective)
+
+
+def _prior_offset(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
+    """Return how far parameters are from their priors' means, in standard deviations (m,)."""
+    return np.array([(point.value(u) - u.nominal) / u.sigma for u in unknowns])
+
+
+def _at(point: Point, flight: Flight) -> Problem:
+    """Return the problem with the sensors as they are at the point in this recording."""
+    sensors = point.for_recording(flight.label).sensors()
+    return replace(flight.problem, data=flight.problem.data.with_blocks(sensors))
+
+
+def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
+    here = point.for_recording(flight.label)
+    start = f"{flight.label}: "
+    own = [
+        (i, u if u.kind != "bias" else replace(u, name=u.name.removeprefix(start)))
+        for i, u in enumerate(unknowns)
+        if u.kind != "bias" or u.name.startswith(start)
+    ]
+    index, mine = np.array([i for i, _ in own], dtype=int), [u for _, u in own]
+    model, problem = here.model(), _at(point, flight)
+    kalman = KalmanFilter(model, problem)
+    delta = np.zeros((2 * model.nv, len(mine)))
+    scales = np.array([u.scale for u in mine])
+    gram, slope, likely, samples = np.zeros((len(mine),) * 2), np.zeros(len(mine)), 0.0, 0
+    sums = _Sums(problem.data)
+    for _ in range(0, len(problem.data.times), CHUNK):
+        run = kalman.advance(CHUNK)
+        changes = Sensitivities(here, model, problem, run)
+        whitened = propagate(run, columns_of(changes, mine), delta).reshape(-1, len(mine))
+        gram += whitened.T @ whitened
+        slope += whitened.T @ run.innovations.ravel()
+        likely += run.log_likelihood
+        samples += run.samples
+        sums.add(np.where(run.used, run.normalised, np.nan))
+    whole = np.zeros((len(unknowns),) * 2)
+    whole[np.ix_(index, index)] = gram * np.outer(scales, scales)
+    tilt = np.zeros(len(unknowns))
+    tilt[index] = slope * scales
+    return Term(flight.label, whole, tilt, likely, samples, sums.done())
+
+
+class _Sums:
+    """Sums over normalised innovations, some samples at a time."""
+
+    LIMIT = 5.0  # standard deviations beyond which an innovation counts no more
+
+    def __init__(self, data) -> None:
+        self.data = data
+        self.count, self.squares = np.zeros((2, data.rows))
+        self.products, self.pairs = np.zeros((2, data.rows, LAGS))
+        self.last = np.full((LAGS, data.rows), np.nan)
+
+    def add(self, normalised: np.ndarray) -> None:
+        x = np.vstack([self.last, normalised])
+        self.count += np.isfinite(normalised).sum(axis=0)
+        self.squares += np.nansum(normalised**2, axis=0)
+        scale = np.sqrt(np.maximum(self.squares / np.maximum(self.count, 1.0), 1e-300))
+        x = np.clip(x, -self.LIMIT * scale, self.LIMIT * scale)
+        for lag in range(1, LAGS + 1):
+            both = x[LAGS:] * x[LAGS - lag : len(x) - lag]
+            self.products[:, lag - 1] += np.nansum(both, axis=0)
+            self.pairs[:, lag - 1] += np.isfinite(both).sum(axis=0)
+        self.last = x[-LAGS:]
+
+    def done(self) -> InnovationSums:
+        blocks = self.data.blocks
+        channels = tuple(b.channel for b in blocks for _ in range(b.rows.stop - b.rows.start))
+        return InnovationSums(self.data.names, channels, self.count, self.squares, self.products, self.pairs)

@@ -1,0 +1,119 @@
+"""Which parameters of a description are unknown, and what is known of them beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.effects.base import Effect
+from smsid.errors import DescriptionError
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.likelihood.parameters import body_size
+from smsid.likelihood.prior import CAD, EFFECT, Cad
+from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing import Sensor
+
+STEP = 1e-3  # size of a change of a parameter that is zero and has no prior, in its own unit
+BIAS = {"acceleration": 0.05, "angular_rate": 0.01}
+"""Standard deviations of sensor biases that no description states [m/s^2, rad/s]: wide."""
+BIAS_UNIT = {"acceleration": "m/s^2", "angular_rate": "rad/s"}
+MOST = (
+    1e6  # standard deviation of what has no prior at all, in its steps: finite, so that nothing is singular
+)
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The parameters to be estimated, and why others are not: reasons by name."""
+
+    unknowns: tuple[Unknown, ...]
+    held: Mapping[str, str]
+
+
+def unknowns_of(point: Point, *, cad: Cad | None = None, bodies: bool = True) -> Unknowns:
+    """Return every parameter of bodies and listed effects, but for those marked as known.
+
+    Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`; wide when not given) around
+    the description, effects' that of the description, or ten times their value. Without ``bodies`` the rigid
+    bodies are taken as known. Raises `DescriptionError` for a prior of a parameter that there is not.
+    """
+    found = list(_inertial(point, cad)) if bodies else []
+    held: dict[str, str] = {}
+    for effect in point.description.effect:
+        held |= effect.held()
+        found += [_of_effect(effect, p) for p in effect.unknowns()]
+    return Unknowns(tuple(found), held)
+
+
+def biases_of(sensors: tuple[Sensor, ...], present: set[str], label: str, taken: set[str]) -> list[Unknown]:
+    """Return the biases of gyros and accelerometers in one recording.
+
+    They are named ``<label>: <channel>.bias.<axis>``. ``present`` are the recording's channels; channels in
+    ``taken`` have a bias by an effect that is listed.
+    """
+    found = []
+    for sensor in sensors:
+        for quantity in sensor.quantities:
+            channel = f"{sensor.name}.{quantity}"
+            if sensor.kind != "imu" or quantity not in BIAS or channel not in present or channel in taken:
+                continue
+            errors = sensor.error(quantity)
+            stated = np.hypot(
+                np.asarray(errors.bias_sigma, dtype=float), np.asarray(errors.gauss_markov_sigma, dtype=float)
+            )
+            for i, s in enumerate(np.broadcast_to(stated, 3)):
+                sigma = float(s) if s > 0.0 else BIAS[quantity]
+                name = f"{label}: {channel}.bias.{'xyz'[i]}"
+                scale = min(sigma, 1e-3 * BIAS[quantity])
+                found.append(Unknown(name, "bias", BIAS_UNIT[quantity], 0.0, sigma, scale, column=i))
+    return found
+
+
+def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
+    model = point.base
+    names = body_names(model.pin)
+    own = moving_bodies(model)
+    relative = CAD if cad is None or isinstance(cad, Mapping) else float(cad)
+    stated = dict(cad) if isinstance(cad, Mapping) else {}
+    found = []
+    for j in own:
+        theta = dynamic_parameters(model.pin.inertias[j])
+        size = body_size(theta)
+        for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
+            column, name = 10 * (j - 1) + i, f"{names[j - 1]}.{label}"
+            value = float(theta[i] + point.inertial.get(column, 0.0))
+            nominal, sigma = stated.pop(name, (value, relative * size[i]))
+            found.append(
+                Unknown(name, "inertial", unit, nominal, sigma, min(float(size[i]), sigma), column=column)
+            )
+    if stated:
+        raise DescriptionError(
+            f"'{next(iter(stated))}' is no parameter of a body.",
+            advice=f"Bodies: {', '.join(names[j - 1] for j in own)}.",
+        )
+    return found
+
+
+def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
+    """Return the joints whose bodies are unknown: all with mass but wheels and what effects have added."""
+    special = {int(j) for g in (model.wheels, model.modes, model.further_modes) for j in g.joints}
+    special |= {s.joint for s in model.slosh}
+    special |= {
+        model.pin.getJointId(e.name) for e in model.description.effect if model.pin.existJointName(e.name)
+    }
+    own = [j for j in range(1, model.pin.njoints) if j not in special]
+    return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
+
+
+def _of_effect(effect: Effect, p) -> Unknown:
+    size = abs(p.value)
+    if p.sigma is not None:
+        sigma, scale = p.sigma, min(p.sigma, size) if size else p.sigma
+    elif size:
+        sigma, scale = EFFECT * size, size
+    else:
+        sigma, scale = MOST * STEP, STEP
+    return Unknown(p.name, "effect", p.unit, p.value, sigma, scale, lower=p.lower, upper=p.upper)
