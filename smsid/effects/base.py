@@ -145,6 +145,10 @@ class Effect(Table):
         """
         return ()
 
+    def biased_channels(self) -> tuple[str, ...]:
+        """Return the channels (``<sensor>.<quantity>``) whose constant bias is a parameter of the effect."""
+        return ()
+
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with the named parameters replaced; names as in `parameters`.
 
@@ -310,7 +314,7 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
 
 
 def _prefixes(key: str) -> set[str]:
-    """Return a parameter's name and those of what it is part of: ``mode1.rotation.y``, ``mode1.rotation``, ..."""
+    """Return a parameter's name and those of what it is part of, as ``mode1.rotation`` is of its ``.y``."""
     parts = key.split(".")
     return {".".join(parts[: k + 1]) for k in range(len(parts))}
 

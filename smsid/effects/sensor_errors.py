@@ -35,6 +35,11 @@ class SensorBias(VectorEffect, Starting):
     kind: Literal["sensor_bias"] = "sensor_bias"
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
+    def biased_channels(self) -> tuple[str, ...]:
+        """Return its channel, where it biases all of it from the beginning."""
+        whole = self.component is None and self.start is None
+        return (f"{self.sensor}.{self.quantity}",) if whole else ()
+
     def spoilt(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the bias; raises `DescriptionError` for a second, later one."""
         if not np.any(self.bias):

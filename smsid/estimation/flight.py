@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -13,8 +13,8 @@ from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels
 from smsid.estimation.input_timing import timings
-from smsid.estimation.kalman import Noise, Problem
-from smsid.estimation.measurements import Measured, measured
+from smsid.estimation.kalman import Noise, Problem, Timing, UnknownInput
+from smsid.estimation.measurements import Block, Measured, measured
 from smsid.estimation.parameter_vector import Point
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -24,7 +24,7 @@ LONGEST = 0.1  # [s] between times of the filter: what it linearises over
 PHASE = 0.3  # [rad] of the fastest mode, the same
 UNKNOWN = 3.0  # times its root mean square that a torque which is not known may be
 STILL = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
-FITTED = 9  # samples of a reading whose parabola gives its rate and acceleration
+WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
 
 Drive = Literal["command", "measured", "locked"]
@@ -36,20 +36,26 @@ class FlightOptions:
 
     ``drive``: what moves joints and wheels: ``command``, their recorded torque, is believed exactly;
     ``measured``, their motion: torques are free. ``auto`` takes the motion where it is measured and no listed
-    effect has to do with the motor's torque. ``disturbance`` are standard deviations of a force [N] and a
-    torque [N m] on the bus that nobody recorded, white from sample to sample.
+    effect has to do with the motor's torque. ``force`` [N] and ``torque`` [N m] on the bus that nobody
+    recorded are estimated where their standard deviation at the start and the rate of their random walk
+    [per sqrt(s)] are given, body axes.
     """
 
     drive: Literal["auto", "command", "measured"] = "auto"
-    disturbance: tuple[float, float] = (0.0, 0.0)
+    force: tuple[float, float] | None = None
+    torque: tuple[float, float] | None = None
     initial: InitialPrior = field(default_factory=InitialPrior)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A recording made ready: the filter's problem, and in words what was assumed."""
+    """A recording made ready: the filter's problem, and in words what was assumed.
+
+    ``model`` is the described one, which says how many degrees of freedom there are and what drives them.
+    """
 
     label: str
+    model: SpacecraftModel
     problem: Problem
     drives: dict[str, Drive]
     notes: tuple[str, ...]
@@ -73,14 +79,27 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     inputs = input_channels(model, recording)
     drives, notes = _drives(point, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
-    noise = _process_noise(model, recording, data, inputs, drives)
-    disturbance, held = _disturbance(model, recording, data, inputs, options)
-    noise = replace(noise, force=max(disturbance[0], noise.force), torque=max(disturbance[1], noise.torque))
+    unknown = _unknown_torques(model, recording, data, inputs, drives)
+    further, held = _disturbances(model, recording, data, inputs, options)
+    problem = Problem(
+        recording,
+        data,
+        locked,
+        likely_timing(recording),
+        Noise(),
+        substep=longest_substep(data),
+        begin=initial_belief(model, data, locked, options.initial),
+        unknown_inputs=(*unknown, *further),
+    )
     notes += held
-    begin = initial_belief(model, data, locked, options.initial)
-    problem = Problem(recording, data, locked, timings(recording)[0], noise, (), longest_substep(data), begin)
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
-    return Flight(label, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
+    return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
+
+
+def likely_timing(recording: Recording) -> Timing:
+    """Return how commands act between samples, as the recording says or as they look."""
+    choices = timings(recording)
+    return next((t for t in choices if t.hold == "jumps"), choices[0])
 
 
 def longest_step(model: SpacecraftModel) -> float:
@@ -144,7 +163,7 @@ def _drives(
     return drives, notes
 
 
-def _moving(data: Measured, blocks: list, size: int) -> np.ndarray:
+def _moving(data: Measured, blocks: list[Block], size: int) -> np.ndarray:
     """Return which joints (size,) move by more than their sensors' noise; all where none is measured."""
     out = np.zeros(size, dtype=bool)
     for block in blocks:
@@ -154,15 +173,15 @@ def _moving(data: Measured, blocks: list, size: int) -> np.ndarray:
     return out if blocks else np.ones(size, dtype=bool)
 
 
-def _process_noise(
+def _unknown_torques(
     model: SpacecraftModel,
     recording: Recording,
     data: Measured,
     inputs: dict[str, str],
     drives: dict[int, Drive],
-) -> Noise:
-    """Return the process noise: torques of what follows its measured motion are free, the rest is exact."""
-    more: list[tuple[int, float]] = []
+) -> list[UnknownInput]:
+    """Return the torques of what follows its measured motion: random walks as lively as that motion is."""
+    found: list[UnknownInput] = []
     mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
     for group, torque, quantities in (
         (model.arm_joints, "joint_torque", ("joint_velocity", "joint_position")),
@@ -172,51 +191,60 @@ def _process_noise(
         if not free:
             continue
         block = next(b for q in quantities for b in data.blocks if b.quantity == q)
-        size = mass[group.v] * _acceleration_rms(data, block)
+        acceleration, jerk, interval = _motion_scales(data, block)
+        size = mass[group.v] * acceleration
         if torque in inputs:
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
-        more += [(int(group.v[i]), UNKNOWN * float(size[i])) for i in free]
-    return Noise(more=tuple(more))
+        walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
+        found += [UnknownInput(int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])) for i in free]
+    return found
 
 
-def _acceleration_rms(data: Measured, block) -> np.ndarray:
-    """Return the root mean square acceleration (k,) of what a channel of angles or rates (N, k) reads."""
+def _motion_scales(data: Measured, block: Block) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the root mean square acceleration and jerk (k,) of a channel of angles or rates (N, k).
+
+    Also the median time between its samples [s]. From parabolas or cubics through `WINDOW` [s] of it.
+    """
     x = data.values[:, block.rows]
     there = np.isfinite(x).all(axis=1)
     t, x = data.times[there], x[there]
-    every = max(1, len(t) // 20000)
-    half = FITTED // 2
-    if len(t) < 2 * FITTED:
-        return np.zeros(x.shape[1])
-    squares = []
-    for k in range(half, len(t) - half, every * half):
+    interval = float(np.median(np.diff(t)))
+    half = max(4, round(0.5 * WINDOW / interval))
+    order = 3 if block.quantity == "joint_position" else 2
+    if len(t) < 2 * half + 2:
+        return np.zeros(x.shape[1]), np.zeros(x.shape[1]), interval
+    accelerations, jerks = [], []
+    for k in range(half, len(t) - half, max(half, len(t) // 2000)):
         own = slice(k - half, k + half + 1)
-        fit = np.polynomial.polynomial.polyfit(t[own] - t[k], x[own], 2)
-        squares.append((2.0 * fit[2] if block.quantity == "joint_position" else fit[1]) ** 2)
-    return np.sqrt(np.mean(squares, axis=0))
+        fit = np.polynomial.polynomial.polyfit(t[own] - t[k], x[own], order)
+        accelerations.append((2.0 * fit[2] if order == 3 else fit[1]) ** 2)
+        jerks.append((6.0 * fit[3] if order == 3 else 2.0 * fit[2]) ** 2)
+    return np.sqrt(np.mean(accelerations, axis=0)), np.sqrt(np.mean(jerks, axis=0)), interval
 
 
-def _disturbance(
+def _disturbances(
     model: SpacecraftModel,
     recording: Recording,
     data: Measured,
     inputs: dict[str, str],
     options: FlightOptions,
-) -> tuple[tuple[float, float], list[str]]:
-    """Return the standard deviations of unrecorded force and torque on the bus, and a note where assumed."""
-    force, torque = options.disturbance
+) -> tuple[list[UnknownInput], list[str]]:
+    """Return unrecorded forces and torques on the bus, and a note where they are assumed."""
+    if not model.free:
+        return [], []
+    found, notes = [], []
+    for first, given in ((0, options.force), (3, options.torque)):
+        if given is not None:
+            found += [UnknownInput(first + i, *given) for i in range(3)]
     rates = [b for b in data.blocks if b.quantity == "angular_rate"]
-    if torque > 0.0 or not (model.free and "force" in inputs and rates):
-        return (force, torque), []
-    thrust = float(np.nanmax(np.abs(np.asarray(recording[inputs["force"]])), initial=0.0))
-    others = [inputs[x] for x in ("torque", "wheel_torque") if x in inputs]
-    if (
-        thrust == 0.0
-        or any(np.any(np.asarray(recording[c])) for c in others)
-        or _moving(data, rates, 3).any()
-    ):
-        return (force, torque), []
-    lever = float(np.linalg.norm(model.thrust_point)) + 1.0
-    note = "the attitude stands still under thrust: held by torques that are not recorded, and taken as free"
-    return (force, UNKNOWN * thrust * lever), [note]
+    if options.torque is None and "force" in inputs and rates:
+        thrust = float(np.nanmax(np.abs(np.asarray(recording[inputs["force"]])), initial=0.0))
+        others = [inputs[x] for x in ("torque", "wheel_torque") if x in inputs]
+        turned = any(np.any(np.asarray(recording[c])) for c in others) or bool(_moving(data, rates, 3).any())
+        if thrust > 0.0 and not turned:
+            size = UNKNOWN * thrust * (float(np.linalg.norm(model.thrust_point)) + 1.0)
+            walk = 0.5 * size / float(np.sqrt(np.median(np.diff(data.times))))
+            found += [UnknownInput(3 + i, size, walk) for i in range(3)]
+            notes.append("the attitude stands still under thrust: the torques that hold it are estimated")
+    return found, notes

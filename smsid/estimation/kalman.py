@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
+from scipy.linalg import block_diag, lapack
 
 from smsid.errors import SimulationError
 from smsid.estimation.input_hold import Hold, commanded, jumps_in, limits, means, unevenness
@@ -55,11 +55,12 @@ class FilterRun:
     """What a filter made of a recording. First index: sample k = 0 .. N - 1.
 
     ``innovations`` (N, rows) whitened, zero where nothing was measured; ``whitening`` (N, rows, rows) takes
-    errors of the prediction to them; ``gain`` (N, 2 nv, rows), ``sensitivity`` H (N, rows, 2 nv) and
-    ``transition`` F (N - 1, 2 nv, 2 nv), ``forcing`` Psi[:, nv:] (N - 1, 2 nv, nv) propagate a small change.
-    ``by_a`` (N, rows, nv): measurement by acceleration. ``states`` are the predictions at the samples,
-    ``middle`` the states between them; ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass
-    matrices. ``errors`` (N, rows) are measured minus ``predicted``; ``normalised`` the same in their own
+    errors of the prediction to them; ``gain`` (N, x, rows), ``sensitivity`` H (N, rows, x) and
+    ``transition`` F (N - 1, x, x), ``forcing`` Psi[:, nv:] (N - 1, x, nv) propagate a small change
+    of the x = 2 nv states and the unknown inputs. ``by_a`` (N, rows, nv): measurement by acceleration.
+    ``states`` are the predictions at the samples, ``middle`` the states between them; ``inverse`` and
+    ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are measured minus
+    ``predicted``; ``normalised`` the same in their own
     standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
     samples and, where more follow, of the next one: there are then N transitions.
     """
@@ -98,11 +99,25 @@ class Belief:
 
 
 @dataclass(frozen=True)
+class UnknownInput:
+    """A generalised force that nobody recorded, estimated with the state: a random walk.
+
+    ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
+    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded.
+    """
+
+    dof: int
+    sigma: float
+    walk: float
+
+
+@dataclass(frozen=True)
 class Problem:
     """A recording to be explained: samples, commands, how they are taken, and combinations known before.
 
     ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
     state at the first sample (read from it, with wide standard deviations, when not given).
+    ``unknown_inputs`` are states of the filter, too, after q and v.
     """
 
     recording: Recording
@@ -113,6 +128,7 @@ class Problem:
     combinations: tuple[Combination, ...] = ()
     substep: float = SUBSTEP
     begin: Belief | None = None
+    unknown_inputs: tuple[UnknownInput, ...] = ()
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
@@ -171,8 +187,8 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
 class KalmanFilter:
     """The extended Kalman filter over a recording, some samples at a time.
 
-    ``q`` (nq,), ``v`` (nv,) and ``covariance`` (2 nv, 2 nv) are what is believed of the state at the next
-    sample before it is read. Not to be shared between threads.
+    ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,) and ``covariance`` (2 nv + k, 2 nv + k) are what is
+    believed of the state at the next sample before it is read. Not to be shared between threads.
     """
 
     def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
@@ -187,6 +203,12 @@ class KalmanFilter:
         else:
             self.q, self.v, self.covariance = begin.q.copy(), begin.v.copy(), begin.covariance.copy()
         self._input_noise = _input_covariance(model, problem)
+        unknown = problem.unknown_inputs
+        self.unknown = np.zeros(len(unknown))
+        self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
+        self._walk = np.array([u.walk**2 for u in unknown])
+        start = np.diag([u.sigma**2 for u in unknown])
+        self.covariance: np.ndarray = np.asarray(block_diag(self.covariance, start))
         self._late = np.array([b.delay for b in problem.data.blocks])
         self._readable = _readable(problem)
         self._next, self._before = 0, None
@@ -207,25 +229,31 @@ class KalmanFilter:
         drive = replace(applied(plant, self.problem, self.inputs, edges), before=self._before)
         moves = len(edges) - 1
         present, late, input_noise = self._readable[first : first + n], self._late, self._input_noise
-        q, v, p = self.q, self.v, self.covariance
+        q, v, p, w = self.q, self.v, self.covariance, self.unknown
+        acts, width = self._unknown_at, 2 * nv + len(w)
+        driving = np.zeros(nv)
 
         e, used = np.zeros((n, rows)), present & (times <= self.until)[:, None]
-        whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, 2 * nv, rows))
-        sensitivity, by_a = np.zeros((n, rows, 2 * nv)), np.zeros((n, rows, nv))
-        transition, forcing = np.zeros((moves, 2 * nv, 2 * nv)), np.zeros((moves, 2 * nv, nv))
+        whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, width, rows))
+        sensitivity, by_a = np.zeros((n, rows, width)), np.zeros((n, rows, nv))
+        transition, forcing = np.zeros((moves, width, width)), np.zeros((moves, width, nv))
         at, mid = _Store(n, model), _Store(moves, model)
         predicted, normalised, errors = np.zeros((3, n, rows))
         variance = data.sigma**2
         log_likelihood = 0.0
         for k in range(n):
             corrects = times[k] <= self.until
-            lin = (plant.linear if corrects else plant.moving)(times[k], q, v, drive.at[k])
-            at.put(k, q, v, lin.a, drive.at[k], lin.by_tau)
+            driving[acts] = w
+            tau = drive.at[k] + driving
+            lin = (plant.linear if corrects else plant.moving)(times[k], q, v, tau)
+            at.put(k, q, v, lin.a, tau, lin.by_tau)
             if late.any():
-                h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, drive.about(k), plant)
+                before, after = drive.about(k)
+                forces = before + driving, after + driving
+                h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, forces, plant)
             else:
                 h, cq, cv, ca = outputs.predict(q, v, lin.a)
-            outputs.twisted(h, times[k], q, v, drive.at[k], lin.a)
+            outputs.twisted(h, times[k], q, v, tau, lin.a)
             predicted[k] = h
             rotation = pin.Quaternion(q[3:7]).matrix() if model.free else None
             residual = data.residual(first + k, h, rotation)
@@ -234,9 +262,11 @@ class KalmanFilter:
             if corrects:
                 big_h = sensitivity[k]
                 np.matmul(ca, lin.by_q, out=big_h[:, :nv])
-                np.matmul(ca, lin.by_v, out=big_h[:, nv:])
+                np.matmul(ca, lin.by_v, out=big_h[:, nv : 2 * nv])
                 big_h[:, :nv] += cq
-                big_h[:, nv:] += cv
+                big_h[:, nv : 2 * nv] += cv
+                if len(acts):
+                    big_h[:, 2 * nv :] = ca @ lin.by_tau[:, acts]
             if len(there):
                 hk = big_h[there]
                 ph = p @ hk.T
@@ -258,29 +288,35 @@ class KalmanFilter:
                     gain[k][:, there] = root @ inverse
                 p = p - root @ root.T
                 dx = root @ white
-                q, v = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv:]
+                q, v, w = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv : 2 * nv], w + dx[2 * nv :]
             if k == moves:
                 break
             h_k = float(edges[k + 1] - edges[k])
             substeps = drive.means.shape[1]
+            driving[acts] = w
             for s_ in range(substeps):
                 if s_ == substeps // 2:
-                    tau = drive.middle[k]
+                    tau = drive.middle[k] + driving
                     mid_lin = (plant.linear if corrects else plant.moving)(times[k] + 0.5 * h_k, q, v, tau)
                     mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
                     if corrects:
                         f, psi = plant.transition(h_k, v, mid_lin)
-                        transition[k], forcing[k] = f, psi[:, nv:]
-                tau, rise = drive.means[k, s_], drive.rise[k, s_]
+                        transition[k, : 2 * nv, : 2 * nv], forcing[k, : 2 * nv] = f, psi[:, nv:]
+                        if len(acts):
+                            transition[k, : 2 * nv, 2 * nv :] = psi[:, nv:] @ mid_lin.by_tau[:, acts]
+                            transition[k, 2 * nv :, 2 * nv :] = np.eye(len(acts))
+                tau, rise = drive.means[k, s_] + driving, drive.rise[k, s_]
                 q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
             if not np.abs(v).max() < WILD:
                 raise _lost(times[k])
             if not corrects:
                 continue
             b = forcing[k] @ mid_lin.by_tau
-            p = f @ p @ f.T + (b * input_noise) @ b.T
+            p = transition[k] @ p @ transition[k].T + (b * input_noise) @ b.T
+            if len(acts):
+                p[2 * nv :, 2 * nv :].flat[:: len(acts) + 1] += self._walk * h_k  # a view: written in place
             p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
-        self.q, self.v, self.covariance, self._next = q, v, p, first + n
+        self.q, self.v, self.covariance, self.unknown, self._next = q, v, p, w, first + n
         self._before = drive.means[-1, -1] + drive.rise[-1, -1] if moves else None
         middle_times = 0.5 * (edges[1:] + edges[:-1])
         return FilterRun(

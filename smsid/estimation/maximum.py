@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
-from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
@@ -82,12 +82,14 @@ def _descend(
         try:
             point = retract(found.point, found.unknowns, step * found.scales)
             if point.physical():
-                gained = found.objective - objective_of(point, found.unknowns, flights)
+                # that a step leads up is rare: its derivatives are taken with it, not in a second run
+                trial = normal_equations(point, found.unknowns, flights)
+                gained = found.objective - trial.objective
                 if gained > 0.0:
                     share = gained / predicted_gain(found, step)
                     grown = max(radius, GROWN * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
-                    return normal_equations(point, found.unknowns, flights), radius
+                    return trial, radius
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
         radius = shortened(length, float(found.slope @ step), -gained)

@@ -14,6 +14,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, propagate
 
 CHUNK = 2000  # samples whose derivatives are in memory at once
+BLOCKS = 40  # parts of a recording whose slopes are compared
 LAGS = 20  # of the autocorrelation of the innovations
 
 
@@ -34,11 +35,16 @@ class InnovationSums:
 
 @dataclass(frozen=True)
 class Term:
-    """One recording's part of the normal equations: data alone, no prior."""
+    """One recording's part of the normal equations: data alone, no prior.
+
+    ``scatter`` (m, m) is the sum of the outer products of the slopes of `BLOCKS` parts of the recording:
+    where the model is right and innovations are white, its mean is the Gram matrix.
+    """
 
     label: str
     gram: np.ndarray
     slope: np.ndarray
+    scatter: np.ndarray
     log_likelihood: float
     samples: int
     innovations: InnovationSums
@@ -126,24 +132,31 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     index, mine = np.array([i for i, _ in own], dtype=int), [u for _, u in own]
     model, problem = here.model(), _at(point, flight)
     kalman = KalmanFilter(model, problem)
-    delta = np.zeros((2 * model.nv, len(mine)))
+    delta = np.zeros((kalman.covariance.shape[0], len(mine)))
     scales = np.array([u.scale for u in mine])
-    gram, slope, likely, samples = np.zeros((len(mine),) * 2), np.zeros(len(mine)), 0.0, 0
+    gram, likely, samples = np.zeros((len(mine),) * 2), 0.0, 0
     sums = _Sums(problem.data)
-    for _ in range(0, len(problem.data.times), CHUNK):
+    count = len(problem.data.times)
+    blocks = np.zeros((BLOCKS, len(mine)))
+    for first in range(0, count, CHUNK):
         run = kalman.advance(CHUNK)
         changes = Sensitivities(here, model, problem, run)
-        whitened = propagate(run, columns_of(changes, mine), delta).reshape(-1, len(mine))
-        gram += whitened.T @ whitened
-        slope += whitened.T @ run.innovations.ravel()
+        whitened = propagate(run, columns_of(changes, mine), delta)
+        scores = np.einsum("nrm,nr->nm", whitened, run.innovations)
+        np.add.at(blocks, np.arange(first, first + len(scores)) * BLOCKS // count, scores)
+        flat = whitened.reshape(-1, len(mine))
+        gram += flat.T @ flat
         likely += run.log_likelihood
         samples += run.samples
         sums.add(np.where(run.used, run.normalised, np.nan))
+    slope, scatter = blocks.sum(axis=0), blocks.T @ blocks
     whole = np.zeros((len(unknowns),) * 2)
     whole[np.ix_(index, index)] = gram * np.outer(scales, scales)
+    spread = np.zeros_like(whole)
+    spread[np.ix_(index, index)] = scatter * np.outer(scales, scales)
     tilt = np.zeros(len(unknowns))
     tilt[index] = slope * scales
-    return Term(flight.label, whole, tilt, likely, samples, sums.done())
+    return Term(flight.label, whole, tilt, spread, likely, samples, sums.done())
 
 
 class _Sums:

@@ -259,20 +259,20 @@ def _inertial(model: SpacecraftModel) -> np.ndarray:
 def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray | None = None) -> np.ndarray:
     """Return how the whitened predictions change by each parameter: (N, rows, columns).
 
-    ``delta`` (2 nv, columns) is how the state changes at the first sample, none when not given; it is left as
-    it is at the sample after the run.
+    ``delta`` (states, columns) is how the state changes at the first sample, none when not given; it is left
+    as it is at the sample after the run.
 
     The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.
     The innovations change by the negative. Each column is contiguous in memory.
     """
-    n, rows, nv = run.by_a.shape
+    n, rows, _ = run.by_a.shape
     m = len(changes)
     pushed, middle = _stacked([c.middle for c in changes])
     moved, at = _stacked([c.at for c in changes])
     seen, reading = _stacked([c.reading for c in changes])
     out = np.empty((m, n, rows))
     block = np.empty((BLOCK, rows, m))
-    now: np.ndarray = np.zeros((2 * nv, m)) if delta is None else delta.copy()
+    now: np.ndarray = np.zeros((run.gain.shape[1], m)) if delta is None else delta.copy()
     for k in range(n):
         predicted = run.sensitivity[k] @ now
         if at is not None:

@@ -1,0 +1,97 @@
+"""Recordings that contradict each other: each one's own optimum against that of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.estimation.inertial_combinations import Reported
+from smsid.estimation.normal_equations import NormalEquations
+
+LEVEL = 1e-4  # probability below which recordings contradict each other
+APART = 3.5  # standard deviations between two values that are named
+NAMED = 5  # parameters at most
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """One recording against all others: probability of so much difference by chance, and where it shows.
+
+    ``parameters`` are (name, value by this recording alone, by the others, difference in standard
+    deviations).
+    """
+
+    recording: str
+    p_value: float
+    parameters: tuple[tuple[str, float, float, float], ...]
+
+    @property
+    def sentence(self) -> str:
+        """The contradiction in a sentence."""
+        named = "; ".join(
+            f"{n} {a:.4g} against {b:.4g} ({abs(z):.1f} sigma)" for n, a, b, z in self.parameters
+        )
+        return (
+            f"'{self.recording}' contradicts the other recordings (p = {self.p_value:.1g})"
+            + (f": {named}" if named else "")
+            + ". Were they flown with the same spacecraft? Identify them apart and compare."
+        )
+
+
+def contradictions(
+    found: NormalEquations, rows: Sequence[Reported], widening: float = 1.0
+) -> tuple[Contradiction, ...]:
+    """Return the recordings that contradict the others, the worst first.
+
+    By the normal equations at the joint optimum: recording i alone would move by ``(G_i + P)^-1 s_i``, and
+    the difference to the same of all others is chi-squared. ``rows`` are what it is put in terms of.
+    """
+    if len(found.terms) < 2:
+        return ()
+    prior = np.diag((found.scales / [u.sigma for u in found.unknowns]) ** 2)
+    out = []
+    for term in found.terms:
+        rest = [t for t in found.terms if t is not term]
+        grams = term.gram, np.sum([t.gram for t in rest], axis=0)
+        slopes = term.slope, np.sum([t.slope for t in rest], axis=0)
+        covariances = [np.linalg.inv(g + prior) for g in grams]
+        apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
+        # what both have from the prior is no difference: of each only what its data say
+        parts = [c @ g @ c for c, g in zip(covariances, grams, strict=True)]
+        spread = (parts[0] + parts[1]) * widening**2
+        shared = _shared(grams, prior)
+        own = shared.T @ apart
+        size, basis = np.linalg.eigh(shared.T @ spread @ shared)
+        told = size > 1e-10 * size[-1]
+        statistic = float(np.sum((basis[:, told].T @ own) ** 2 / size[told]))
+        p_value = float(chi2.sf(statistic, int(told.sum())))
+        if p_value * len(found.terms) < LEVEL:
+            out.append(Contradiction(term.label, p_value, _named(rows, covariances, slopes, spread)))
+    return tuple(sorted(out, key=lambda c: c.p_value))
+
+
+def _shared(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarray:
+    """Return the directions (m, k) that the data of both sides tell more of than the prior."""
+    width = np.sqrt(1.0 / np.diag(prior))
+    first, second = (g * np.outer(width, width) for g in grams)
+    both = first @ np.linalg.inv(first + second + np.eye(len(first))) @ second  # parallel sum
+    size, basis = np.linalg.eigh(0.5 * (both + both.T))
+    return basis[:, size > 1.0] / width[:, None] if (size > 1.0).any() else basis[:, -1:] / width[:, None]
+
+
+def _named(
+    rows: Sequence[Reported],
+    covariances: list[np.ndarray],
+    slopes: tuple[np.ndarray, np.ndarray],
+    spread: np.ndarray,
+) -> tuple[tuple[str, float, float, float], ...]:
+    found = []
+    for row in rows:
+        own, other = (float(row.gradient @ c @ s) for c, s in zip(covariances, slopes, strict=True))
+        sigma = float(np.sqrt(row.gradient @ spread @ row.gradient))
+        if sigma > 0.0 and abs(own - other) > APART * sigma:
+            found.append((row.name, row.value + own, row.value + other, (own - other) / sigma))
+    return tuple(sorted(found, key=lambda x: -abs(x[3]))[:NAMED])

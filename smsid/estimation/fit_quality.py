@@ -1,0 +1,135 @@
+"""Does the model explain the recordings? Innovations against stated noise, whiteness, spread of the slope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.estimation.normal_equations import InnovationSums, NormalEquations
+
+LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
+WRONG = 3.0  # times beyond which the model does not explain a channel
+CORRELATED = 0.3  # autocorrelation from which a channel's innovations are no noise, whatever its size
+WHITE = 1e-4  # probability below which innovations are not white
+Judgement = Literal["explained", "roughly", "not explained"]
+BEST_FIRST: tuple[Judgement, ...] = ("explained", "roughly", "not explained")
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """How one channel of one recording is explained.
+
+    ``ratio`` is the root mean square of its innovations over their predicted size (of the worst component,
+    ``component``), ``p_white`` the Ljung-Box probability of their correlation, ``correlation`` the largest of
+    their autocorrelations. ``judgement`` is about the channel.
+    """
+
+    recording: str
+    channel: str
+    component: str
+    ratio: float
+    correlation: float
+    p_white: float
+    judgement: Judgement
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """The verdict on a fit: channel by channel, and by how much standard deviations had to be widened.
+
+    ``dispersion`` is the spread of the slope of the likelihood over parts of the recordings, in standard
+    deviations of what it is if the model is right.
+    """
+
+    channels: tuple[ChannelFit, ...]
+    dispersion: float
+
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict on the whole: that of the worst channel."""
+        worst = max((BEST_FIRST.index(c.judgement) for c in self.channels), default=0)
+        return BEST_FIRST[worst]
+
+    @property
+    def widening(self) -> float:
+        """Factor on standard deviations: the spread seen, or the worst channel's misfit if that is larger."""
+        worst = max((c.ratio for c in self.channels if c.judgement == "not explained"), default=1.0)
+        return max(1.0, self.dispersion, worst)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence."""
+        bad = sorted((c for c in self.channels if c.judgement != "explained"), key=lambda c: -c.ratio)
+        if not bad:
+            return "The model explains the recordings: what is left is the sensors' noise, and white."
+        c = bad[0]
+        more = f", and {len(bad) - 1} more channels" if len(bad) > 1 else ""
+        left = f"{c.component} in '{c.recording}' is left at {c.ratio:.3g} times its stated noise"
+        if c.ratio <= LOUD:
+            left = f"what is left of {c.component} in '{c.recording}' is not white"
+            left += f" (correlation {c.correlation:.2f})"
+        if self.judgement == "roughly":
+            return f"The model explains the recordings roughly: {left}{more}."
+        return f"The model does not explain the recordings: {left}{more}."
+
+
+def fit_quality(found: NormalEquations) -> FitQuality:
+    """Return how well the recordings are explained at a point."""
+    channels = [c for t in found.terms for c in _channels(t.label, t.innovations)]
+    return FitQuality(tuple(channels), _dispersion(found))
+
+
+def _channels(label: str, sums: InnovationSums) -> list[ChannelFit]:
+    out = []
+    for channel in dict.fromkeys(sums.channels):
+        rows = [i for i, c in enumerate(sums.channels) if c == channel and sums.count[i] > 0]
+        if not rows:
+            continue
+        mean = sums.squares[rows] / sums.count[rows]
+        ratio = np.sqrt(mean)
+        scale = np.where(mean > 0.0, mean, 1.0)[:, None]
+        correlation = sums.products[rows] / np.maximum(sums.pairs[rows], 1.0) / scale
+        q = np.sum(sums.pairs[rows] * correlation**2, axis=1)
+        p_white = chi2.sf(q, sums.products.shape[1])
+        strongest = np.abs(correlation).max(axis=1)
+        coloured = (p_white < WHITE) & (strongest > CORRELATED) & (ratio > 1.0)
+        level = np.where(ratio > WRONG, 2, np.where((ratio > LOUD) | coloured, 1, 0))
+        k = int(np.lexsort((ratio, level))[-1])
+        judgement = BEST_FIRST[int(level[k])]
+        out.append(
+            ChannelFit(
+                label,
+                channel,
+                sums.names[rows[k]],
+                float(ratio[k]),
+                float(strongest[k]),
+                float(p_white.min()),
+                judgement,
+            )
+        )
+    return out
+
+
+def _dispersion(found: NormalEquations) -> float:
+    """Return the spread of the slope over parts of the recordings, 1 where the model is right.
+
+    Of all directions that the data tell, the root of the mean; not below what chance allows. Source: the
+    sandwich covariance of White, Econometrica 50 (1982) 1, with parts of the recordings as clusters.
+    """
+    information = found.information
+    scatter = np.sum([t.scatter for t in found.terms], axis=0)
+    size, basis = np.linalg.eigh(information / _norm(information))
+    told = size > 1e-9 * size[-1]
+    root = basis[:, told] / np.sqrt(size[told])
+    shares = np.einsum("ij,ik,kj->j", root, scatter / _norm(information), root)
+    count = max(1, 40 * len(found.terms) * int(told.sum()))
+    mean = float(np.mean(shares))
+    return float(np.sqrt(mean)) if mean > 1.0 + 4.0 * np.sqrt(2.0 / count) else 1.0
+
+
+def _norm(information: np.ndarray) -> np.ndarray:
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.outer(size, size)

@@ -1,0 +1,296 @@
+"""Identify a spacecraft from any flights: all its description lists, at the maximum of the posterior."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
+from smsid.estimation.contradictions import Contradiction, contradictions
+from smsid.estimation.fit_quality import FitQuality, fit_quality
+from smsid.estimation.flight import Flight, FlightOptions, flight_of
+from smsid.estimation.inertial_combinations import Reported, reported
+from smsid.estimation.input_timing import timings
+from smsid.estimation.maximum import converged, maximise
+from smsid.estimation.normal_equations import NormalEquations, objective_of
+from smsid.estimation.panels import modal_panels
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.unknowns import biases_of, unknowns_of
+from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, judged
+from smsid.likelihood.prior import Cad
+from smsid.recording import Recording
+
+LOGGER = logging.getLogger(__name__)
+METHOD = "maximum_likelihood"
+LOOSENED = (0.3, 0.03)
+"""Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
+that may err a little has a likelihood without the many maxima of one that may not."""
+NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
+CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
+UNSEEN = "the data do not see it"
+
+
+@dataclass(frozen=True)
+class FlightEstimate:
+    """An estimate from any flights, and what it was made from.
+
+    ``covariance`` (n, n) is that of the estimate's parameters, in order. ``description`` has the effects as
+    found, ``quality`` and ``contradictions`` say whether to believe them. ``found`` are the normal equations
+    at the maximum, ``flights`` the recordings as they were taken.
+    """
+
+    estimate: Estimate
+    covariance: np.ndarray
+    description: Description
+    quality: FitQuality
+    contradictions: tuple[Contradiction, ...]
+    found: NormalEquations
+    flights: tuple[Flight, ...]
+
+
+def identify_flights(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    cad: Cad | None = None,
+    bodies: bool = True,
+    options: FlightOptions | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> FlightEstimate:
+    """Estimate every parameter of bodies and listed effects from flights of any kind, jointly.
+
+    The motion may begin anyhow; joints and wheels follow their measured motion, or the torques recorded
+    (`FlightOptions`). Sensor biases and the state at the start of each recording are estimated beside.
+
+    Args:
+        description: its values are the first guess, its priors what is known beforehand.
+        recordings: in the role estimation; sensors of the description are read from them by name.
+        cad: what is known of rigid bodies, as in `smsid.likelihood.refine`.
+        bodies: whether the rigid bodies are estimated; as described if not.
+        options: how a recording is taken.
+        tell: hears a line of progress at each step.
+
+    Raises:
+        RecordingError: no recording, or one that cannot be used.
+        NotIdentifiableError: nothing is unknown, or the search does not come to rest.
+        SimulationError: the description's motion loses the recording from the start.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
+        return _identify(description, recordings, cad, bodies, options or FlightOptions(), tell)
+
+
+def _identify(
+    description: Description,
+    recordings: Sequence[Recording],
+    cad: Cad | None,
+    bodies: bool,
+    options: FlightOptions,
+    tell: Callable[[str], None] | None,
+) -> FlightEstimate:
+    began = time.perf_counter()
+    if not recordings:
+        raise RecordingError("No recording was given.", advice="Give at least one.")
+    for recording in recordings:
+        if recording.role == "validation":
+            raise RecordingError(
+                f"'{recording.name}' is for validation.",
+                advice="Identify from recordings in the role estimation.",
+            )
+    modal, densities = modal_panels(description)
+    described = Point.of(modal)
+    asked = unknowns_of(described, cad=cad, bodies=bodies)
+    flights = [
+        flight_of(described, r, label, options)
+        for r, label in zip(recordings, labels_of(recordings), strict=True)
+    ]
+    unknowns = [*asked.unknowns]
+    taken = {c for e in modal.effect if e.unknowns() for c in e.biased_channels()}
+    for flight in flights:
+        present = set(flight.problem.recording.channels)
+        unknowns += biases_of(description.effective_sensors(), present, flight.label, taken)
+    if not unknowns:
+        raise NotIdentifiableError(
+            "Nothing is unknown: all effects are marked `known`, and bodies are.", advice="Free something."
+        )
+    prepared = time.perf_counter()
+    found, flights, visited = _search(described, unknowns, flights, tell)
+    searched = time.perf_counter()
+    quality = fit_quality(found)
+    rows = [_as_density(r, densities) for r in reported(found, described)]
+    disagree = contradictions(found, rows, quality.widening)
+    rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.kind == "bias"]
+    covariance = np.linalg.inv(found.gram)
+    gradient = np.array([r.gradient for r in rows])
+    spread = gradient @ covariance @ gradient.T * quality.widening**2
+    shares = _prior_shares(found, gradient, covariance)
+    parameters = [
+        _judged(r, float(s), float(share), quality)
+        for r, s, share in zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
+    ]
+    notes = [quality.sentence, *(c.sentence for c in disagree)]
+    notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
+    notes += [f"'{n}' is not estimated: {why}" for n, why in asked.held.items()]
+    if quality.widening > 1.0:
+        notes.append(
+            f"standard deviations are {quality.widening:.3g} times those of the stated noise: "
+            "what is left is larger, or slower, than noise"
+        )
+    done = time.perf_counter()
+    estimate = Estimate(
+        description=description.name,
+        method=METHOD,
+        parameters=tuple(parameters),
+        recordings=tuple(f.label for f in flights),
+        timing={
+            "preparation": prepared - began,
+            "search": searched - prepared,
+            "report": done - searched,
+            "total": done - began,
+        },
+        notes=tuple(notes),
+        conditions={
+            "iterations": float(len(visited) - 1),
+            "dispersion": quality.dispersion,
+            "widening": quality.widening,
+        },
+        history=_history(visited),
+    )
+    return FlightEstimate(estimate, spread, found.point.description, quality, disagree, found, tuple(flights))
+
+
+def _as_density(row: Reported, densities: Mapping[str, tuple[str, float]]) -> Reported:
+    """Return a beam's participation factor as the linear density it stands for; anything else as it is."""
+    if row.name not in densities:
+        return row
+    name, size = densities[row.name]
+    return replace(
+        row,
+        name=name,
+        unit="kg/m",
+        value=row.value * size,
+        nominal=row.nominal * size,
+        gradient=row.gradient * size,
+    )
+
+
+def labels_of(recordings: Sequence[Recording]) -> list[str]:
+    """Return a name for every recording, unique: its own, or ``recording1``, ..."""
+    names = [r.name or f"recording{k}" for k, r in enumerate(recordings, start=1)]
+    repeated = {n for n in names if names.count(n) > 1}
+    return [f"{n}#{k}" if n in repeated else n for k, n in enumerate(names, start=1)]
+
+
+def _search(
+    described: Point,
+    unknowns: Sequence[Unknown],
+    flights: Sequence[Flight],
+    tell: Callable[[str], None] | None,
+) -> tuple[NormalEquations, list[Flight], list[NormalEquations]]:
+    """Return the maximum, the flights as their commands are taken, and the points on the way."""
+    point, flights = described, list(flights)
+    for share in LOOSENED:
+        if tell is not None:
+            tell(f"search with a model that may err by {100 * share:.0f} % of what drives the motion")
+        loose = [_loosened(f, share) for f in flights]
+        point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
+    if tell is not None:
+        tell("search with the model as it is")
+    found, visited = maximise(point, unknowns, flights, tell=tell)
+    again = [_as_commands_act(found.point, unknowns, f) for f in flights]
+    if any(a.problem.timing != f.problem.timing for a, f in zip(again, flights, strict=True)):
+        flights = again
+        found, more = maximise(found.point, unknowns, flights, tell=tell)
+        visited += more
+    if not converged(found):
+        raise NotIdentifiableError(
+            "The search for the most likely parameters does not come to rest.",
+            advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
+        )
+    return found, flights, visited
+
+
+def _loosened(flight: Flight, share: float) -> Flight:
+    """Return a flight whose model may err, from sample to sample, by a share of what drives it."""
+    problem = flight.problem
+    model = flight.model
+    drive = problem.inputs(model).applied(model)
+    times = problem.data.times[:: max(1, len(problem.data.times) // 500)]
+    applied = np.array([drive(float(t)) for t in times])
+    size = np.sqrt(np.mean(applied**2, axis=0))
+    for unknown in problem.unknown_inputs:
+        size[unknown.dof] = max(size[unknown.dof], unknown.sigma / 3.0)
+    noise = replace(problem.noise, more=tuple((int(v), share * float(size[v])) for v in np.flatnonzero(size)))
+    if model.free:
+        inner = float(np.linalg.norm(size[6:]))
+        lever = float(np.linalg.norm(model.thrust_point)) + 1.0
+        force = float(np.linalg.norm(size[:3])) + inner / lever
+        torque = float(np.linalg.norm(size[3:6])) + inner + lever * float(np.linalg.norm(size[:3]))
+        noise = replace(noise, force=share * force + noise.force, torque=share * torque + noise.torque)
+    return replace(flight, problem=replace(problem, noise=noise))
+
+
+def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight) -> Flight:
+    """Return the flight with commands held, linear or both between samples, as is most likely at a point."""
+    choices = timings(flight.problem.recording)
+    likely: dict[int, float] = {}
+    for k, timing in enumerate(choices):
+        other = replace(flight, problem=replace(flight.problem, timing=timing))
+        try:
+            likely[k] = -objective_of(point, unknowns, [other])
+        except SmsidError as error:
+            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
+    now = choices.index(flight.problem.timing)
+    best = max(likely, key=lambda k: likely[k])
+    if likely[best] - likely.get(now, -np.inf) < CLEARLY:
+        return flight
+    timing = choices[best]
+    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, timing.hold, timing.side)
+    return replace(flight, problem=replace(flight.problem, timing=timing))
+
+
+def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Reported:
+    row = np.zeros(len(found.unknowns))
+    row[i] = unknown.scale
+    return Reported(unknown.name, unknown.unit, found.point.value(unknown), row, 0.0)
+
+
+def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return which part of each variance the prior accounts for (rows,): 0 seen by the data, 1 not at all."""
+    spread = gradient @ covariance
+    prior = (found.scales / [u.sigma for u in found.unknowns]) ** 2
+    variance = np.einsum("ij,ij->i", spread, gradient)
+    return np.einsum("ij,j,ij->i", spread, prior, spread) / np.maximum(variance, 1e-300)
+
+
+def _judged(row: Reported, sigma: float, share: float, quality: FitQuality) -> ParameterEstimate:
+    """Return a parameter with its status; ``share`` of its variance is the prior's."""
+    if ": " in row.name:
+        return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
+    found = judged(row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference)
+    if share > HELD:
+        note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
+        return replace(found, status="not_identifiable", note=note)
+    if quality.judgement == "not explained" and found.status == "identifiable":
+        return replace(found, status="not_identifiable", note="the model does not explain the recordings")
+    return found
+
+
+def _history(visited: Sequence[NormalEquations]) -> tuple[Iteration, ...]:
+    """Return the course of the last search: cost per sample, and steps in standard deviations."""
+    last = visited[-1]
+    sigma = np.sqrt(np.diag(np.linalg.inv(last.gram))) * last.scales
+    out: list[Iteration] = []
+    before: np.ndarray | None = None
+    for at in visited:
+        here = np.array([at.point.value(u) for u in at.unknowns])
+        step = None if before is None else float(np.abs((here - before) / sigma).max())
+        out.append(Iteration(2.0 * at.objective / max(at.samples, 1), step))
+        before = here
+    return tuple(out)

@@ -1,0 +1,201 @@
+"""Which combinations of inertial parameters the data tell apart, by name, and everything else reported.
+
+Reported are the parameters of effects, the total mass, and base parameters of the rigid bodies: those of
+bodies in the order from the bus to the tips, each with what cannot be told from it lumped in, as textbooks
+do (Gautier, J. Robotic Systems 8 (1991) 485) - but by the information in the recordings at hand, not by the
+structure alone: a parameter is dependent when they say less of it than is known beforehand. "bus" includes
+its wheels and undeformed appendages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+
+STEP = 1e-4  # of a parameter's scale, for derivatives of inertias
+NEGLIGIBLE = 0.05  # share of a combination's standard deviation that a term may bring and is left out below
+ROUND = 1e-6  # a factor this near to 1 is 1
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A reported quantity: value, gradient (m,) by the unknowns in their scales, and the described value."""
+
+    name: str
+    unit: str
+    value: float
+    gradient: np.ndarray
+    nominal: float
+    reference: float | None = None
+
+
+def reported(found: NormalEquations, described: Point) -> list[Reported]:
+    """Return what is reported at a point, apart from the biases of single recordings."""
+    unknowns = found.unknowns
+    out = [_total_mass(found, described)] if any(u.kind == "inertial" for u in unknowns) else []
+    for i, u in enumerate(unknowns):
+        if u.kind == "effect":
+            row = np.zeros(len(unknowns))
+            row[i] = u.scale
+            size = abs(u.nominal) or u.sigma
+            reference = size if abs(found.point.value(u)) < 0.1 * size else None
+            out.append(Reported(u.name, u.unit, found.point.value(u), row, u.nominal, reference))
+    return out + _base_parameters(found, described)
+
+
+def _whole(model: SpacecraftModel) -> np.ndarray:
+    """Return the inertial parameters (10 bodies,), the bus with its wheels and undeformed appendages."""
+    regressor = Regressor(model)
+    return regressor.parameters + carried_by_bus(model, regressor) if model.free else regressor.parameters
+
+
+def _by_effects(found: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
+    """Return how the bodies' parameters (10 bodies, m) and the total mass (m,) change with the effects' ones.
+
+    Per scale of the unknowns; the columns of others are zero.
+    """
+    point, unknowns = found.point, found.unknowns
+    base = point.model()
+    whole, mass = np.zeros((10 * (base.pin.njoints - 1), len(unknowns))), np.zeros(len(unknowns))
+    for i, u in enumerate(unknowns):
+        if u.kind != "effect":
+            continue
+        step = np.zeros(len(unknowns))
+        step[i] = STEP * u.scale
+        ends = [point.moved(unknowns, s) for s in (step, -step)]
+        apart = ends[0].value(u) - ends[1].value(u)
+        if apart == 0.0:
+            continue
+        models = [end.model() for end in ends]
+        if models[0].nv != models[1].nv:
+            continue
+        whole[:, i] = (_whole(models[0]) - _whole(models[1])) / apart * u.scale
+        mass[i] = (models[0].mass - models[1].mass) / apart * u.scale
+    return whole, mass
+
+
+def _total_mass(found: NormalEquations, described: Point) -> Reported:
+    _, row = _by_effects(found)
+    for i, u in enumerate(found.unknowns):
+        if u.kind == "inertial" and u.name.endswith(".m"):
+            row[i] = u.scale
+    return Reported("total.mass", "kg", found.point.model().mass, row, described.model().mass)
+
+
+def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]:
+    unknowns = found.unknowns
+    own = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
+    if not own:
+        return []
+    rest = [i for i in range(len(unknowns)) if i not in own]
+    columns = [unknowns[i].column for i in own]
+    moved, _ = _by_effects(found)
+    # in terms of whole bodies: what is a body's and what an appendage's on it, the appendage tells
+    change = np.eye(len(unknowns))
+    scale = found.scales[own]
+    change[np.ix_(own, rest)] = -moved[np.ix_(columns, rest)] / scale[:, None]
+    information = change.T @ found.information @ change
+    prior = np.diag((found.scales / np.array([u.sigma for u in unknowns])) ** 2)
+    inside = information[np.ix_(own, own)]
+    if rest:
+        others = information[np.ix_(rest, rest)] + prior[np.ix_(rest, rest)]
+        cross = information[np.ix_(own, rest)]
+        inside = inside - cross @ np.linalg.solve(others, cross.T)
+    width = np.array([unknowns[i].sigma for i in own])
+    matrix, kept = combinations(inside * np.outer(width / scale, width / scale))
+    matrix = matrix * width[kept][:, None] / width[None, :]  # from units of the prior to physical ones
+    covariance = np.linalg.inv(found.gram)
+    values, nominal = _whole(found.point.model())[columns], _whole(described.model())[columns]
+    rows = []
+    for factors, k in zip(matrix, kept, strict=True):
+        rows.append(_combination(factors, int(k), unknowns, own, moved[columns], covariance, width))
+    sizes: dict[tuple[str, str], float] = {}
+    for factors, _ in rows:
+        lead = unknowns[own[int(np.flatnonzero(factors == 1.0)[0])]].name
+        sizes[_kind(lead)] = max(sizes.get(_kind(lead), 0.0), abs(float(factors @ values)))
+    out = []
+    for (factors, gradient), k in zip(rows, kept, strict=True):
+        value, size = float(factors @ values), sizes[_kind(unknowns[own[k]].name)]
+        name = combination_name(factors, int(k), [unknowns[i].name for i in own])
+        reference = size if abs(value) < 0.1 * size else None
+        unit = unknowns[own[k]].unit
+        out.append(Reported(name, unit, value, gradient, float(factors @ nominal), reference))
+    return out
+
+
+def combinations(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return combinations (b, n) that data tell apart, and which parameters (b,) they are named after.
+
+    ``information`` (n, n) is the data's, each parameter in units of the standard deviation that is known
+    beforehand. In order, a parameter is kept when the data say more of it, beside those kept before, than
+    that; the others are lumped into those kept.
+    """
+    size, basis = np.linalg.eigh(0.5 * (information + information.T))
+    root = np.sqrt(np.maximum(size, 0.0))[:, None] * basis.T
+    kept: list[int] = []
+    directions = np.zeros((len(root), 0))
+    for k in range(root.shape[1]):
+        left = root[:, k]
+        for _ in range(2):  # twice is enough (Kahan, Parlett)
+            left = left - directions @ (directions.T @ left)
+        length = float(np.linalg.norm(left))
+        if length > 1.0:
+            kept.append(k)
+            directions = np.column_stack([directions, left / length])
+    index = np.array(kept, dtype=int)
+    if not kept:
+        return np.zeros((0, root.shape[1])), index
+    matrix = np.linalg.lstsq(root[:, index], root, rcond=None)[0]
+    matrix[:, index] = np.eye(len(index))
+    return matrix, index
+
+
+def _combination(
+    factors: np.ndarray,
+    kept: int,
+    unknowns: Sequence[Unknown],
+    own: Sequence[int],
+    moved: np.ndarray,
+    covariance: np.ndarray,
+    width: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a combination's factors (n,) without what does not matter, and its gradient (m,)."""
+
+    def gradient_of(x: np.ndarray) -> np.ndarray:
+        row = x @ moved
+        row[list(own)] += x * np.array([unknowns[i].scale for i in own])
+        return row
+
+    gradient = gradient_of(factors)
+    sigma = float(np.sqrt(gradient @ covariance @ gradient))
+    small = np.abs(factors) * width < NEGLIGIBLE * sigma
+    small[kept] = False
+    factors = np.where(small, 0.0, factors)
+    factors = np.where(np.abs(np.abs(factors) - 1.0) < ROUND, np.sign(factors), factors)
+    factors[kept] = 1.0
+    return factors, gradient_of(factors)
+
+
+def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> str:
+    """Return a combination's name: ``bus.mx + 2 link1.m``, the parameter it is named after first."""
+    text = names[first]
+    for i in np.flatnonzero(factors).tolist():
+        if i != first:
+            size = abs(float(factors[i]))
+            term = names[i] if size == 1.0 else f"{size:.4g} {names[i]}"
+            text += f" {'+' if factors[i] > 0.0 else '-'} {term}"
+    return text
+
+
+def _kind(name: str) -> tuple[str, str]:
+    """Return body and kind (mass, first moment, inertia) of a parameter."""
+    body, symbol = name.rsplit(".", 1)
+    return body, "inertia" if symbol.startswith("I") else "mass" if symbol == "m" else "moment"
