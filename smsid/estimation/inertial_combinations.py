@@ -3,8 +3,9 @@
 Reported are the parameters of effects, the total mass, and base parameters of the rigid bodies: those of
 bodies in the order from the bus to the tips, each with what cannot be told from it lumped in, as textbooks
 do (Gautier, J. Robotic Systems 8 (1991) 485) - but by the information in the recordings at hand, not by the
-structure alone: a parameter is dependent when they say less of it than is known beforehand. "bus" includes
-its wheels and undeformed appendages.
+structure alone: a direction of which they say less than is known beforehand is not told. "bus" includes its
+wheels and undeformed appendages. Where nothing tells the bus's centre of mass, its inertia is reported about
+that (``bus.Icxx``): about the origin it depends on the square of what is not known.
 """
 
 from __future__ import annotations
@@ -13,16 +14,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.model.regressor import Regressor
+from smsid.model.regressor import Regressor, body_names
 from smsid.model.spacecraft import SpacecraftModel
 
 STEP = 1e-4  # of a parameter's scale, for derivatives of inertias
 NEGLIGIBLE = 0.05  # share of a combination's standard deviation that a term may bring and is left out below
 ROUND = 1e-6  # a factor this near to 1 is 1
+TIPS = 0.1  # preference for lumping what is nearer to the tips
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,36 @@ def reported(found: NormalEquations, described: Point) -> list[Reported]:
             size = abs(u.nominal) or u.sigma
             reference = size if abs(found.point.value(u)) < 0.1 * size else None
             out.append(Reported(u.name, u.unit, found.point.value(u), row, u.nominal, reference))
-    return out + _base_parameters(found, described)
+    out += _base_parameters(found, described)
+    body = body_names(described.base.pin)[0]
+    if described.base.free and not any(r.name.startswith(f"{body}.m") for r in out):
+        out = [_central(r, body, found, described) for r in out]
+    return out
+
+
+def _central(row: Reported, body: str, found: NormalEquations, described: Point) -> Reported:
+    """Return a moment or product of inertia of the bus about its centre of mass; anything else as it is."""
+    start = f"{body}.I"
+    symbol = row.name.removeprefix(start)
+    if not row.name.startswith(start) or len(symbol) != 2:
+        return row
+    i, j = ("xyz".index(x) for x in symbol)
+
+    def shift(theta: np.ndarray) -> float:
+        m, h = theta[0], theta[1:4]
+        return float(((h @ h) * (i == j) - h[i] * h[j]) / m)
+
+    whole = _whole(found.point.model())[:10]
+    gradient = row.gradient.copy()
+    for k, u in enumerate(found.unknowns):
+        if u.kind == "inertial" and u.column < 4:
+            step = np.zeros(10)
+            step[u.column] = STEP * u.scale
+            gradient[k] -= (shift(whole + step) - shift(whole - step)) / (2.0 * STEP)
+    nominal = row.nominal - shift(_whole(described.model())[:10])
+    return Reported(
+        f"{body}.Ic{symbol}", row.unit, row.value - shift(whole), gradient, nominal, row.reference
+    )
 
 
 def _whole(model: SpacecraftModel) -> np.ndarray:
@@ -135,27 +167,22 @@ def combinations(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return combinations (b, n) that data tell apart, and which parameters (b,) they are named after.
 
     ``information`` (n, n) is the data's, each parameter in units of the standard deviation that is known
-    beforehand. In order, a parameter is kept when the data say more of it, beside those kept before, than
-    that; the others are lumped into those kept.
+    beforehand. Directions of which the data say less than that are not told; of each such direction the
+    parameter that has the largest part in it, of equals that nearest to the tips, is lumped into the others.
     """
     size, basis = np.linalg.eigh(0.5 * (information + information.T))
-    root = np.sqrt(np.maximum(size, 0.0))[:, None] * basis.T
-    kept: list[int] = []
-    directions = np.zeros((len(root), 0))
-    for k in range(root.shape[1]):
-        left = root[:, k]
-        for _ in range(2):  # twice is enough (Kahan, Parlett)
-            left = left - directions @ (directions.T @ left)
-        length = float(np.linalg.norm(left))
-        if length > 1.0:
-            kept.append(k)
-            directions = np.column_stack([directions, left / length])
-    index = np.array(kept, dtype=int)
-    if not kept:
-        return np.zeros((0, root.shape[1])), index
-    matrix = np.linalg.lstsq(root[:, index], root, rcond=None)[0]
-    matrix[:, index] = np.eye(len(index))
-    return matrix, index
+    unseen = basis[:, size < 1.0]
+    n = len(size)
+    if not unseen.shape[1]:
+        return np.eye(n), np.arange(n)
+    preference = 1.0 + TIPS * np.arange(n) / n
+    *_, pivots = qr((unseen * preference[:, None]).T, mode="r", pivoting=True)
+    lumped = np.sort(pivots[: unseen.shape[1]])
+    kept = np.setdiff1d(np.arange(n), lumped)
+    matrix = np.zeros((len(kept), n))
+    matrix[:, kept] = np.eye(len(kept))
+    matrix[:, lumped] = -np.linalg.solve(unseen[lumped].T, unseen[kept].T).T
+    return matrix, kept
 
 
 def _combination(
@@ -185,7 +212,7 @@ def _combination(
 
 
 def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> str:
-    """Return a combination's name: ``bus.mx + 2 link1.m``, the parameter it is named after first."""
+    """Return the name of a combination of factors (n,): ``bus.mx + 2 link1.m``, what it is called after first."""
     text = names[first]
     for i in np.flatnonzero(factors).tolist():
         if i != first:
