@@ -136,6 +136,7 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
+        covariance=_padded(solved.covariance, len(parameters)),
     )
     return ArmIdentification(estimate, found, base, solved, motion, model)
 
@@ -227,6 +228,13 @@ def _parameters(
         if name in names and name not in kept
     ]  # fmt: skip
     return tuple(found)
+
+
+def _padded(covariance: np.ndarray, size: int) -> np.ndarray:
+    """Return the covariance with rows and columns that are not known for the parameters no motion shows."""
+    out = np.full((size, size), np.nan)
+    out[: len(covariance), : len(covariance)] = covariance
+    return out
 
 
 def identified_effects(

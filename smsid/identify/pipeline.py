@@ -14,7 +14,7 @@ from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.corrected import corrected
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
 from smsid.identify.exp1_unseen import check_moves
 from smsid.identify.exp2 import MomentumResult, identify_momentum
@@ -131,7 +131,7 @@ def _identify(
         description=description.name,
         method="paper",
         parameters=tuple(parameters),
-        recordings=tuple(r.name for r in recordings),
+        recordings=tuple(distinct(r.name for r in recordings)),
         timing=timing,
         notes=tuple(notes),
         conditions=conditions,

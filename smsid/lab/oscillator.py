@@ -135,7 +135,8 @@ def fit_oscillator(
             f"The fit has not settled after {MOST_ROUNDS} rounds.", advice="Start nearer.", oscillator=found
         )
     lags = correlation_lags(residual.reshape(pieces, -1).T)
-    sigma = np.sqrt(np.diag(hac_covariance(columns, residual, residual.size, lags)))
+    covariance = hac_covariance(columns, residual, residual.size, lags)
+    sigma = np.sqrt(np.diag(covariance))
     units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
     units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
     parameters = [
@@ -143,7 +144,11 @@ def fit_oscillator(
         for f, s in zip((*fields, "offset"), sigma, strict=True)
     ]
     estimate = Estimate(
-        name, "simulation error", tuple(parameters), notes=(f"residuals correlated over {lags} samples",)
+        name,
+        "simulation error",
+        tuple(parameters),
+        notes=(f"residuals correlated over {lags} samples",),
+        covariance=covariance,
     )
     return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))))
 

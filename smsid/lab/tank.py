@@ -230,7 +230,8 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
             advice="Try a simpler model.",
             parameters=tuple(idle),
         )
-    sigma = np.sqrt(np.diag(hac_covariance(jacobian, white, white.size, lags)))
+    covariance = hac_covariance(jacobian, white, white.size, lags)
+    sigma = np.sqrt(np.diag(covariance))
     values = (x - SHIFTS[:count]) * SCALES[:count]
     parameters = tuple(
         judged(f"tank.{n}", v, u, s, "tank") for n, v, u, s in zip(NAMES, values, UNITS, sigma, strict=False)
@@ -242,7 +243,9 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
         for k in np.flatnonzero(at_bound).tolist()
     ]
     likelihood = -float(np.sum(test.at_rest) * np.log(noise[1]) + np.sum(~test.at_rest) * np.log(noise[0]))
-    estimate = Estimate("tank", f"output error, {model}", parameters, notes=tuple(notes))
+    estimate = Estimate(
+        "tank", f"output error, {model}", parameters, notes=tuple(notes), covariance=covariance
+    )
     after, during = (float(np.sqrt(np.mean(residual[m] ** 2))) for m in (ring, ~test.at_rest))
     return TankFit(model, estimate, values, residual, after, during, likelihood)
 
