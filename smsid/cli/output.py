@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-PIPED_WIDTH = 132  # columns of output that goes into a file or another program
+WIDTH = 110  # columns at most, on a terminal and in a file
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,8 @@ def console() -> Console:
     """Return the console for results (stdout); silent where a command runs ``--json`` or ``--quiet``."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    wide = Console()
+    return Console(width=min(wide.width, WIDTH) if sys.stdout.isatty() else WIDTH)
 
 
 def error_console() -> Console:
