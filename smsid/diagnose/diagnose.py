@@ -33,6 +33,7 @@ from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
@@ -90,7 +91,7 @@ def diagnose(
     names = tuple(r.name for r in (*recordings, *validation))
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            if torques_were_measured(description, recordings[0]):
+            if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
                 return _by_torques(description, recordings, estimate, validation, levels, cutoff)
             return _diagnose(
                 description,
@@ -135,6 +136,10 @@ def _diagnose(
     recording.check()
     known = nominal(description, estimate)
     point, description = known.point, known.point.description
+    recordings, validation = (
+        [order_columns(r, point.base) for r in given] for given in (recordings, validation)
+    )
+    recording = recordings[0]
     data = measured(point.base, recording, description.effective_sensors())
     if len(data.times) < SHORTEST:
         raise RecordingError(

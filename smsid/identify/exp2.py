@@ -24,6 +24,7 @@ from smsid.identify.shaken import shaken
 from smsid.identify.still import Still, not_seen
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 STILL = 1e-3  # [rad/s] joint or wheel rate below which nothing was excited
 SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be told from motion
@@ -84,6 +85,7 @@ def identify_momentum(
         return out
 
     check_on_bus(model)
+    recording = order_columns(recording, model)
     _check_free(recording)
     still = Still.of(model, recording)
     recording = still.held(model, recording)

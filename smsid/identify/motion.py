@@ -13,6 +13,7 @@ from smsid.errors import RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor, differentiate
 from smsid.simulate.truth import station_indices
 
@@ -190,6 +191,7 @@ def prepare(
     own filter, and delays that the description states are taken out. ``cutoff = None`` leaves the samples as
     they are. Raises `RecordingError` for missing or unusable channels, or columns that do not fit the model.
     """
+    recording = order_columns(recording, model)
     roles = Roles.of(model, recording)
     assert roles.pose is not None and roles.attitude is not None
     sources = [(roles.pose, "position"), (roles.pose, "velocity"), (roles.attitude, "attitude")]

@@ -23,6 +23,7 @@ from smsid.identify.identified import identified_modes
 from smsid.identify.mended import LONGEST, Mended, mended
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 BRIDGED = "its interval does not count what was bridged"
 """How the note of a parameter begins that a long bridge in a recording has spoiled."""
@@ -63,9 +64,9 @@ def _identify(
     description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool
 ) -> Identification:
     started = time.perf_counter()
-    mends = _mended(description, recordings)
     given = description
     model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
+    mends = _mended(description, [order_columns(r, model) for r in recordings])
     description, left_out = linear_appendages(given)
     if description != given:
         model = described = build_model(description)
