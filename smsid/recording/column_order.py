@@ -25,10 +25,10 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
     """Return the recording with its labelled joints, wheels, modes and stations in the model's order.
 
     Joints, wheels and modes are labelled by their names in the model, or by what follows the arm's name
-    where that is unique. Stations are labelled by their distance from the appendage's root (``4 m``) or by
-    their index, as in a sensor's ``stations``. Columns without labels are in the model's order already.
-    Channels of sources that the description does not know stay as they are. A recording that is in order is
-    given back as it is.
+    where that is unique, modes also by their number from 1. Stations are labelled by their distance from the
+    appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns without labels are
+    in the model's order already. Channels of sources that the description does not know stay as they are. A
+    recording that is in order is given back as it is.
 
     Raises:
         RecordingError: a label is unknown to the model, or one of the model's is missing.
@@ -37,7 +37,7 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
     if not labels:
         return recording
     known = {s.name: s for s in model.description.effective_sensors()}
-    names = {"joint": model.arm_joints.names, "wheel": model.wheels.names, "mode": _modes(model)}
+    names = {"joint": model.arm_joints.names, "wheel": model.wheels.names, "mode": model.modes.names}
     changed: dict[str, Any] = {}
     renamed: dict[str, Sequence[str]] = dict(labels)
     moved = False
@@ -84,16 +84,14 @@ def _concerns(recording: Recording, dim: str, sources: set[str], model: Spacecra
     )
 
 
-def _modes(model: SpacecraftModel) -> tuple[str, ...]:
-    return tuple(model.modes.names)
-
-
 def _order(
     recording: Recording, key: str, labels: Sequence[str], names: Sequence[str], kind: str
 ) -> np.ndarray:
     """Return the column of each name; raises `RecordingError` for names or labels that are left over."""
     short = [name.rpartition("/")[2] for name in names]
     unique = {s: n for s, n in zip(short, names, strict=True) if short.count(s) == 1}
+    if kind == "mode":
+        unique |= {str(k): n for k, n in enumerate(names, start=1)}
     place: dict[str, int] = {}
     unknown = []
     for column, label in enumerate(labels):
@@ -158,13 +156,13 @@ def _mismatch(
     names: Sequence[str],
     kind: str,
 ) -> RecordingError:
-    parts = [f"does not know {', '.join(map(repr, unknown))}"] if unknown else []
-    parts += [f"misses {', '.join(map(repr, lacking))}"] if lacking else []
+    parts = [f"unknown {', '.join(map(repr, unknown))}"] if unknown else []
+    parts += [f"missing {', '.join(map(repr, lacking))}"] if lacking else []
     name = f" '{recording.name}'" if recording.name else ""
     return RecordingError(
-        f"The labels '{key}' of the recording{name} are not those of the model, which {' and '.join(parts)}.",
-        advice=f"Its {WHAT[kind]}: {', '.join(names) or 'none'}. Correct the labels, or leave columns out; "
-        "weld or leave out what does not move.",
+        f"The labels '{key}' of the recording{name} do not fit the model: {'; '.join(parts)}.",
+        advice=f"{WHAT[kind].capitalize()} of the model: {', '.join(names) or 'none'}. Correct the labels, "
+        "or leave columns out; weld or leave out what does not move.",
         label=key,
         unknown=tuple(unknown),
         lacking=tuple(lacking),
