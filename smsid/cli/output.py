@@ -29,13 +29,18 @@ _now = Manners()
 
 @contextmanager
 def behaving(manners: Manners) -> Iterator[None]:
-    """Keep to these manners inside the block."""
+    """Keep to these manners inside the block: quiet is quiet about the library's warnings too."""
     global _now
     before, _now = _now, manners
+    handlers = [(h, h.level) for h in logging.getLogger().handlers] if manners.quiet else []
+    for handler, _ in handlers:
+        handler.setLevel(logging.ERROR)
     try:
         yield
     finally:
         _now = before
+        for handler, level in handlers:
+            handler.setLevel(level)
 
 
 def is_quiet() -> bool:

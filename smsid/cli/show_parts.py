@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smsid.cli.file_kind import read_json
 from smsid.cli.output import WIDTH
+from smsid.cli.tables import cut_tables
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ def campaign(path: Path, everything: bool) -> Iterator[Any]:
 
     header, records = read_store(path)
     yield f"campaign '{header.plan['name']}' of '{header.plan['description']}'"
-    yield from _cut(summary_tables(summarise(records)), everything)
+    yield from cut_tables(summary_tables(summarise(records)), everything)
 
 
 def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
@@ -127,7 +128,7 @@ def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
     from smsid.campaign.summary import load_summary
     from smsid.campaign.table import summary_tables
 
-    yield from _cut(summary_tables(load_summary(path)), everything)
+    yield from cut_tables(summary_tables(load_summary(path)), everything)
 
 
 def campaign_plan(path: Path, everything: bool) -> Iterator[Any]:
@@ -141,6 +142,7 @@ def campaign_plan(path: Path, everything: bool) -> Iterator[Any]:
 
 def mapping(path: Path, everything: bool) -> Iterator[Any]:
     """Yield which channel a mapping takes from which columns."""
+    from smsid.cli.notes import clipped
     from smsid.cli.tables import plain_table
     from smsid.recording.mapping import load_mapping
 
@@ -148,8 +150,9 @@ def mapping(path: Path, everything: bool) -> Iterator[Any]:
     yield f"mapping to {len(found.channel)} channels, role {found.recording.role}"
     table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
     for name, channel in found.channel.items():
-        table.add_row(name, ", ".join(channel.columns), channel.unit or "", ", ".join(channel.labels or ()))
-    yield from _cut([table], everything)
+        own = [", ".join(channel.columns), channel.unit or "", ", ".join(channel.labels or ())]
+        table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
+    yield from cut_tables([table], everything)
 
 
 def experiment(path: Path, everything: bool) -> Iterator[Any]:
@@ -188,7 +191,7 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
         for s in found.sensor:
             table.add_row(s.name, s.kind, s.preset or "", f"{s.rate:g} Hz", ", ".join(s.quantities))
         tables.append(table)
-    yield from _cut(tables, everything)
+    yield from cut_tables(tables, everything)
 
 
 def _joints(model: SpacecraftModel) -> Table:
@@ -207,38 +210,18 @@ def _joints(model: SpacecraftModel) -> Table:
     return table
 
 
-ROOM = 40  # rows of all tables together, unless everything is asked for
-
-
-def _cut(tables: Iterable[Table], everything: bool) -> Iterator[Any]:
-    """Yield tables that share `ROOM` rows, and after each how many rows it has more."""
-    from smsid.cli.tables import shortened
-
-    given = list(tables)
-    room = ROOM
-    for k, table in enumerate(given):
-        if everything:
-            yield table
-            continue
-        # small tables first: what they do not need is left for the large ones
-        own = max(room - sum(min(t.row_count, room // (len(given) - k)) for t in given[k + 1 :]), 3)
-        cut, left = shortened(table, own)
-        room -= cut.row_count
-        yield cut
-        if left:
-            yield f"{left} more rows with --all"
-
-
 def _keys(table: dict[str, Any], everything: bool) -> Table:
     from rich.text import Text
 
+    from smsid.cli.notes import clipped
     from smsid.cli.tables import plain_table
 
     shown = plain_table("key", "value", left=("key", "value"))
     if everything:
         shown.columns[1].no_wrap, shown.columns[1].overflow = False, "fold"
+    room = WIDTH - max(map(len, table), default=0) - 6
     for key, value in table.items():
-        shown.add_row(key, Text(str(value)))
+        shown.add_row(key, Text(str(value) if everything else clipped(str(value), room)))
     return shown
 
 

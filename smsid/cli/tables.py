@@ -184,3 +184,24 @@ def shortened(rows: Table, most: int = ROWS) -> tuple[Table, int]:
             del column._cells[most:]
         del rows.rows[most:]
     return rows, left
+
+
+ROOM = 40  # rows of all tables together, unless everything is asked for
+
+
+def cut_tables(tables: Iterable[Table], everything: bool, room: int = ROOM) -> Iterator[RenderableType]:
+    """Yield tables that share ``room`` rows, and after each how many rows it has more.
+
+    Small tables are shown in full: what they do not need is left for the large ones.
+    """
+    given = list(tables)
+    for k, table in enumerate(given):
+        if everything:
+            yield table
+            continue
+        others = sum(min(t.row_count, room // (len(given) - k)) for t in given[k + 1 :])
+        cut, left = shortened(table, max(room - others, 3))
+        room -= cut.row_count
+        yield cut
+        if left:
+            yield Text(f"{left} more rows with --all", style="dim")
