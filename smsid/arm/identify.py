@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.arm.columns import torque_columns
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.regression import JointRegression, solve_joints
@@ -40,6 +41,7 @@ class TorqueErrors:
     rmse: dict[str, float]
 
 
+@short_repr
 @dataclass(frozen=True)
 class ArmIdentification:
     """An identified arm.

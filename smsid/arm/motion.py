@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from smsid._short_repr import short_repr
 from smsid.arm.joints import with_joint_order
 from smsid.effects import Gear, JointOffset
 from smsid.effects.gear import gear_matrix
@@ -40,6 +41,7 @@ class JointSamples:
     rate: float
 
 
+@short_repr
 @dataclass(frozen=True)
 class JointMotion:
     """Joint motion and torque at N instants; all joints of the model, in its order.

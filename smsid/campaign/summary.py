@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from smsid._files import atomic_write
+from smsid._short_repr import short_repr
 from smsid.campaign.outcome import Outcome, RunRecord
 from smsid.errors import ExperimentError, SmsidError
 
@@ -76,6 +77,7 @@ class Failure:
     message: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Summary:
     """A campaign in figures. ``level`` is the family-wise probability that a band is left by chance."""

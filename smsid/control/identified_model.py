@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
@@ -38,6 +39,7 @@ SHARPEST = 1e-4
 _TERM = re.compile(r"(?:^|\s)([+-]?)\s*(?:(\d[\d.e+-]*)\s+)?([^\s+-]\S*)")
 
 
+@short_repr
 @dataclass(frozen=True)
 class IdentifiedModel:
     """``model``: the spacecraft as identified, slosh and appendages included.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
@@ -42,6 +43,7 @@ LOUD = 5.0  # times its stated noise above which a channel is doubted
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
+@short_repr
 @dataclass(frozen=True)
 class Diagnosed:
     """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.exp2_errors import Steps, slosh_mass, widened, with_carried_errors
@@ -32,6 +33,7 @@ SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be 
 T = TypeVar("T")
 
 
+@short_repr
 @dataclass(frozen=True)
 class MomentumResult:
     """What Exp. 2 identified: Step A and B with the slosh state, and as printed beside them.

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from smsid._short_repr import short_repr
 from smsid.errors import RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -85,6 +86,7 @@ def _noise(sensor: Sensor, quantity: str) -> float:
     return float(np.max(sensor.error(quantity).white_sigma(sensor.rate))) / np.sqrt(sensor.rate)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Motion:
     """Measured motion on a common clock (N,), body vectors in bus axes.

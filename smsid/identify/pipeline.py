@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
@@ -29,6 +30,7 @@ BRIDGED = "its interval does not count what was bridged"
 """How the note of a parameter begins that a long bridge in a recording has spoiled."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Identification:
     """An estimate and what it was made from. ``description`` carries what Exp. 1 found."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import resample_poly
 
+from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import Estimate, judged
@@ -56,6 +57,7 @@ class Oscillator:
         return _run(column, _refined(drive)[None], rate)[:, 0] + self.offset
 
 
+@short_repr
 @dataclass(frozen=True)
 class OscillatorFit:
     """A fitted oscillator: values with intervals in ``estimate``, ``rmse`` of the simulation error [y]."""

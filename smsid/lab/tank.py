@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import least_squares
 
+from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, judged
@@ -44,6 +45,7 @@ AT_REST = 0.02
 """Share of the largest acceleration below which the container counts as at rest."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class TankTest:
     """Force and motion along one axis on one clock, both through the same zero-phase low-pass.
@@ -65,6 +67,7 @@ class TankTest:
         return self.time < self.time[~self.at_rest][0]
 
 
+@short_repr
 @dataclass(frozen=True)
 class TankFit:
     """A fitted model of the tank.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
@@ -42,6 +43,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 
 
+@short_repr
 @dataclass(frozen=True)
 class Refinement:
     """A maximum-likelihood estimate and what it was made from.
