@@ -48,7 +48,9 @@ def told(value: Any) -> str:
 def _is_short(value: Any) -> bool:
     """Whether a value's own text is cheap and short: that of a result is, that of a model need not be."""
     own = type(value).__repr__
-    return own is _text or (not is_dataclass(value) and own is not object.__repr__)
+    if is_dataclass(value):
+        return own is _text or not type(value).__dataclass_params__.repr  # type: ignore[attr-defined]
+    return own is not object.__repr__
 
 
 def _counted(count: str, names: list[str]) -> str:

@@ -230,6 +230,7 @@ def view(
 
     Raises:
         MissingDependencyError: meshcat is not installed.
+        SmsidError: ``simulated`` without a recording.
         RecordingError: a recording tells nothing of the motion, or its labels are not the spacecraft's.
     """
     from smsid.model import build_model
