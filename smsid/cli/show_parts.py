@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smsid.cli.file_kind import read_json
 from smsid.cli.output import WIDTH
-from smsid.cli.tables import cut_tables
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -120,7 +119,7 @@ def campaign(path: Path, everything: bool) -> Iterator[Any]:
 
     header, records = read_store(path)
     yield f"campaign '{header.plan['name']}' of '{header.plan['description']}'"
-    yield from cut_tables(summary_tables(summarise(records)), everything)
+    yield from _cut(summary_tables(summarise(records)), everything)
 
 
 def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
@@ -128,7 +127,7 @@ def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
     from smsid.campaign.summary import load_summary
     from smsid.campaign.table import summary_tables
 
-    yield from cut_tables(summary_tables(load_summary(path)), everything)
+    yield from _cut(summary_tables(load_summary(path)), everything)
 
 
 def campaign_plan(path: Path, everything: bool) -> Iterator[Any]:
@@ -152,7 +151,7 @@ def mapping(path: Path, everything: bool) -> Iterator[Any]:
     for name, channel in found.channel.items():
         own = [", ".join(channel.columns), channel.unit or "", ", ".join(channel.labels or ())]
         table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
-    yield from cut_tables([table], everything)
+    yield from _cut([table], everything)
 
 
 def experiment(path: Path, everything: bool) -> Iterator[Any]:
@@ -191,7 +190,7 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
         for s in found.sensor:
             table.add_row(s.name, s.kind, s.preset or "", f"{s.rate:g} Hz", ", ".join(s.quantities))
         tables.append(table)
-    yield from cut_tables(tables, everything)
+    yield from _cut(tables, everything)
 
 
 def _joints(model: SpacecraftModel) -> Table:
@@ -208,6 +207,12 @@ def _joints(model: SpacecraftModel) -> Table:
         mass = f"{model.pin.inertias[j].mass:.5g}"
         table.add_row(model.pin.names[j], roles.get(j, "base"), model.pin.names[model.pin.parents[j]], mass)
     return table
+
+
+def _cut(tables: Iterable[Table], everything: bool) -> Iterator[Any]:
+    from smsid.cli.tables import cut_tables  # brings in numpy, which no help may wait for
+
+    yield from cut_tables(tables, everything)
 
 
 def _keys(table: dict[str, Any], everything: bool) -> Table:
