@@ -1,7 +1,110 @@
 """smsid: identify the dynamics of space manipulator systems from measured data.
 
 The spacecraft is a URDF with a free-flyer root; Pinocchio computes, and slosh masses and bending modes are
-joints of the same model. ``import smsid`` is light: no plotting, no web server.
+joints of the same model. ``import smsid`` is light: a name is loaded when it is used.
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+_FROM = {
+    "smsid.api": (
+        *("load_spacecraft", "load_recordings", "simulate", "identify", "diagnose", "design_controller"),
+        *("report", "view", "export"),
+    ),
+    "smsid.description": ("Description",),
+    "smsid.design": ("design_experiment",),
+    "smsid.diagnose": ("Diagnosis",),
+    "smsid.errors": (
+        *("SmsidError", "ControlError", "DescriptionError", "EstimateError", "ExperimentError"),
+        *("MissingDependencyError", "NotIdentifiableError", "RecordingError", "SimulationError"),
+    ),
+    "smsid.experiments": ("Experiment",),
+    "smsid.identify.estimate": ("Estimate", "load_estimate", "save_estimate"),
+    "smsid.model": ("build_model",),
+    "smsid.recording": ("Recording", "import_recording", "load_recording", "save_recording"),
+}
+_MODULES = {name: module for module, names in _FROM.items() for name in names}
+_CALLED = ("simulate", "identify", "diagnose", "report", "view", "export")  # subpackages that can be called
+
+__all__ = [
+    "ControlError",
+    "Description",
+    "DescriptionError",
+    "Diagnosis",
+    "Estimate",
+    "EstimateError",
+    "Experiment",
+    "ExperimentError",
+    "MissingDependencyError",
+    "NotIdentifiableError",
+    "Recording",
+    "RecordingError",
+    "SimulationError",
+    "SmsidError",
+    "build_model",
+    "design_controller",
+    "design_experiment",
+    "diagnose",
+    "export",
+    "identify",
+    "import_recording",
+    "load_estimate",
+    "load_recording",
+    "load_recordings",
+    "load_spacecraft",
+    "report",
+    "save_estimate",
+    "save_recording",
+    "simulate",
+    "view",
+]
+
+if TYPE_CHECKING:
+    from smsid.api import (
+        design_controller,
+        diagnose,
+        export,
+        identify,
+        load_recordings,
+        load_spacecraft,
+        report,
+        simulate,
+        view,
+    )
+    from smsid.description import Description
+    from smsid.design import design_experiment
+    from smsid.diagnose import Diagnosis
+    from smsid.errors import (
+        ControlError,
+        DescriptionError,
+        EstimateError,
+        ExperimentError,
+        MissingDependencyError,
+        NotIdentifiableError,
+        RecordingError,
+        SimulationError,
+        SmsidError,
+    )
+    from smsid.experiments import Experiment
+    from smsid.identify.estimate import Estimate, load_estimate, save_estimate
+    from smsid.model import build_model
+    from smsid.recording import Recording, import_recording, load_recording, save_recording
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'smsid' has no attribute '{name}'")
+    if name in _CALLED:
+        return importlib.import_module(f"smsid.{name}")
+    found = getattr(importlib.import_module(_MODULES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

@@ -41,6 +41,10 @@ class SimulationError(SmsidError):
     """The simulation cannot go on: not finite, or the step size collapsed."""
 
 
+class EstimateError(SmsidError):
+    """An estimate contradicts itself: two parameters of one name, a covariance of other parameters."""
+
+
 class ControlError(SmsidError):
     """A controller cannot be designed or used: infeasible or ill-posed, wrong dimensions, singular layout."""
 

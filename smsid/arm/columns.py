@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 
 
+@short_repr
 @dataclass(frozen=True)
 class Column:
     """Joint torque (N, nv) [N m] per unit of the parameter ``name`` = ``<effect>.<field>``."""

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from smsid.arm.identify import identify_arm
 from smsid.arm.scales import torque_scales, with_torque_gains
@@ -27,6 +26,7 @@ def identify_and_judge(
     gains: bool = False,
     report: Path | None = None,
     inputs: Sequence[Path] = (),
+    everything: bool = False,
 ) -> list[dict[str, Any]]:
     """Identify from the recording in the role estimation, judge by those in the role validation, and print.
 
@@ -40,8 +40,9 @@ def identify_and_judge(
         DescriptionError: as `identify_arm`.
         NotIdentifiableError: as `identify_arm`.
     """
+    from smsid.cli.notes import told
     from smsid.cli.output import working
-    from smsid.cli.tables import estimate_table
+    from smsid.cli.tables import estimate_parts, plain_table
 
     train = [r for r in recordings if r.role != "validation"]
     if len(train) != 1:
@@ -68,17 +69,21 @@ def identify_and_judge(
 
         others = [r for r in recordings if r is not train[0]]
         write_report(arm_report(found, [train[0], *others], provenance(inputs)), report)
-    for table in estimate_table(found.estimate):
-        console.print(table)
-    table = Table(title="torques: |predicted - measured| / |measured|", title_justify="left")
-    for name in ("recording", "role", "all joints", *judged[0][2].by_joint):
-        table.add_column(name, justify="left" if name in ("recording", "role") else "right")
+    for part in estimate_parts(found.estimate, everything=everything):
+        console.print(part, highlight=False)
+    table = plain_table(
+        *("recording", "role", "all joints", *judged[0][2].by_joint),
+        title="torques: |predicted - measured| / |measured|",
+        left=("recording", "role"),
+    )
     for name, role, errors in judged:
         table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
     console.print(table)
-    for note in found.estimate.notes:
-        console.print(f"note: {note}", markup=False, highlight=False)
-    console.print(f"{found.estimate.timing['total']:.2f} s; wrote {output}", markup=False, highlight=False)
+    for line in told(found.estimate.notes, everything=everything):
+        console.print(line, markup=False, highlight=False)
+    console.print(
+        f"identified in {found.estimate.timing['total']:.1f} s; wrote {output}", markup=False, highlight=False
+    )
     return [
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.arm.identify import rigid_arm
+from smsid.arm.joints import with_joint_order
 from smsid.arm.motion import measured_channel
 from smsid.arm.scales import TorqueScale, link_torques, torque_scales
 from smsid.description import Description
@@ -53,7 +55,8 @@ def joint_doubts(
         RecordingError: as `joint_motion`.
     """
     position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
-    names = recording.labels["joint"]
+    model = rigid_arm(description)
+    recording, names = with_joint_order(model, recording), model.arm_joints.names
     plain = _error(description, recording, cutoff)
     trials: list[tuple[float, str, str]] = []
     for k, name in enumerate(names):

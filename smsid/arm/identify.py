@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.arm.columns import torque_columns
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.regression import JointRegression, solve_joints
@@ -40,6 +41,7 @@ class TorqueErrors:
     rmse: dict[str, float]
 
 
+@short_repr
 @dataclass(frozen=True)
 class ArmIdentification:
     """An identified arm.
@@ -136,6 +138,7 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
+        covariance=_padded(solved.covariance, len(parameters)),
     )
     return ArmIdentification(estimate, found, base, solved, motion, model)
 
@@ -227,6 +230,13 @@ def _parameters(
         if name in names and name not in kept
     ]  # fmt: skip
     return tuple(found)
+
+
+def _padded(covariance: np.ndarray, size: int) -> np.ndarray:
+    """Return the covariance with rows and columns that are not known for the parameters no motion shows."""
+    out = np.full((size, size), np.nan)
+    out[: len(covariance), : len(covariance)] = covariance
+    return out
 
 
 def identified_effects(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from smsid.arm.joints import recorded_joints
+from smsid._short_repr import short_repr
+from smsid.arm.joints import with_joint_order
 from smsid.effects import Gear, JointOffset
 from smsid.effects.gear import gear_matrix
 from smsid.errors import RecordingError
@@ -40,6 +41,7 @@ class JointSamples:
     rate: float
 
 
+@short_repr
 @dataclass(frozen=True)
 class JointMotion:
     """Joint motion and torque at N instants; all joints of the model, in its order.
@@ -131,7 +133,7 @@ def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
             advice="Bring them to one rate: recording.resampled(rate).",
             channels=(position, torque),
         )
-    names, place = recorded_joints(model, recording)
+    recording, names = with_joint_order(model, recording), model.arm_joints.names
     rate = uniform_rate(recording.time(position), position)
     angles, torques = np.asarray(recording[position]), np.asarray(recording[torque])
     if MOTOR in (position.partition(".")[0], torque.partition(".")[0]):
@@ -143,7 +145,7 @@ def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
             torques = (torques * gain) @ matrix
     zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
     angles = angles + np.array([zero.get(name, 0.0) for name in names])
-    order = np.argsort(place)
+    order = np.argsort(model.arm_joints.v)
     times = np.asarray(recording.time(position))
     return JointSamples(times, angles[:, order], torques[:, order], rate)
 

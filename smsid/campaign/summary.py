@@ -7,14 +7,16 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from smsid._files import atomic_write
+from smsid._short_repr import short_repr
 from smsid.campaign.outcome import Outcome, RunRecord
-from smsid.errors import ExperimentError
+from smsid.errors import ExperimentError, SmsidError
 
 QUANTILE_95 = 1.959964
 Band = tuple[float, float]
@@ -75,6 +77,7 @@ class Failure:
     message: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Summary:
     """A campaign in figures. ``level`` is the family-wise probability that a band is left by chance."""
@@ -134,6 +137,11 @@ def summarise(records: Iterable[RunRecord], *, level: float = 0.01) -> Summary:
     parameters = tuple(
         c.summary(good, level / tested["coverage"], level / tested["ratio"]) for c in columns.values()
     )
+    # stores of earlier versions hold a name in two groups; in a summary it is one parameter's
+    owner = {p.name: p.group for p in reversed(parameters)}
+    parameters = tuple(
+        p if owner[p.name] == p.group else replace(p, name=f"{p.group}: {p.name}") for p in parameters
+    )
     told = [Failure(kind, len(found), *min(found)) for kind, found in sorted(failures.items())]
     runs = good + sum(f.count for f in told)
     return Summary(runs, tuple(told), parameters, level, math.fsum(seconds))
@@ -142,6 +150,31 @@ def summarise(records: Iterable[RunRecord], *, level: float = 0.01) -> Summary:
 def save_summary(summary: Summary, path: str | os.PathLike[str]) -> None:
     """Write the summary as JSON, whole or not at all."""
     atomic_write(path, summary.to_json())
+
+
+def load_summary(path: str | os.PathLike[str]) -> Summary:
+    """Load a summary; raises `SmsidError` for a file that is none."""
+    file = Path(path)
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(document, dict) or document.get("kind") != "campaign_summary":
+            raise SmsidError(f"'{file}' is no summary of a campaign.", advice="Run `smsid campaign`.")
+        own = ParameterSummary.__dataclass_fields__
+        tables = [{k: v for k, v in table.items() if k in own} for table in document["parameters"]]
+        for table in tables:
+            for key in ("ratio_band", "coverage_band"):
+                table[key] = None if table[key] is None else tuple(table[key])
+        return Summary(
+            runs=document["runs"],
+            failures=tuple(Failure(**f) for f in document["failures"]),
+            parameters=tuple(ParameterSummary(**table) for table in tables),
+            level=document["level"],
+            seconds=document["seconds"],
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SmsidError(
+            f"'{file}' cannot be read as a summary: {error}.", advice="Is it cut short?"
+        ) from error
 
 
 def coverage_band(runs: int, level: float, nominal: float = 0.95) -> Band:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import ReportPath, writable
+from smsid.cli.options import ReportPath, ShowAll, writable
 from smsid.cli.output import console, error_console, is_quiet, warn
 
 
@@ -31,10 +31,12 @@ def campaign_command(
     retry_failed: Annotated[bool, typer.Option(help="do runs again that ended in an error")] = False,
     level: Annotated[float, typer.Option(help="family-wise level of the bands in the summary")] = 0.01,
     report: ReportPath = None,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.main import campaign_main, summary_path
     from smsid.campaign.table import summary_tables
+    from smsid.cli.tables import cut_tables
 
     try:
         summary = campaign_main(
@@ -62,8 +64,8 @@ def campaign_command(
         write_report(campaign_report(header.plan["name"], summary, list(records), origin), report)
         written.append(report)
     out = console()
-    for table in summary_tables(summary):
-        out.print(table)
+    for part in cut_tables(summary_tables(summary), show_all):
+        out.print(part)
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
     out.print(f"wrote {', '.join(map(str, written))}")

@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, working
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from typing import Any
+
+    from rich.console import RenderableType
     from rich.table import Table
 
-    from smsid.control.design import Design
     from smsid.description import Description
     from smsid.report import Provenance, Report
 
@@ -47,6 +50,7 @@ def control_command(
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
     report: ReportPath = None,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
     import numpy as np
@@ -96,11 +100,12 @@ def control_command(
 
         _write(control_report(made, _origin(described, description, estimate, seed)), report)
     out = console()
-    for part in _report(made):
-        out.print(part)
+    document = controller_document(made)
+    for part in document_parts(document, everything=show_all):
+        out.print(part, highlight=False)
     written = [output, *([report] if report else [])]
     out.print(f"wrote {', '.join(map(str, written))}")
-    return Outcome({"controller": controller_document(made)}, written)
+    return Outcome({"controller": document}, written)
 
 
 def _origin(described: Description, path: Path, estimate: Path | None, seed: int) -> Provenance:
@@ -125,69 +130,97 @@ def _pair(text: str) -> tuple[float, float]:
     return proportional, derivative
 
 
-def _report(made: Design) -> list[Table | str]:
-    from rich.table import Table
+def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterator[RenderableType]:
+    """Yield what to print of a controller as it stands in its file: promise, gains, blocks, poles."""
+    from rich.text import Text
 
-    parts: list[Table | str] = []
-    if made.identified is not None:
-        left = f"; as described: {', '.join(made.identified.left)}" if made.identified.left else ""
-        parts.append(f"controller's model: {len(made.identified.applied)} parameters of the estimate{left}")
-    if made.tuning is not None:
-        bands = Table(
-            "mode", "base and joints", "rad/s", "95 %", "gains keep out of", title="natural frequencies"
-        )
-        for m in made.tuning.modes:
-            bands.add_row(
-                m.name,
-                "held" if m.held else "free",
-                f"{m.frequency:.4g}",
-                f"{m.low:.4g} .. {m.high:.4g}",
-                f"{m.band[0]:.3g} .. {m.band[1]:.3g}",
-            )
-        joints = "" if math.isnan(made.tuning.joints) else f", joints {made.tuning.joints:.3g} rad/s"
-        parts += [bands, f"gains: K_P = w^2, K_D = 2 w, attitude {made.tuning.attitude:.3g} rad/s{joints}"]
-    parts.append(_blocks(made))
-    parts += list(made.term.weights.origin)
-    poles = Table("mode", "rad/s", "damping ratio", "", title="poles of the loop, slosh and panel inside")
-    for p in made.poles:
-        poles.add_row(p.name, f"{abs(p.value):.4g}", f"{p.damping:.4g}", p.flag)
-    parts.append(poles)
-    r = made.robustness
+    from smsid.cli.notes import clipped
+    from smsid.cli.tables import ROWS, plain_table, shortened
+
+    r = d.get("robustness")
     if r is not None:
-        worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:5]
-        verdict = "robustly stable" if r.stable else "robust stability over the intervals is not shown"
-        parts += [
-            f"mu between {r.mu_lower:.3g} and {r.mu_upper:.3g} (at {r.frequency:.3g} rad/s): {verdict}",
-            f"worst parameters found leave a damping ratio of {r.damping:.2g}: "
-            + ", ".join(f"{name} {value:+.2f}" for name, value in worst),
-            f"{r.unstable} of {r.samples} sampled plants unstable, least damping {r.sampled_damping:.2g}",
-        ]
-    return parts
+        shown = r["mu_upper"] < 1.0 and r["unstable"] == 0  # as Robustness.stable
+        verdict = "robustly stable" if shown else "robust stability over the intervals is not shown"
+        yield Text(
+            f"{verdict}: mu between {r['mu_lower']:.3g} and {r['mu_upper']:.3g} "
+            f"(at {r['frequency']:.3g} rad/s)",
+            style="bold",
+        )
+        worst = sorted(r["worst"].items(), key=lambda x: -abs(x[1]))[:3]
+        sampled = f"{r['unstable']} of {r['samples']} sampled plants unstable"
+        yield f"{sampled}, least damping {r['sampled_damping']:.2g}"
+        listed = ", ".join(f"{name} {value:+.2f}" for name, value in worst)
+        text = f"worst parameters found leave a damping ratio of {r['damping']:.2g}: {listed}"
+        yield Text(text if everything else clipped(text))
+    model = d.get("model", {})
+    if model.get("identified"):
+        left = model["as_described"]
+        more = f"; as described: {', '.join(left)}" if left else ""
+        text = f"controller's model: {len(model['identified'])} parameters of the estimate{more}"
+        yield Text(text if everything else clipped(text))
+    proportional, derivative = d["K_P"]["value"], d["K_D"]["value"]
+    yield f"gains: K_P {_range(proportional)} 1/s^2, K_D {_range(derivative)} 1/s"
+    modes = d.get("natural_frequencies", ())
+    if modes:
+        from smsid.control.tuning import CLEARANCE
 
-
-def _blocks(made: Design) -> Table:
-    from rich.table import Table
-
-    table = Table(
-        "coordinates",
-        "gamma",
-        "bound on e [rad]",
-        "crossover",
-        "S peak",
-        "T peak",
-        "gain margin",
-        "phase margin",
+        table = plain_table(
+            *("mode", "base and joints", "rad/s", "95 %", "gains keep out of"),
+            title="natural frequencies",
+            left=("mode", "base and joints"),
+        )
+        for m in modes:
+            table.add_row(
+                m["name"],
+                "held" if m["held"] else "free",
+                f"{m['frequency']:.4g}",
+                f"{m['low']:.4g} .. {m['high']:.4g}",
+                f"{m['low'] / CLEARANCE:.3g} .. {m['high'] * CLEARANCE:.3g}",
+            )
+        yield table
+    yield _blocks(d["blocks"])
+    for text in d["weights"]["origin"]:
+        yield Text(text if everything else clipped(text))
+    table = plain_table(
+        *("mode", "rad/s", "damping ratio", ""),
+        title="poles of the loop, slosh and panel inside",
+        left=("mode", ""),
     )
-    for b in made.term.blocks:
-        low, high = b.gain_margin
+    for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first
+        table.add_row(p["mode"], f"{math.hypot(*p['value']):.4g}", f"{p['damping']:.4g}", p["flag"])
+    left_out = 0
+    if not everything:
+        table, left_out = shortened(table, ROWS - len(modes) - 6)
+    yield table
+    if left_out:
+        yield Text(f"{left_out} more poles with --all", style="dim")
+
+
+def _range(matrix: Sequence[Any]) -> str:
+    """Return the gain of every coordinate where they agree, else the least and the largest."""
+    own = [row[k] if isinstance(row, list) else row for k, row in enumerate(matrix)]
+    low, high = min(own), max(own)
+    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+
+
+def _blocks(blocks: Sequence[Mapping[str, Any]]) -> Table:
+    from smsid.cli.tables import plain_table
+
+    table = plain_table(
+        *("coordinates", "gamma", "e [rad]", "crossover", "S peak", "T peak", "gain margin", "phase margin"),
+        left=("coordinates",),
+    )
+    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    for b in blocks:
+        low, high = ("inf" if x is None else f"{x:.2f}" for x in b["gain_margin"])
         table.add_row(
-            ", ".join(made.coordinates[k] for k in b.coordinates),
-            f"{b.synthesis.norm:.4f}",
-            f"{b.error.max():.2e}",
-            f"{b.crossover:.2g}",
-            f"{b.sensitivity:.2f}",
-            f"{b.complementary:.2f}",
-            f"{low:.2f} to {high:.2f}",
-            f"{b.phase_margin:.0f} deg",
+            ", ".join(b["coordinates"]),
+            f"{b['gamma']:.4f}",
+            f"{max(b['error_bound']['value']):.1e}",
+            f"{b['crossover']['value']:.2g}",
+            f"{b['sensitivity_peak']:.2f}",
+            f"{b['complementary_peak']:.2f}",
+            f"{low} to {high}",
+            f"{b['phase_margin']['value']:.0f} deg",
         )
     return table

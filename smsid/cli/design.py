@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import RenderableType
 
     from smsid.design import Design
     from smsid.design.separate import Separation
@@ -70,11 +70,13 @@ def design_command(
     seed: Annotated[int, typer.Option(help="of the search")] = 0,
     effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
     report: ReportPath = None,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Design an experiment: `smsid simulate DESC EXPERIMENT.toml` flies it.
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
     """
+    from smsid.cli.notes import told
     from smsid.description import load_description
     from smsid.design import Limits, design_experiment
     from smsid.design.separate import design_separation
@@ -140,10 +142,10 @@ def design_command(
             made = design_report(found, build_model(described), asked, origin)
             written.append(write_report(made, report))
     out = console()
-    for part in _tables(found):
-        out.print(part)
-    for note in found.notes:
-        out.print(f"note: {note}", markup=False, highlight=False)
+    for part in _tables(found, show_all):
+        out.print(part, highlight=False)
+    for line in told(found.notes, everything=show_all):
+        out.print(line, markup=False, highlight=False)
     out.print(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
     return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
@@ -162,24 +164,30 @@ def share(text: str) -> float:
     return value / 100.0 if match and match[2] else value
 
 
-def _tables(found: Design | Separation) -> Iterator[Table | str]:
-    from rich.table import Table
-    from rich.text import Text
-
-    from smsid.cli.tables import limits_table
+def _tables(found: Design | Separation, everything: bool) -> Iterator[RenderableType]:
+    from smsid.cli.tables import cut_tables, limits_table, plain_table
     from smsid.design import Design
+    from smsid.identify.estimate_text import short_name
 
     experiment = found.experiment
     yield f"{experiment.note}; {experiment.duration:.6g} s"
     if isinstance(found, Design):
-        table = Table(title="predicted (Cramer-Rao)", title_justify="left", header_style="bold")
-        table.add_column("parameter", overflow="fold", max_width=58)
-        for name in ("value", "sigma", "sigma before", "unit", "relative", "before"):
-            table.add_column(name, justify="left" if name == "unit" else "right")
+        yield (
+            f"worst parameter {found.gain:.3g} times better known than 'before', the paper's kind of "
+            f"excitation within the same limits ({found.reference.note})"
+        )
+        table = plain_table(
+            *("parameter", "value", "sigma", "sigma before", "unit", "relative", "before"),
+            title="predicted (Cramer-Rao)",
+            left=("parameter", "unit"),
+        )
+        if everything:
+            table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
         rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
         for i, (sigma, before, relative, relative_before) in enumerate(rows):
+            name = found.goal.names[i]
             table.add_row(
-                Text(found.goal.names[i]),
+                name if everything else short_name(name, 36),
                 f"{found.goal.values[i]:.6g}",
                 f"{sigma:.2g}",
                 f"{before:.2g}",
@@ -187,20 +195,16 @@ def _tables(found: Design | Separation) -> Iterator[Table | str]:
                 f"{100 * relative:.2g} %",
                 f"{100 * relative_before:.2g} %",
             )
-        yield table
-        yield (
-            f"worst parameter {found.gain:.3g} times better known than 'before', the paper's kind of "
-            f"excitation within the same limits ({found.reference.note})"
-        )
     else:
-        table = Table(title="detection limits", title_justify="left", header_style="bold")
-        for name in ("cause", "parameter", "told from the other", "before", "unit"):
-            table.add_column(name, justify="right" if name in ("told from the other", "before") else "left")
+        yield f"correlation of the two: {found.correlation:.4f} (before: {found.correlation_before:.4f})"
+        table = plain_table(
+            *("cause", "parameter", "told from the other", "before", "unit"),
+            title="detection limits",
+            left=("cause", "parameter", "unit"),
+        )
         for row in found.rows:
             table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
-        yield table
-        yield f"correlation of the two: {found.correlation:.4f} (before: {found.correlation_before:.4f})"
-    yield limits_table(found.limits)
+    yield from cut_tables([table, limits_table(found.limits)], everything, 36)
 
 
 @contextmanager

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath, writable
+from smsid.cli.options import Output, ReportPath, ShowAll, writable
 from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from collections.abc import Iterator, Mapping, Sequence
+    from typing import Any
+
+    from rich.console import RenderableType
 
     from smsid.diagnose import Diagnosis
 
@@ -37,6 +40,7 @@ def diagnose_command(
         ),
     ] = None,
     report: ReportPath = None,
+    show_all: ShowAll = False,
     cutoff: Annotated[
         float | None, typer.Option(help="low-pass of the motion of an arm whose torques were measured [Hz]")
     ] = None,
@@ -75,55 +79,103 @@ def diagnose_command(
             write_report(diagnose_report(found, Asked(described, loaded, known, judged), origin), report)
         written.append(report)
     out = console()
-    for part in diagnosis_tables(found.diagnosis):
-        out.print(part)
+    for part in diagnosis_parts(found.diagnosis, everything=show_all):
+        out.print(part, highlight=False)
     out.print(f"wrote {', '.join(map(str, written))}")
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
     return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 
 
-def diagnosis_tables(d: Diagnosis) -> list[Table | str]:
-    """Return what to print of a diagnosis: the verdict, causes, gain and what remains."""
-    from rich.table import Table
+def diagnosis_parts(d: Diagnosis, *, everything: bool = False) -> Iterator[RenderableType]:
+    """Yield what to print of a diagnosis: the verdict, causes, gain and what remains."""
+    yield from document_parts(json.loads(d.to_json()), everything=everything)
 
-    parts: list[Table | str] = [f"{d.verdict.replace('_', ' ')}: {d.sentence}"]
-    if d.causes:
-        table = Table("cause", "where", "parameter", "value", "95 % interval", "unit", "not told from")
-        for c in d.causes:
-            others = "; ".join(f"{a.shape} at {a.location}" for a in c.aliases)
-            for i, p in enumerate(c.parameters):
-                low, high = p.interval
-                table.add_row(
-                    f"{c.effect} ({c.label})" if i == 0 else "",
-                    c.location if i == 0 else "",
-                    p.name.partition(".")[2],
-                    f"{p.value:.5g}",
-                    f"{low:.5g} ... {high:.5g}",
-                    p.unit,
-                    others if i == 0 else "",
-                )
-        parts.append(table)
-    if d.gain is not None:
-        g = d.gain
-        table = Table(
-            "channel", "unit", "as given, rms", "extended, rms", "noise", title=f"open loop on {g.recording}"
+
+def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterator[RenderableType]:
+    """Yield the same of a diagnosis as it stands in its file."""
+    from rich.text import Text
+
+    from smsid.cli.notes import told
+    from smsid.cli.tables import plain_table
+
+    yield Text(f"{d['verdict'].replace('_', ' ')}: {d['sentence']}", style="bold")
+    if d["causes"]:
+        yield from _causes(d["causes"], everything)
+    gain = d["gain"]
+    if gain["status"] == "evaluated":
+        table = plain_table(
+            *("channel", "unit", "as given, rms", "extended, rms", "noise"),
+            title=f"open loop on {gain['recording']}",
+            left=("channel", "unit"),
         )
-        for c in g.channels:
-            row = (f"{x:.3g}" for x in (c.given, c.extended, c.noise))
-            table.add_row(c.channel, c.unit, *row)
-        parts.append(table)
-        parts.append(
-            f"whitened rms: {g.whitened_given:.3f} as given, {g.whitened_nominal:.3f} refitted, "
-            f"{g.whitened_extended:.3f} extended (noise: 1); {100 * g.explained:.1f} % of the excess gone"
-            + (f"; {g.left_out} readings of faulty sensors left out" if g.left_out else "")
+        for c in gain["channels"]:
+            table.add_row(c["channel"], c["unit"], *(_short(c[k]) for k in ("given", "extended", "noise")))
+        yield table
+        left_out = gain.get("left_out")
+        yield (
+            f"whitened rms (noise: 1): {_short(gain['whitened_given'])} as given, "
+            f"{_short(gain['whitened_nominal'])} refitted, {_short(gain['whitened_extended'])} extended; "
+            f"{100 * (gain['explained'] or 0.0):.1f} % of the excess gone"
+            + (f"; {left_out} readings of faulty sensors left out" if left_out else "")
         )
-    elif d.gain_reason:
-        parts.append(f"gain not evaluated: {d.gain_reason}")
-    if d.remaining:
-        table = Table("what", "depends on", "chi-squared", "freedom", "p, corrected")
-        for r in d.remaining[:8]:
-            table.add_row(r.where, r.dependence, f"{r.ratio:.0f}", str(r.freedom), f"{r.p_value:.1e}")
-        parts.append(table)
-    if d.priors:
-        parts.append(d.priors)
-    return parts
+    elif gain.get("reason"):
+        yield f"gain not evaluated: {gain['reason']}"
+    remaining = d["remaining"] if everything else d["remaining"][:8]
+    if remaining:
+        table = plain_table(
+            *("what", "depends on", "chi-squared", "freedom", "p, corrected"),
+            title="what is left",
+            left=("what", "depends on"),
+        )
+        for r in remaining:
+            p = "-" if r["p_value"] is None else f"{r['p_value']:.1e}"
+            table.add_row(r["where"], r["dependence"], _short(r["ratio"]), str(r["freedom"]), p)
+        yield table
+        if len(d["remaining"]) > len(remaining):
+            yield Text(f"{len(d['remaining']) - len(remaining)} more with --all", style="dim")
+    if everything and d["limits"]:
+        table = plain_table(
+            *("effect", "where", "shape", "parameter", "least seen", "unit"),
+            title="what would have been seen with 95 % chance",
+            left=("effect", "where", "shape", "parameter", "unit"),
+        )
+        for x in d["limits"]:
+            own = (x["effect"], x["location"], x["shape"], x["parameter"], _short(x["value"]), x["unit"])
+            table.add_row(*own)
+        yield table
+    if d["priors"]:
+        yield d["priors"]
+    yield from (Text(line) for line in told(d["notes"], everything=everything))
+
+
+def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[RenderableType]:
+    from smsid.cli.tables import plain_table
+
+    table = plain_table(
+        *("cause", "where", "parameter", "value", "95 % interval", "unit"),
+        left=("cause", "where", "parameter", "unit"),
+    )
+    for c in causes:
+        label = c["shape"] or (f"{c['family']}, fitted as {c['fitted']}" if c["fitted"] else c["family"])
+        for k, p in enumerate(c["parameters"]):
+            low, high = p["interval"]
+            table.add_row(
+                f"{c['effect']} ({label})" if k == 0 else "",
+                c["location"] if k == 0 else "",
+                p["name"].partition(".")[2],
+                _short(p["value"], 5),
+                f"{_short(low, 5)} ... {_short(high, 5)}",
+                p["unit"],
+            )
+    yield table
+    for c in causes:
+        others = [f"{a['shape']} at {a['location']}" for a in c["aliases"]]
+        shown = others if everything else others[:3]
+        if shown:
+            more = f" and {len(others) - len(shown)} more" if len(others) > len(shown) else ""
+            yield f"{c['effect']} at {c['location']} is not told from {'; '.join(shown)}{more}"
+
+
+def _short(x: float | None, digits: int = 3) -> str:
+    """Return a number; a dash for what is not known."""
+    return "-" if x is None else f"{x:.{digits}g}"

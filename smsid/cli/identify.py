@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, Output, ReportPath
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import console, working
 from smsid.errors import SmsidError
 
@@ -48,13 +48,12 @@ def identify_command(
             "--gains", help="welded arm: first find the gain of every torque signal from the described links"
         ),
     ] = False,
-    show_all: Annotated[
-        bool, typer.Option("--all", help="print nuisance parameters and Step B as printed as well")
-    ] = False,
+    show_all: ShowAll = False,
     report: ReportPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
-    from smsid.cli.tables import comparison_table, estimate_table
+    from smsid.cli.notes import told
+    from smsid.cli.tables import estimate_parts
     from smsid.description import load_description
     from smsid.identify.estimate import save_estimate
     from smsid.identify.pipeline import identify
@@ -75,7 +74,15 @@ def identify_command(
 
         inputs = (description, *recordings)
         judged = identify_and_judge(
-            described, loaded, output, cutoff, out, gains=gains, report=report, inputs=inputs
+            described,
+            loaded,
+            output,
+            cutoff,
+            out,
+            gains=gains,
+            report=report,
+            inputs=inputs,
+            everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
@@ -85,14 +92,14 @@ def identify_command(
     with working("identifying by the paper's method"):
         linear = identify(described, loaded)
     estimate = linear.estimate
-    tables, refined = list(estimate_table(estimate, everything=show_all)), None
+    seconds, refined = estimate.timing["total"], None
     if method == "ml":
         from smsid.likelihood import refine
 
         with working("refining by maximum likelihood"):
             refined = refine(described, loaded, linear, cad=cad)
         estimate = refined.estimate
-        tables = [comparison_table(estimate, linear.estimate, everything=show_all)]
+        seconds += estimate.timing["total"]
     save_estimate(estimate, output)
     if report is not None:
         from smsid.report import files_of, provenance, write_report
@@ -101,10 +108,11 @@ def identify_command(
         with working("writing the report"):
             origin = provenance([*files_of(described, description), *recordings])
             write_report(identify_report(described, loaded, linear, refined, origin), report)
-    for table in tables:
-        out.print(table)
-    for note in dict.fromkeys((*linear.estimate.notes, *estimate.notes)):
-        out.print(f"note: {note}", markup=False, highlight=False)
+    other = linear.estimate if refined is not None else None
+    for part in estimate_parts(estimate, other=other, everything=show_all):
+        out.print(part, highlight=False)
+    for line in told((*linear.estimate.notes, *estimate.notes), everything=show_all):
+        out.print(line, markup=False, highlight=False)
     written = [output, *([report] if report else [])]
-    out.print(f"{estimate.timing['total']:.1f} s; wrote {', '.join(map(str, written))}")
+    out.print(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}", soft_wrap=True)
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)

@@ -27,7 +27,7 @@ def import_command(
     ] = False,
 ) -> Outcome:
     """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
-    from smsid.cli.show import recording_document
+    from smsid.cli.show_parts import recording_document
     from smsid.cli.tables import recording_table
     from smsid.recording import import_recording, save_recording
 

@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import writable
+from smsid.cli.options import ShowAll, writable
 from smsid.cli.output import console, working
 from smsid.errors import SmsidError
+
+MAPPING = 20  # lines of a drafted mapping that are printed
 
 
 def inspect_command(
@@ -29,11 +31,14 @@ def inspect_command(
         ),
     ] = None,
     cutoff: Annotated[float | None, typer.Option(help="with --description: low-pass [Hz]")] = None,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
-    from rich.table import Table
+    from rich.markup import escape
 
     from smsid._files import atomic_write
+    from smsid.cli.notes import MOST, clipped
+    from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file
 
     if description is not None and mapping is None:
@@ -49,23 +54,22 @@ def inspect_command(
         recording = import_recording(file, mapping, check=False)
         doubts += [d.sentence for d in joint_doubts(load_description(description), recording, cutoff=cutoff)]
     out = console()
-    table = Table("clock", "samples", "rate [Hz]", "jitter", "from", "to", "unit")
+    left = ("clock", "jitter", "unit", "column")
+    clocks = plain_table("clock", "samples", "rate [Hz]", "jitter", "from", "to", "unit", left=left)
     for c in report.clocks:
-        numbers = (
-            str(c.samples),
-            f"{c.rate:.6g}",
-            f"{100 * c.jitter:.2g} %",
-            f"{c.start:.9g}",
-            f"{c.end:.9g}",
-        )
-        table.add_row(c.name, *numbers, c.unit)
-    out.print(table)
-    table = Table("column", "shape", "from", "to")
+        numbers = (f"{c.rate:.6g}", f"{100 * c.jitter:.2g} %", f"{c.start:.9g}", f"{c.end:.9g}")
+        clocks.add_row(escape(c.name), str(c.samples), *numbers, c.unit)
+    columns = plain_table("column", "shape", "from", "to", left=left)
     for column in report.columns:
-        table.add_row(column.name, str(column.shape), f"{column.low:.6g}", f"{column.high:.6g}")
-    out.print(table)
-    for sentence in doubts:
-        out.print(f"suspicious: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        columns.add_row(escape(column.name), str(column.shape), f"{column.low:.6g}", f"{column.high:.6g}")
+    for part in cut_tables([clocks, columns], show_all, 26):
+        out.print(part, highlight=False)
+    shown = doubts if show_all else doubts[:MOST]
+    for sentence in shown:
+        text = f"suspicious: {sentence}"
+        out.print(text if show_all else clipped(text), style="yellow", markup=False, highlight=False)
+    if len(doubts) > len(shown):
+        out.print(f"{len(doubts) - len(shown)} more suspicions with --all")
     if not doubts:
         out.print("nothing suspicious")
     document = {
@@ -77,7 +81,11 @@ def inspect_command(
     if mapping is not None:
         return Outcome(document)
     if output is None:
-        out.print(report.mapping, markup=False, highlight=False)
+        lines = report.mapping.splitlines()
+        if show_all or len(lines) <= MAPPING:
+            out.print(report.mapping, markup=False, highlight=False)
+        else:
+            out.print(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
         return Outcome(document)
     atomic_write(output, report.mapping)
     out.print(f"wrote {output}")

@@ -27,19 +27,21 @@ Diagnose = Annotated[
 
 def diagnosed(diagnosis: Diagnosis, path: Path) -> Path:
     """Write and print a diagnosis; return where it is."""
-    from smsid.cli.diagnose import diagnosis_tables
+    from smsid.cli.diagnose import diagnosis_parts
     from smsid.diagnose.result import save_diagnosis
 
     save_diagnosis(diagnosis, path)
-    for part in diagnosis_tables(diagnosis):
-        console().print(part)
+    for part in diagnosis_parts(diagnosis):
+        console().print(part, highlight=False)
     return path
 
 
 def print_estimate(out: Console, estimate: Estimate) -> None:
-    """Print the parameters and notes of a test."""
-    from smsid.cli.tables import parameter_table
+    """Print the parameters and notes of a test; `smsid show --all` prints the rest of long ones."""
+    from smsid.cli.notes import told
+    from smsid.cli.tables import estimate_parts
 
-    out.print(parameter_table(f"{estimate.description}: {estimate.method}", estimate.parameters))
-    for note in estimate.notes:
-        out.print(f"note: {note}", markup=False, highlight=False)
+    for part in estimate_parts(estimate):
+        out.print(part, highlight=False)
+    for line in told(estimate.notes):
+        out.print(line, markup=False, highlight=False)

@@ -115,7 +115,7 @@ def _carried(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndar
     import numpy as np
     import pinocchio as pin
 
-    from smsid.arm.joints import recorded_joints
+    from smsid.arm.joints import with_joint_order
     from smsid.arm.motion import measured_channel
     from smsid.description import load_description
     from smsid.model import build_model
@@ -127,10 +127,9 @@ def _carried(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndar
     model = build_model(load_description(arm))
     index = find_frame(model.pin, name)
     channel = measured_channel(log, "joint_position")
-    _, place = recorded_joints(model, log)
-    order = np.argsort(place)
+    log = with_joint_order(model, log)
     out = []
-    for angles in log[channel][:, order]:
+    for angles in log[channel]:
         pin.framesForwardKinematics(model.pin, model.data, model.set_joint_angles(model.home, angles))
         out.append(model.data.oMf[index].translation["xyz".index(axis)])
     return log.time(channel), np.array(out)

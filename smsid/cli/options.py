@@ -33,4 +33,5 @@ ReportPath = Annotated[
     Path | None,
     typer.Option("--report", callback=writable, help="self-contained HTML report to write as well"),
 ]
+ShowAll = Annotated[bool, typer.Option("--all", help="print everything: all rows, names in full, every note")]
 Seed = Annotated[int, typer.Option(help="seed of sensor noise and turn-on biases")]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-PIPED_WIDTH = 132  # columns of output that goes into a file or another program
+WIDTH = 110  # columns at most, on a terminal and in a file
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,18 @@ _now = Manners()
 
 @contextmanager
 def behaving(manners: Manners) -> Iterator[None]:
-    """Keep to these manners inside the block."""
+    """Keep to these manners inside the block: quiet is quiet about the library's warnings too."""
     global _now
     before, _now = _now, manners
+    handlers = [(h, h.level) for h in logging.getLogger().handlers] if manners.quiet else []
+    for handler, _ in handlers:
+        handler.setLevel(logging.ERROR)
     try:
         yield
     finally:
         _now = before
+        for handler, level in handlers:
+            handler.setLevel(level)
 
 
 def is_quiet() -> bool:
@@ -47,7 +52,8 @@ def console() -> Console:
     """Return the console for results (stdout); silent where a command runs ``--json`` or ``--quiet``."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    wide = Console()
+    return Console(width=min(wide.width, WIDTH) if sys.stdout.isatty() else WIDTH)
 
 
 def error_console() -> Console:

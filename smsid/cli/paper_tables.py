@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import AS_PRINTED, Estimate, ParameterEstimate
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def table_3(estimate: Estimate) -> Table:
         for rank, p in shown:
             table.add_row(
                 f"{label}, {rank}",
-                Text(_short(p.name)),
+                Text(_short(p.name.removeprefix(AS_PRINTED))),
                 f"{p.nominal:.6g}",
                 f"{p.value:.6g}",
                 f"{1.96 * p.sigma:.2g}",

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, Output, Seed, writable
+from smsid.cli.options import DescriptionPath, Output, Seed, ShowAll, writable
 from smsid.cli.output import console, counting, warn
 from smsid.errors import SmsidError
 
@@ -26,11 +26,12 @@ def simulate_command(
         Path | None,
         typer.Option("--save-experiment", callback=writable, help="also write the experiment as a TOML"),
     ] = None,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Fly an experiment in simulation and record it with the description's sensors."""
     import numpy as np
 
-    from smsid.cli.tables import limits_table
+    from smsid.cli.tables import cut_tables, limits_table
     from smsid.description import load_description
     from smsid.experiments import fly, momentum_condition, named_experiment, save_experiment
     from smsid.model import build_model
@@ -50,7 +51,10 @@ def simulate_command(
         save_experiment(plan, save_experiment_to)
         written.append(save_experiment_to)
     out = console()
-    out.print(limits_table(flight.limits))
+    # what is nearest to its limit comes first
+    used = sorted(flight.limits, key=lambda u: -(abs(u.value) / u.limit if u.limit else 0.0))
+    for part in cut_tables([limits_table(used)], show_all):
+        out.print(part, highlight=False)
     out.print(
         f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
         f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+from rich.console import Console, RenderableType
 
 from smsid._files import atomic_write
 from smsid.cli.output import working
@@ -45,45 +45,54 @@ def fly_study(
                 for begin in range(0, draws, TOGETHER):
                     runs += study.fly_many(case, controller, range(begin, min(begin + TOGETHER, draws)))
     rows = summarise(runs, chosen)
-    table = Table("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
-    for row in rows:
-        cells = [str(row["case"]), str(row["controller"])]
-        for name in ("base", "joints"):
-            found = row[f"e_{name}"]
-            assert isinstance(found, dict)
-            low, high = found["interval"]
-            printed = row.get(f"e_{name}_paper")
-            cells += [
-                f"{found['median']:.2e}",
-                f"{low:.1e} .. {high:.1e}",
-                f"{printed:.2e}" if printed else "-",
-            ]
-        table.add_row(*cells)
-    console.print(table)
-    for claim in orderings(runs):
-        console.print(
-            f"{claim['smaller']} < {claim['larger']}: e_b {_verdict(claim['e_base'])}, "
-            f"e_i {_verdict(claim['e_joints'])}"
-        )
-    for r in improvements(runs):
-        ours, paper = r["lower_percent"], r["paper"]
-        assert isinstance(ours, list) and isinstance(paper, tuple)
-        console.print(
-            f"(D) against ({r['against']}), {r['controller']}: e_b {ours[0]:.1f} %, e_i {ours[1]:.1f} % "
-            f"lower; paper {paper[0]} and {paper[1]} %"
-        )
     result = {
+        "schema": 1,
+        "kind": "control_study",
         "case_D": "a drawn error" if estimate is None else "the estimate's model",
         "rows": rows,
         "orderings": orderings(runs),
         "improvements": improvements(runs),
     }
     atomic_write(output, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    for part in document_parts(result):
+        console.print(part, highlight=False)
     console.print(f"wrote {output}")
     return result
 
 
-def _verdict(found: object) -> str:
-    assert isinstance(found, dict)
+def document_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield what to print of a study as it stands in its file: which is smaller, by how much, every case."""
+    from smsid.cli.tables import plain_table
+
+    for claim in d["orderings"]:
+        yield (
+            f"{claim['smaller']} < {claim['larger']}: e_b {_verdict(claim['e_base'])}, "
+            f"e_i {_verdict(claim['e_joints'])}"
+        )
+    for r in d["improvements"]:
+        ours, paper = r["lower_percent"], r["paper"]
+        yield (
+            f"(D) against ({r['against']}), {r['controller']}: e_b {ours[0]:.1f} %, e_i {ours[1]:.1f} % "
+            f"lower; paper {paper[0]} and {paper[1]} %"
+        )
+    table = plain_table(
+        *("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper"),
+        left=("case", "controller"),
+    )
+    for row in d["rows"]:
+        cells = [str(row["case"]), str(row["controller"])]
+        for name in ("base", "joints"):
+            found, printed = row[f"e_{name}"], row.get(f"e_{name}_paper")
+            low, high = found["interval"]
+            cells += [
+                f"{found['median']:.2e}",
+                f"{low:.1e} .. {high:.1e}",
+                f"{printed:.2e}" if printed else "-",
+            ]
+        table.add_row(*cells)
+    yield table
+
+
+def _verdict(found: Mapping[str, Any]) -> str:
     share, ratio = 100.0 * found["share"], found["median_ratio"]
     return f"{found['verdict']} ({share:.0f} % of draws, median ratio {ratio:.2f})"

@@ -2,90 +2,150 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
+from rich import box
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from smsid.cli.notes import clipped
+from smsid.cli.output import WIDTH
 from smsid.experiments.fly import LimitUse
 from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate_text import asked_for, headline, short_name
 from smsid.recording import Recording
 
-GROUPS = {
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+TITLES = {
     "arm": "torques of a welded arm: combinations of links, friction, motors",
     "exp1": "Exp. 1: mass, slosh, appendage",
     "modes": "SSI-COV: modes of the appendages",
     "exp2.step_a": "Exp. 2, Step A: system CM and first moments",
     "exp2.step_b": "Exp. 2, Step B with the slosh state: identifiable inertial parameters",
     "exp2.step_b_printed": "Exp. 2, Step B as printed: pi_m with products of first moments over m_s",
+    "exp2.pose_point": "Exp. 2: the tracked point",
+    "maximum_likelihood": "maximum likelihood",
+    "nuisance": "nuisance parameters: biases, clocks, where a recording begins",
 }
+"""Titles of groups of parameters; any other group is titled by its name."""
+
+ROWS = 28  # of a table, unless everything is asked for
+STATUS_STYLE = {"identifiable": "green", "not_identifiable": "yellow"}
+CELL = 38  # characters of a name in a table
+GAP = 2  # between columns
 
 
-def estimate_table(estimate: Estimate, *, everything: bool = False) -> Iterable[Table]:
-    """Yield one table per step of an estimate."""
-    for group, title in GROUPS.items():
-        parameters = estimate.group(group)
-        if not parameters or (group == "exp2.step_b_printed" and not everything):
-            continue
-        yield parameter_table(title, parameters)
+def plain_table(*columns: str, title: str | None = None, left: Iterable[str] = ()) -> Table:
+    """Return a table without frame: numbers to the right, the columns in ``left`` to the left."""
+    look = {"box": box.SIMPLE_HEAD, "pad_edge": False, "padding": (0, GAP - 1, 0, 0)}
+    table = Table(title=title, title_justify="left", header_style="bold", **look)  # type: ignore[arg-type]
+    chosen = set(left)
+    for name in columns:
+        side = "left" if name in chosen else "right"
+        table.add_column(escape(name), justify=side, no_wrap=True, overflow="ellipsis")
+    return table
 
 
-def parameter_table(title: str, parameters: Iterable[ParameterEstimate]) -> Table:
-    """Return a table of parameters with interval, status and the description's value."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("parameter", overflow="fold", max_width=58)
-    for name in ("value", "± 95 %", "unit", "described"):
-        table.add_column(name, justify="right" if name != "unit" else "left")
-    table.add_column("status", overflow="fold")
+def estimate_parts(
+    estimate: Estimate, *, other: Estimate | None = None, everything: bool = False
+) -> Iterator[RenderableType]:
+    """Yield what to print of an estimate: what is known, the parameters asked for, what cannot be told.
+
+    ``other``: another method's estimate, shown beside by name. ``everything``: every parameter of every group
+    with its full name.
+    """
+    yield Text(headline(estimate), style="bold")
+    if everything:
+        for group in estimate.groups:
+            yield parameter_table(TITLES.get(group, group), estimate.group(group), other=other, full=True)
+        return
+    asked = asked_for(estimate)
+    # an estimate of by-products alone is shown all the same
+    shown = asked or estimate.parameters
+    title = "" if other is None else f"beside the {other.method}'s method"
+    yield parameter_table(title, shown[:ROWS], other=other)
+    more, beside = len(shown) - min(len(shown), ROWS), len(estimate) - len(shown)
+    told = [f"{more} more parameters"] if more else []
+    told += [f"{beside} nuisance parameters and other views"] if beside else []
+    if told:
+        yield Text(f"{' and '.join(told)} with --all", style="dim")
+    yield from (Text(clipped(line), style="yellow") for line in doubts(asked))
+
+
+def doubts(parameters: Iterable[ParameterEstimate], most: int = 5) -> list[str]:
+    """Return in at most ``most`` lines which parameters are not identifiable, by reason."""
+    reasons: dict[str, list[str]] = {}
     for p in parameters:
-        status = p.status.replace("_", " ")
-        style = {"identifiable": "green", "not_identifiable": "yellow"}.get(p.status, "")
-        described = "" if p.nominal is None else f"{p.nominal:.6g}"
-        table.add_row(
-            Text(p.name),
-            f"{p.value:.6g}",
-            f"{1.96 * p.sigma:.2g}",
-            p.unit,
-            described,
-            Text(status, style=style),
-        )
+        if p.status == "not_identifiable":
+            reasons.setdefault(_reason(p), []).append(short_name(p.name, 30))
+    lines = []
+    for reason, names in reasons.items():
+        listed = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        lines.append(f"not identifiable: {listed}" + (f" ({reason})" if reason else ""))
+    if len(lines) > most:
+        rest = sum(len(names) for names in list(reasons.values())[most - 1 :])
+        lines = [*lines[: most - 1], f"not identifiable: {rest} more, see --all"]
+    return lines
+
+
+def _reason(p: ParameterEstimate) -> str:
+    """Return a parameter's note without the number in it, so that those of one kind are told together."""
+    if p.note.startswith("predicted standard deviation"):
+        return "interval above 10 % of its size: fly a richer or longer experiment"
+    if "of its variance is the prior's" in p.note:
+        return "the data do not see it: mostly the prior's"
+    return p.note.split("; ")[0]
+
+
+def parameter_table(
+    title: str, parameters: Iterable[ParameterEstimate], *, other: Estimate | None = None, full: bool = False
+) -> Table:
+    """Return a table of parameters with interval, status and the description's value.
+
+    ``other``: the same parameters of another method beside. ``full``: names in full, over several lines;
+    else a name is as short as the numbers need, and beside another method what is described is left out.
+    """
+    parameters = tuple(parameters)
+    columns = ["value", "± 95 %", "unit"]
+    columns[2:2] = ["paper's", "± 95 %"] if other is not None else []
+    columns += ["described"] if full or other is None else []
+    rows = []
+    for p in parameters:
+        cells = [f"{p.value:.6g}", _half(p), p.unit]
+        if other is not None:
+            found = [other[p.name]] if p.name in other else []
+            cells[2:2] = [x for q in found for x in (f"{q.value:.6g}", _half(q))] or ["", ""]
+        if full or other is None:
+            cells.append("" if p.nominal is None else f"{p.nominal:.6g}")
+        rows.append((*cells, "" if p.status == "identifiable" else p.status.replace("_", " ")))
+    widths = [max(map(len, own)) for own in zip((*columns, ""), *rows, strict=True)]
+    room = WIDTH - sum(widths) - GAP * (len(widths) + 1)
+    table = plain_table("parameter", *columns, "", title=title or None, left=("parameter", "unit", ""))
+    table.columns[0].no_wrap, table.columns[0].overflow = not full, "fold" if full else "ellipsis"
+    room = min(room, 58) if full else max(20, min(room, CELL))
+    table.columns[0].max_width = room
+    for p, cells in zip(parameters, rows, strict=True):
+        name = p.name if full else short_name(p.name, room)
+        table.add_row(Text(name), *cells[:-1], Text(cells[-1], style=STATUS_STYLE.get(p.status, "")))
     return table
 
 
-def comparison_table(refined: Estimate, linear: Estimate, *, everything: bool = False) -> Table:
-    """Return the refined parameters beside those of the linear method."""
-    table = Table(
-        title="maximum likelihood beside the paper's method", title_justify="left", header_style="bold"
-    )
-    table.add_column("parameter", overflow="fold", max_width=58)
-    for name in ("value", "± 95 %", "paper's method", "± 95 %", "unit", "described"):
-        table.add_column(name, justify="right" if name != "unit" else "left")
-    table.add_column("status", overflow="fold")
-    known = {p.name: p for p in linear.parameters}
-    for p in refined.parameters:
-        if p.status == "by_product" and not everything:
-            continue
-        other = known.get(p.name)
-        style = {"identifiable": "green", "not_identifiable": "yellow"}.get(p.status, "")
-        table.add_row(
-            Text(p.name),
-            f"{p.value:.6g}",
-            f"{1.96 * p.sigma:.2g}",
-            "" if other is None else f"{other.value:.6g}",
-            "" if other is None else f"{1.96 * other.sigma:.2g}",
-            p.unit,
-            "" if p.nominal is None else f"{p.nominal:.6g}",
-            Text(p.status.replace("_", " "), style=style),
-        )
-    return table
+def _half(p: ParameterEstimate) -> str:
+    """Return half of the 95 % interval; both ends where it is not symmetric."""
+    low, high = p.interval
+    if p.profile is not None:
+        return f"{low:.3g} .. {high:.3g}"
+    return f"{0.5 * (high - low):.2g}"
 
 
 def limits_table(limits: Iterable[LimitUse]) -> Table:
     """Return a table of how far limits were used."""
-    table = Table(title="limits", title_justify="left", header_style="bold")
-    for name in ("quantity", "largest", "limit", "unit"):
-        table.add_column(name, justify="right" if name in ("largest", "limit") else "left")
+    table = plain_table("quantity", "largest", "limit", "unit", title="limits", left=("quantity", "unit"))
     for use in limits:
         limit = "-" if use.limit is None else f"{use.limit:.4g}"
         style = "red" if use.exceeded else ""
@@ -95,13 +155,11 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
 
 def recording_table(recording: Recording) -> Table:
     """Return a table of a recording's channels."""
-    table = Table(
+    table = plain_table(
+        *("channel", "shape", "unit", "rate", "from", "to", "smallest", "largest"),
         title=f"recording '{recording.name}', role {recording.role}",
-        title_justify="left",
-        header_style="bold",
+        left=("channel", "unit"),
     )
-    for name in ("channel", "shape", "unit", "rate", "from", "to", "smallest", "largest"):
-        table.add_column(name, justify="left" if name in ("channel", "unit") else "right")
     for name in recording.channels:
         values, time = recording[name], recording.time(name)
         rate = 1.0 / np.median(np.diff(time)) if len(time) > 1 else float("nan")
@@ -116,3 +174,34 @@ def recording_table(recording: Recording) -> Table:
             f"{np.nanmax(values):.4g}",
         )
     return table
+
+
+def shortened(rows: Table, most: int = ROWS) -> tuple[Table, int]:
+    """Return a table with at most ``most`` rows, and how many were left out."""
+    left = max(0, rows.row_count - most)
+    if left:
+        for column in rows.columns:
+            del column._cells[most:]
+        del rows.rows[most:]
+    return rows, left
+
+
+ROOM = 40  # rows of all tables together, unless everything is asked for
+
+
+def cut_tables(tables: Iterable[Table], everything: bool, room: int = ROOM) -> Iterator[RenderableType]:
+    """Yield tables that share ``room`` rows, and after each how many rows it has more.
+
+    Small tables are shown in full: what they do not need is left for the large ones.
+    """
+    given = list(tables)
+    for k, table in enumerate(given):
+        if everything:
+            yield table
+            continue
+        others = sum(min(t.row_count, room // (len(given) - k)) for t in given[k + 1 :])
+        cut, left = shortened(table, max(room - others, 3))
+        room -= cut.row_count
+        yield cut
+        if left:
+            yield Text(f"{left} more rows with --all", style="dim")

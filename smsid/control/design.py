@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.control.disturbance import left_out, sensor_noise, sensor_sigma
 from smsid.control.gains import gains
 from smsid.control.guarded import guarded_term
@@ -46,6 +47,7 @@ class DesignRequest:
     samples: int = 1000
 
 
+@short_repr
 @dataclass(frozen=True)
 class Design:
     """A controller: ``dynamics`` its model, ``term`` gains and H-infinity term, and what was found out.

@@ -18,11 +18,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
 from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.parameters import Parameters
@@ -33,13 +34,12 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
 logger = logging.getLogger(__name__)
-SKIPPED_GROUPS = ("exp2.step_a", "exp2.step_b_printed", "exp2.pose_point", "nuisance")
-"""Other views of the same parameters, or nothing of the spacecraft's."""
 SHARPEST = 1e-4
 """Smallest standard deviation, relative to the body's size, that a combination is weighed with: rounding."""
 _TERM = re.compile(r"(?:^|\s)([+-]?)\s*(?:(\d[\d.e+-]*)\s+)?([^\s+-]\S*)")
 
 
+@short_repr
 @dataclass(frozen=True)
 class IdentifiedModel:
     """``model``: the spacecraft as identified, slosh and appendages included.
@@ -166,7 +166,7 @@ def combinations(
     index = {name: k for k, name in enumerate(names)}
     rows, found = [], []
     for p in estimate.parameters:
-        if p.group in SKIPPED_GROUPS or not np.isfinite(p.value):
+        if p.group in BY_PRODUCT_GROUPS or not np.isfinite(p.value):
             continue
         row = parsed(p.name, index)
         if row is not None:
@@ -203,7 +203,7 @@ def _with_effects(described: Parameters, estimate: Estimate) -> tuple[Parameters
     values: dict[str, float] = {}
     applied, left = [], []
     for p in estimate.parameters:
-        if p.name not in known or p.group in SKIPPED_GROUPS:
+        if p.name not in known or p.group in BY_PRODUCT_GROUPS:
             continue
         scalar = known[p.name]
         value = p.value / sizes.get(p.name, 1.0)

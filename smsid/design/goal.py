@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import did_you_mean
 from smsid.effects.appendage import Appendage
 from smsid.effects.slosh import Slosh
@@ -24,6 +25,7 @@ SHARP = 8.0  # power of the mean that stands for the worst: within 9 % of it for
 SYMBOLS = {"b_s": "damping", "k_s": "stiffness", "m_s": "mass"}
 
 
+@short_repr
 @dataclass(frozen=True)
 class Goal:
     """Parameters by name, their gradients (k, size) by the step of the parameters, and what counts as 1.

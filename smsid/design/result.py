@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.design.goal import Goal
 from smsid.experiments import Experiment, LimitUse
 
 
+@short_repr
 @dataclass(frozen=True)
 class Design:
     """A designed experiment.

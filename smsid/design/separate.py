@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.design.limits import Limits
 from smsid.design.trials import Trials, families
@@ -53,6 +54,7 @@ class Told:
     before: float
 
 
+@short_repr
 @dataclass(frozen=True)
 class Separation:
     """An experiment that separates two causes. ``correlation`` is that of their signatures."""

@@ -1,5 +1,6 @@
 """Diagnosis: what the simulation gets wrong, the cause by name, the extended model and what it gains."""
 
+from smsid._callable import make_callable
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.diagnose import Diagnosed, diagnose
@@ -33,3 +34,5 @@ __all__ = [
     "load_diagnosis",
     "save_diagnosis",
 ]
+
+make_callable(__name__)  # smsid.diagnose(...) is that of smsid.api

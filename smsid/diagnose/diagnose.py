@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
@@ -33,6 +34,7 @@ from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
 SHORTEST = 100  # samples below which nothing is said
@@ -41,6 +43,7 @@ LOUD = 5.0  # times its stated noise above which a channel is doubted
 FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
 
 
+@short_repr
 @dataclass(frozen=True)
 class Diagnosed:
     """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.
@@ -90,7 +93,7 @@ def diagnose(
     names = tuple(r.name for r in (*recordings, *validation))
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            if torques_were_measured(description, recordings[0]):
+            if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
                 return _by_torques(description, recordings, estimate, validation, levels, cutoff)
             return _diagnose(
                 description,
@@ -135,6 +138,10 @@ def _diagnose(
     recording.check()
     known = nominal(description, estimate)
     point, description = known.point, known.point.description
+    recordings, validation = (
+        [order_columns(r, point.base) for r in given] for given in (recordings, validation)
+    )
+    recording = recordings[0]
     data = measured(point.base, recording, description.effective_sensors())
     if len(data.times) < SHORTEST:
         raise RecordingError(

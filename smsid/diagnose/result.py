@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import smsid
 from smsid._files import atomic_write, json_ready
+from smsid._short_repr import short_repr
 from smsid.diagnose.gain import Gain
 from smsid.errors import SmsidError
 
@@ -97,6 +98,7 @@ class Limit:
     unit: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Diagnosis:
     """What a recording says of a simulation.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.diagnose.accept import Cause, Levels
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score
@@ -24,6 +25,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
+@short_repr
 @dataclass(frozen=True)
 class Search:
     """How a search ended: the fit of the nominal parameters alone, the last fit, causes and tests.

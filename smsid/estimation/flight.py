@@ -18,6 +18,7 @@ from smsid.estimation.measurements import Block, Measured, measured
 from smsid.estimation.parameter_vector import Point
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
 LONGEST = 0.1  # [s] between times of the filter: what it linearises over
@@ -69,6 +70,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     """
     options = options or FlightOptions()
     model, sensors = point.base, point.description.effective_sensors()
+    recording = order_columns(recording, model)
     data = measured(model, recording, sensors, longest_step(model))
     if len(data.times) < SHORTEST:
         raise RecordingError(

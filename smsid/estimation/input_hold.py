@@ -35,6 +35,8 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, requi
     after. So are thrusters that switch beside wheels or a torque that do not. What is not commanded but
     measured (``<sensor>.joint_torque``, say) stands in.
 
+    Its columns are in the model's order (`order_columns`).
+
     Raises `RecordingError` when nothing is commanded at all and that is ``required``: a diagnosis needs to
     know what drove the motion.
     """

@@ -11,6 +11,7 @@ import pinocchio as pin
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor
 
 WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
@@ -132,6 +133,7 @@ def measured(
 
     Raises `RecordingError` when no sensor of the description is in the recording.
     """
+    recording = order_columns(recording, model)
     found = [(s, q) for s in sensors for q in s.quantities if f"{s.name}.{q}" in recording]
     found = [(s, q) for s, q in found if q != "joint_position" or len(model.arm_joints)]
     if not found:

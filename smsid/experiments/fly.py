@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 import smsid
+from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError
 from smsid.experiments.schema import Experiment
 from smsid.model.spacecraft import SpacecraftModel, group_angles
@@ -38,6 +39,7 @@ class LimitUse:
         return f"{self.quantity}: {self.value:.4g} {self.unit} ({limit})"
 
 
+@short_repr
 @dataclass(frozen=True)
 class Flight:
     """A flown experiment."""

@@ -1,5 +1,6 @@
 """Using the result elsewhere: URDF, TOML, CSV and MuJoCo XML of an identified spacecraft or arm."""
 
+from smsid._callable import make_callable
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
 from smsid.export.folder import Export, export_folder
@@ -13,3 +14,5 @@ __all__ = [
     "with_estimate",
     "write_mjcf",
 ]
+
+make_callable(__name__)  # smsid.export(...) is that of smsid.api

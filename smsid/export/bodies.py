@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from smsid._short_repr import short_repr
 from smsid.description import Description
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
@@ -42,6 +43,7 @@ THINNEST = 1e-3
 _TERM = re.compile(r"^(?:(?P<factor>[\d.]+(?:e[+-]?\d+)?) )?(?P<name>\S+)$")
 
 
+@short_repr
 @dataclass(frozen=True)
 class IdentifiedBodies:
     """Inertial parameters (10,) by joint, in the joint's frame, of what the URDFs hold.

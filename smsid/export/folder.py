@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from smsid._files import atomic_write
+from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.effects import MotorCoupling
@@ -32,6 +33,7 @@ ROOT = "root_joint"
 """Pinocchio's name of the free joint of the bus."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Export:
     """What was written: names of the files, the bodies behind them (None without an estimate), and notes."""

@@ -5,6 +5,7 @@ regressions of each experiment (`identify_axis`, `step_a`, `step_b`), modes (`pa
 least squares.
 """
 
+from smsid._callable import make_callable
 from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate, save_estimate
 from smsid.identify.exp1 import identify_translation
 from smsid.identify.exp1_result import TranslationResult
@@ -72,3 +73,5 @@ __all__ = [
     "total_least_squares",
     "with_translation",
 ]
+
+make_callable(__name__)  # smsid.identify(...) is that of smsid.api

@@ -1,100 +1,44 @@
-"""The result of an identification: every parameter with value, unit, interval and status. Saved as JSON."""
+"""The result of an identification: every parameter with value, unit, interval and status."""
 
 from __future__ import annotations
 
-import json
-import math
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
-import smsid
-from smsid._files import atomic_write, json_ready
-from smsid.errors import SmsidError
+import numpy as np
 
-SCHEMA_VERSION = 1
-IDENTIFIABLE_BELOW = 0.10
-"""A parameter is identifiable when its predicted relative standard deviation is below this."""
+from smsid._files import atomic_write
+from smsid.errors import EstimateError
+from smsid.identify.parameter_estimate import (
+    IDENTIFIABLE_BELOW,
+    ParameterEstimate,
+    Status,
+    judged,
+)
 
-Status = Literal["identifiable", "not_identifiable", "known", "by_product"]
+if TYPE_CHECKING:
+    import pandas as pd
 
+__all__ = [
+    "IDENTIFIABLE_BELOW",
+    "Estimate",
+    "Iteration",
+    "ParameterEstimate",
+    "Status",
+    "distinct",
+    "judged",
+    "load_estimate",
+    "save_estimate",
+]
 
-@dataclass(frozen=True)
-class ParameterEstimate:
-    """One estimated parameter.
-
-    ``sigma`` is one predicted standard deviation; ``reference`` what it is judged against: the value itself,
-    or for a parameter near zero the largest of its kind on the same body (then ``small`` is true).
-    ``nominal`` is the description's value. ``group`` names the step it comes from. ``profile``: the 95 %
-    interval of the profile likelihood, where the Gaussian one does not hold.
-    """
-
-    name: str
-    value: float
-    unit: str
-    sigma: float
-    status: Status
-    group: str
-    nominal: float | None = None
-    reference: float | None = None
-    small: bool = False
-    note: str = ""
-    profile: tuple[float, float] | None = None
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval: that of the profile likelihood if there is one, else Gaussian."""
-        if self.profile is not None:
-            return self.profile
-        return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
-
-    @property
-    def relative_sigma(self) -> float:
-        """Standard deviation relative to the reference."""
-        scale = abs(self.reference if self.reference is not None else self.value)
-        return self.sigma / scale if scale > 0.0 else math.inf
-
-    def relative_error(self, truth: float, reference: float | None = None) -> float:
-        """Return |value - truth| relative to the truth, or to ``reference`` for a small parameter."""
-        scale = abs(truth if reference is None else reference)
-        return abs(self.value - truth) / scale if scale > 0.0 else math.inf
-
-
-def judged(
-    name: str,
-    value: float,
-    unit: str,
-    sigma: float,
-    group: str,
-    *,
-    nominal: float | None = None,
-    reference: float | None = None,
-    note: str = "",
-) -> ParameterEstimate:
-    """Return a parameter with its status from the predicted relative standard deviation."""
-    scale = abs(value if reference is None else reference)
-    good = bool(math.isfinite(value) and math.isfinite(sigma) and sigma < IDENTIFIABLE_BELOW * scale)
-    if not good and not note:
-        share = 100 * sigma / scale if scale > 0 else math.inf
-        note = (
-            f"predicted standard deviation {share:.0f} % of its size: fly a richer or longer experiment"
-            if math.isfinite(sigma)
-            else "its standard deviation cannot be told"
-        )
-    return ParameterEstimate(
-        name,
-        float(value),
-        unit,
-        float(sigma),
-        "identifiable" if good else "not_identifiable",
-        group,
-        nominal,
-        reference,
-        reference is not None,
-        note,
-    )
+BY_PRODUCT_GROUPS = ("nuisance", "exp2.step_a", "exp2.step_b_printed", "exp2.pose_point")
+"""Groups that are by-products, or other views of what another group holds."""
+AS_PRINTED = "as printed: "  # leads the names of the paper's pi_m, whose combinations are another step's too
+CONSISTENT = 1e-6  # relative: how far the covariance's diagonal may be from the squared standard deviations
 
 
 @dataclass(frozen=True)
@@ -109,12 +53,17 @@ class Iteration:
     step: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
-    """An identified spacecraft.
+    """An identified spacecraft, arm or structure; its parameters have names of their own.
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
-    why; ``history`` tells how a method that iterates got there.
+    why; ``history`` tells how a method that iterates got there. ``covariance`` (n, n) is that of the n
+    parameters, in order, in products of their units, read-only; not-a-number where a parameter has none, and
+    ``None`` where the method does not know how errors go together.
+
+    Raises:
+        EstimateError: two parameters share a name, or the covariance is not that of the parameters.
     """
 
     description: str
@@ -125,40 +74,188 @@ class Estimate:
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
     history: tuple[Iteration, ...] = ()
+    covariance: np.ndarray | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("parameters", "recordings", "notes", "history"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name in ("timing", "conditions"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        groups: dict[str, list[str]] = {}
+        for p in self.parameters:
+            groups.setdefault(p.name, []).append(p.group)
+        shared = {name: tuple(found) for name, found in groups.items() if len(found) > 1}
+        if shared:
+            name, found = next(iter(shared.items()))
+            raise EstimateError(
+                f"{len(found)} parameters of the estimate are called '{name}' (groups {', '.join(found)}).",
+                advice="Give every parameter a name of its own; rename an effect that is named like another.",
+                shared=shared,
+            )
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", _checked(self.covariance, self.parameters))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        own = (self.description, self.method, self.parameters, self.recordings, dict(self.timing))
+        return (Estimate, (*own, self.notes, dict(self.conditions), self.history, self.covariance))
 
     def __getitem__(self, name: str) -> ParameterEstimate:
+        """Give the parameter of a name; raise `KeyError` naming the nearest where there is none."""
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise KeyError(name)
+        import difflib
+
+        close = difflib.get_close_matches(str(name), self.names, n=3)
+        raise KeyError(f"{name}; did you mean {' or '.join(map(repr, close))}?" if close else name)
 
     def __contains__(self, name: object) -> bool:
         return any(p.name == name for p in self.parameters)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters (n,), each once."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters (n,)."""
+        return tuple(p.unit for p in self.parameters)
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the parameters (n,), each in its unit."""
+        return np.array([p.value for p in self.parameters], dtype=float)
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations of the parameters (n,), each in its unit."""
+        return np.array([p.sigma for p in self.parameters], dtype=float)
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """Ends of the 95 % intervals (n, 2), each in its parameter's unit."""
+        return np.array([p.interval for p in self.parameters], dtype=float).reshape(-1, 2)
+
+    def correlation(self, first: str, second: str) -> float:
+        """Return the correlation of two parameters' errors.
+
+        Raises:
+            KeyError: there is no such parameter.
+            EstimateError: the estimate has no covariance.
+        """
+        if self.covariance is None:
+            raise EstimateError(
+                f"The estimate by {self.method} has no covariance.",
+                advice="Identify by maximum likelihood; files of earlier versions have none either.",
+            )
+        i, j = self.names.index(self[first].name), self.names.index(self[second].name)
+        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
 
     def group(self, name: str) -> tuple[ParameterEstimate, ...]:
         """Return the parameters of one group."""
         return tuple(p for p in self.parameters if p.group == name)
 
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups, in the order of the parameters."""
+        return tuple(dict.fromkeys(p.group for p in self.parameters))
+
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
-        tables = []
-        for p in self.parameters:
-            low, high = p.interval
-            tables.append({**asdict(p), "interval": [low, high], "interval_level": 0.95})
-        document = {
-            "schema": SCHEMA_VERSION,
-            "kind": "estimate",
-            "smsid": smsid.__version__,
-            "description": self.description,
-            "method": self.method,
-            "recordings": list(self.recordings),
-            "parameters": tables,
-            "timing": {k: {"value": v, "unit": "s"} for k, v in self.timing.items()},
-            "conditions": {k: {"value": v, "unit": "1"} for k, v in self.conditions.items()},
-            "notes": list(self.notes),
-            "history": [{k: {"value": v, "unit": "1"} for k, v in asdict(x).items()} for x in self.history],
-        }
-        return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
+        from smsid.identify.estimate_file import estimate_json
+
+        return estimate_json(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the parameters as a table of pandas, by name.
+
+        Columns: value, sigma, low, high (95 %), unit, status, described, group, note.
+
+        Raises:
+            MissingDependencyError: pandas is not installed (``smsid[pandas]``).
+        """
+        from smsid.identify.estimate_text import dataframe
+
+        return dataframe(self)
+
+    def __repr__(self) -> str:
+        from smsid.identify.estimate_text import text
+
+        return text(self)
+
+    def _repr_html_(self) -> str:
+        from smsid.identify.estimate_text import html
+
+        return html(self)
+
+
+def _checked(covariance: Any, parameters: tuple[ParameterEstimate, ...]) -> np.ndarray:
+    """Return a read-only symmetric copy of a covariance, or raise `EstimateError`."""
+    found = np.array(covariance, dtype=float)
+    n = len(parameters)
+    if found.shape != (n, n):
+        raise EstimateError(
+            f"The covariance has shape {found.shape}; the estimate has {n} parameters.",
+            advice="Give a row and a column to each parameter, in order.",
+            shape=found.shape,
+        )
+    scale = np.sqrt(np.abs(np.outer(np.diag(found), np.diag(found))))
+    with np.errstate(invalid="ignore"):
+        skew = np.abs(found - found.T) > CONSISTENT * scale
+    if skew.any():
+        i, j = (int(k) for k in np.argwhere(skew)[0])
+        raise EstimateError(
+            f"The covariance of '{parameters[i].name}' and '{parameters[j].name}' is {found[i, j]:.6g} one "
+            f"way and {found[j, i]:.6g} the other.",
+            advice="A covariance is symmetric.",
+        )
+    for p, variance in zip(parameters, np.diag(found), strict=True):
+        both = np.isfinite(p.sigma) and np.isfinite(variance)
+        if both and abs(p.sigma**2 - variance) > 2.0 * CONSISTENT * max(p.sigma**2, abs(variance)):
+            raise EstimateError(
+                f"The standard deviation of '{p.name}' is {p.sigma:.6g}, that of the covariance "
+                f"{np.sqrt(max(variance, 0.0)):.6g}.",
+                advice="Give the covariance in the order of the parameters.",
+                name=p.name,
+            )
+    found = 0.5 * (found + found.T)
+    found.setflags(write=False)
+    return found
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Return the names, those that repeat with a number: ``exp1``, ``exp1 (2)``."""
+    out: list[str] = []
+    for name in names:
+        own, k = name, 1
+        while own in out:
+            k += 1
+            own = f"{name} ({k})"
+        out.append(own)
+    return out
+
+
+def with_distinct_names(parameters: Iterable[ParameterEstimate]) -> tuple[ParameterEstimate, ...]:
+    """Return parameters of which no two share a name, as files of earlier versions hold them.
+
+    Of two groups that share one, the later is named by its group; within a group, by a number.
+    """
+    found = tuple(parameters)
+    owner: dict[str, str] = {}
+    names = []
+    for p in found:
+        if owner.setdefault(p.name, p.group) == p.group:
+            names.append(p.name)
+        else:
+            names.append(f"{AS_PRINTED if p.group == 'exp2.step_b_printed' else f'{p.group}: '}{p.name}")
+    return tuple(replace(p, name=n) for p, n in zip(found, distinct(names), strict=True))
 
 
 def save_estimate(estimate: Estimate, path: str | os.PathLike[str]) -> None:
@@ -168,41 +265,6 @@ def save_estimate(estimate: Estimate, path: str | os.PathLike[str]) -> None:
 
 def load_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Load an estimate; raises `SmsidError` naming what is wrong with the file."""
-    file = Path(path)
-    if not file.is_file():
-        raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid identify` to make it.")
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-        known = isinstance(document, dict) and document.get("kind") == "estimate"
-        if not known or document.get("schema") != SCHEMA_VERSION:
-            raise SmsidError(
-                f"'{file}' is no estimate of schema {SCHEMA_VERSION}.",
-                advice="Was it made by another version?",
-            )
-        fields = ParameterEstimate.__dataclass_fields__
-        parameters = []
-        for table in document["parameters"]:
-            values = {k: v for k, v in table.items() if k in fields}
-            for key in ("value", "sigma"):
-                values[key] = math.nan if values[key] is None else values[key]
-            if values.get("profile") is not None:
-                low, high = values["profile"]
-                values["profile"] = (-math.inf if low is None else low, math.inf if high is None else high)
-            parameters.append(ParameterEstimate(**values))
-        return Estimate(
-            description=document["description"],
-            method=document["method"],
-            parameters=tuple(parameters),
-            recordings=tuple(document["recordings"]),
-            timing={k: v["value"] for k, v in document["timing"].items()},
-            notes=tuple(document["notes"]),
-            conditions={k: v["value"] for k, v in document["conditions"].items()},
-            # files of earlier versions have none
-            history=tuple(
-                Iteration(x["cost"]["value"], x["step"]["value"]) for x in document.get("history", ())
-            ),
-        )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SmsidError(
-            f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?"
-        ) from error
+    from smsid.identify.estimate_file import read_estimate
+
+    return read_estimate(Path(path))

@@ -29,6 +29,7 @@ from smsid.identify.translation_tied import identify_axis_tied
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor, zero_phase
 from smsid.simulate.truth import station_indices
 
@@ -64,7 +65,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     wanted: set[str] = set()
     fallen: dict[str, str] = {}  # why what an axis gave is not to be believed
     reasons: dict[str, str] = {}  # why an axis gave nothing
-    for recording in recordings:
+    for recording in [order_columns(r, model) for r in recordings]:
         _check_attitude_held(model, recording)
         notes += _check_start(model, recording)
         for axis in excited_axes(recording):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.slosh import Slosh
 from smsid.identify.estimate import ParameterEstimate, judged
@@ -31,6 +32,7 @@ class SeenModes:
     coupled_sigma: tuple[ModeSigma, ...]
 
 
+@short_repr
 @dataclass(frozen=True)
 class TranslationResult:
     """What Exp. 1 identified.

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.exp2_errors import Steps, slosh_mass, widened, with_carried_errors
@@ -24,6 +25,7 @@ from smsid.identify.shaken import shaken
 from smsid.identify.still import Still, not_seen
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 STILL = 1e-3  # [rad/s] joint or wheel rate below which nothing was excited
 SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be told from motion
@@ -31,6 +33,7 @@ SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be 
 T = TypeVar("T")
 
 
+@short_repr
 @dataclass(frozen=True)
 class MomentumResult:
     """What Exp. 2 identified: Step A and B with the slosh state, and as printed beside them.
@@ -84,6 +87,7 @@ def identify_momentum(
         return out
 
     check_on_bus(model)
+    recording = order_columns(recording, model)
     _check_free(recording)
     still = Still.of(model, recording)
     recording = still.held(model, recording)

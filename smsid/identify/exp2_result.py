@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.identify.estimate import IDENTIFIABLE_BELOW, ParameterEstimate, judged
+from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, judged
 from smsid.identify.momentum import HiddenStates, Regression, StepA
 from smsid.identify.momentum_printed import printed_parameters
 from smsid.identify.momentum_rows import carried_by_bus
@@ -13,8 +13,6 @@ from smsid.identify.pose_point import PosePoint
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-
-AS_PRINTED = "for comparison; sigma leaves out the bias that noise in products gives total least squares"
 
 
 def of_pose_point(model: SpacecraftModel, recording: Recording, found: PosePoint) -> list[ParameterEstimate]:
@@ -77,10 +75,21 @@ def of_step_b(model: SpacecraftModel, b: Regression) -> list[ParameterEstimate]:
 def of_printed(
     model: SpacecraftModel, motion: Motion, hidden: HiddenStates, slosh_mass: float, b: Regression
 ) -> list[ParameterEstimate]:
-    """Return pi_m of Step B as printed; nominal values have the m_s of ``model`` in their products."""
+    """Return pi_m of Step B as printed; nominal values have the m_s of ``model`` in their products.
+
+    The names begin with "as printed: ": Step B with the slosh state finds combinations of the same terms.
+    """
     nominal = b.base.values(printed_parameters(model, motion, hidden, slosh_mass))
     return [
-        judged(name, value, unit, sigma, "exp2.step_b_printed", nominal=float(n), note=AS_PRINTED)
+        judged(
+            f"{AS_PRINTED}{name}",
+            value,
+            unit,
+            sigma,
+            "exp2.step_b_printed",
+            nominal=float(n),
+            note="for comparison; sigma leaves out the bias that noise in products gives total least squares",
+        )
         for name, value, unit, sigma, n in zip(
             b.base.names, b.values, b.base.units, b.sigma, nominal, strict=True
         )

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.motion import Motion
 from smsid.model.assembly import AppendageJoints
 
 
+@short_repr
 @dataclass(frozen=True)
 class ModalState:
     """Estimated modal coordinates delta and delta' of one appendage, (N, modes) [kg^.5 m, kg^.5 m/s].

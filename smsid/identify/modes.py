@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 
+
+@short_repr
 @dataclass(frozen=True)
 class Poles:
     """Oscillatory poles of the model of one order, ascending in frequency; one of each conjugate pair.
@@ -35,6 +38,7 @@ class Poles:
         return -self.values.real / np.abs(self.values)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Mode:
     """A mode that stays the same over model orders; values are medians over those orders.

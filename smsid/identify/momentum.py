@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.modal_state import ModalState
 from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, part, scaled_tls, skew
@@ -21,6 +22,7 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
 
+@short_repr
 @dataclass(frozen=True)
 class HiddenStates:
     """What Exp. 2 does not measure, estimated: slosh by tank, modes by appendage.
@@ -38,6 +40,7 @@ class HiddenStates:
         return HiddenStates({}, self.modes, self.again.without_slosh() if self.again else None)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Regression:
     """Base parameters of a linear regression and their total-least-squares estimate.
@@ -61,6 +64,7 @@ class Regression:
         return self.solution.standard_deviation
 
 
+@short_repr
 @dataclass(frozen=True)
 class StepA:
     """Result of Step A.

@@ -9,10 +9,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from smsid._short_repr import short_repr
 from smsid.errors import RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor, differentiate
 from smsid.simulate.truth import station_indices
 
@@ -84,6 +86,7 @@ def _noise(sensor: Sensor, quantity: str) -> float:
     return float(np.max(sensor.error(quantity).white_sigma(sensor.rate))) / np.sqrt(sensor.rate)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Motion:
     """Measured motion on a common clock (N,), body vectors in bus axes.
@@ -190,6 +193,7 @@ def prepare(
     own filter, and delays that the description states are taken out. ``cutoff = None`` leaves the samples as
     they are. Raises `RecordingError` for missing or unusable channels, or columns that do not fit the model.
     """
+    recording = order_columns(recording, model)
     roles = Roles.of(model, recording)
     assert roles.pose is not None and roles.attitude is not None
     sources = [(roles.pose, "position"), (roles.pose, "velocity"), (roles.attitude, "attitude")]

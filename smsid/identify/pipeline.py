@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.corrected import corrected
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
 from smsid.identify.exp1_unseen import check_moves
 from smsid.identify.exp2 import MomentumResult, identify_momentum
@@ -23,11 +24,13 @@ from smsid.identify.identified import identified_modes
 from smsid.identify.mended import LONGEST, Mended, mended
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 BRIDGED = "its interval does not count what was bridged"
 """How the note of a parameter begins that a long bridge in a recording has spoiled."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Identification:
     """An estimate and what it was made from. ``description`` carries what Exp. 1 found."""
@@ -63,9 +66,9 @@ def _identify(
     description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool
 ) -> Identification:
     started = time.perf_counter()
-    mends = _mended(description, recordings)
     given = description
     model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
+    mends = _mended(description, [order_columns(r, model) for r in recordings])
     description, left_out = linear_appendages(given)
     if description != given:
         model = described = build_model(description)
@@ -131,7 +134,7 @@ def _identify(
         description=description.name,
         method="paper",
         parameters=tuple(parameters),
-        recordings=tuple(r.name for r in recordings),
+        recordings=tuple(distinct(r.name for r in recordings)),
         timing=timing,
         notes=tuple(notes),
         conditions=conditions,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.hidden_states import Modal, hidden_states
 from smsid.identify.momentum import Regression, StepA, step_a, step_b
@@ -20,6 +21,7 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
 
+@short_repr
 @dataclass(frozen=True)
 class PosePoint:
     """The refined point P.

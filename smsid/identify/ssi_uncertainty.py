@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.modes import Poles
 from smsid.identify.ssi_hankel import (
@@ -27,6 +28,7 @@ from smsid.identify.ssi_hankel import (
 FEWEST = 8  # segments
 
 
+@short_repr
 @dataclass(frozen=True)
 class UncertainPoles:
     """Poles of one order with their covariance.

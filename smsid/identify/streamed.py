@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.hidden_states import LEAST_NOISE, check_on_bus
@@ -46,6 +47,7 @@ class Windows(Protocol):
         ...
 
 
+@short_repr
 @dataclass(frozen=True)
 class StreamedMomentum:
     """Steps A and B, and how many samples of motion they are from."""

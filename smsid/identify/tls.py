@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 
 EPS = float(np.finfo(float).eps)
 BLOCK_ROWS = 16384
 
 
+@short_repr
 @dataclass(frozen=True)
 class TlsSolution:
     """Estimate of ``x`` in ``A x ~ b`` with what is needed to judge it.

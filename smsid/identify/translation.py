@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.axis_parameters import (
     Kind,
@@ -31,6 +32,7 @@ from smsid.identify.tls import total_least_squares
 ROUND_OFF = 1e-9  # share of a variance
 
 
+@short_repr
 @dataclass(frozen=True)
 class AxisData:
     """One axis of Exp. 1, all (N,): thrust ``force`` [N], base ``acceleration`` [m/s^2].
@@ -60,6 +62,7 @@ class AxisData:
     panel_drift_time: float = 1.0
 
 
+@short_repr
 @dataclass(frozen=True)
 class AxisEstimate:
     """What one axis of Exp. 1 says.
@@ -167,6 +170,7 @@ def panel_weights(shapes: np.ndarray, participation: np.ndarray) -> np.ndarray:
     return np.asarray(participation @ np.linalg.pinv(shapes))
 
 
+@short_repr
 @dataclass(frozen=True)
 class Combined:
     """Parameters of several axes brought together: those that axes share are averaged.

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import kurtosis
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import Estimate, judged
 from smsid.identify.modes import Mode, Poles, mac
@@ -46,6 +47,7 @@ SAME_POLE = 0.05
 """A pole of a resampled record further from a mode than this share of its frequency is another one."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class AmbientMode:
     """A mode and what is uncertain about it.
@@ -90,6 +92,7 @@ class PoleDiagram:
     stable: tuple[np.ndarray, ...]
 
 
+@short_repr
 @dataclass(frozen=True)
 class AmbientModes:
     """Modes of a structure, ascending.

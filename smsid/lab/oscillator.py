@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import resample_poly
 
+from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import Estimate, judged
@@ -56,6 +57,7 @@ class Oscillator:
         return _run(column, _refined(drive)[None], rate)[:, 0] + self.offset
 
 
+@short_repr
 @dataclass(frozen=True)
 class OscillatorFit:
     """A fitted oscillator: values with intervals in ``estimate``, ``rmse`` of the simulation error [y]."""
@@ -135,7 +137,8 @@ def fit_oscillator(
             f"The fit has not settled after {MOST_ROUNDS} rounds.", advice="Start nearer.", oscillator=found
         )
     lags = correlation_lags(residual.reshape(pieces, -1).T)
-    sigma = np.sqrt(np.diag(hac_covariance(columns, residual, residual.size, lags)))
+    covariance = hac_covariance(columns, residual, residual.size, lags)
+    sigma = np.sqrt(np.diag(covariance))
     units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
     units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
     parameters = [
@@ -143,7 +146,11 @@ def fit_oscillator(
         for f, s in zip((*fields, "offset"), sigma, strict=True)
     ]
     estimate = Estimate(
-        name, "simulation error", tuple(parameters), notes=(f"residuals correlated over {lags} samples",)
+        name,
+        "simulation error",
+        tuple(parameters),
+        notes=(f"residuals correlated over {lags} samples",),
+        covariance=covariance,
     )
     return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))))
 

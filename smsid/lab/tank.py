@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import least_squares
 
+from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, judged
@@ -44,6 +45,7 @@ AT_REST = 0.02
 """Share of the largest acceleration below which the container counts as at rest."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class TankTest:
     """Force and motion along one axis on one clock, both through the same zero-phase low-pass.
@@ -65,6 +67,7 @@ class TankTest:
         return self.time < self.time[~self.at_rest][0]
 
 
+@short_repr
 @dataclass(frozen=True)
 class TankFit:
     """A fitted model of the tank.
@@ -230,7 +233,8 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
             advice="Try a simpler model.",
             parameters=tuple(idle),
         )
-    sigma = np.sqrt(np.diag(hac_covariance(jacobian, white, white.size, lags)))
+    covariance = hac_covariance(jacobian, white, white.size, lags)
+    sigma = np.sqrt(np.diag(covariance))
     values = (x - SHIFTS[:count]) * SCALES[:count]
     parameters = tuple(
         judged(f"tank.{n}", v, u, s, "tank") for n, v, u, s in zip(NAMES, values, UNITS, sigma, strict=False)
@@ -242,7 +246,9 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
         for k in np.flatnonzero(at_bound).tolist()
     ]
     likelihood = -float(np.sum(test.at_rest) * np.log(noise[1]) + np.sum(~test.at_rest) * np.log(noise[0]))
-    estimate = Estimate("tank", f"output error, {model}", parameters, notes=tuple(notes))
+    estimate = Estimate(
+        "tank", f"output error, {model}", parameters, notes=tuple(notes), covariance=covariance
+    )
     after, during = (float(np.sqrt(np.mean(residual[m] ** 2))) for m in (ring, ~test.at_rest))
     return TankFit(model, estimate, values, residual, after, during, likelihood)
 

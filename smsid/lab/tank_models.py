@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from scipy.stats import chi2
 
+from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.lab.tank import COUNTS, Model, TankFit, TankTest, fit_tank
 
@@ -16,6 +17,7 @@ LEVEL = 0.01
 """Significance that a richer model needs."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class TankComparison:
     """Models of one test, simplest first.

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.combinations import effects_and_mass
 from smsid.likelihood.fit import fit
@@ -17,6 +18,7 @@ from smsid.likelihood.readings import drawn
 from smsid.likelihood.refine import Refinement
 
 
+@short_repr
 @dataclass(frozen=True)
 class Bootstrap:
     """Estimates (draws, k) of total mass, slosh and panels by ``names``, over noise drawn anew."""

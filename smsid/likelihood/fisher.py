@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment
@@ -25,6 +26,7 @@ from smsid.recording import Recording
 from smsid.sensing import Sensor
 
 
+@short_repr
 @dataclass(frozen=True)
 class FisherInformation:
     """Predicted uncertainty of what the refinement reports.

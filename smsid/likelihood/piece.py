@@ -33,6 +33,7 @@ from smsid.likelihood.readings import agreement, misfit, refitted
 from smsid.likelihood.timeline import Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 
 PHASE = 0.3  # [rad] of the fastest mode per step: its frequency comes out right to 2e-7, damping to 1e-7
 LONGEST = 0.1  # [s]
@@ -274,7 +275,7 @@ def piece_of(
     Noise comes from the samples, or with ``described_noise`` from the description's error models. Raises what
     `measured_drive`, `spanned` and `measured_channels` raise.
     """
-    recording = corrected(recording, model.description.effective_sensors())
+    recording = corrected(order_columns(recording, model), model.description.effective_sensors())
     start, stop = spanned(model, recording)
     drive = measured_drive(model, recording, start, stop, described_noise=described_noise)
     jumps = drive.thrust.jumps if drive.thrust is not None else np.zeros(0)

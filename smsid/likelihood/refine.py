@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
-from smsid.identify.estimate import Estimate
+from smsid.identify.estimate import Estimate, distinct
 from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
@@ -42,6 +43,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 
 
+@short_repr
 @dataclass(frozen=True)
 class Refinement:
     """A maximum-likelihood estimate and what it was made from.
@@ -64,9 +66,7 @@ class Refinement:
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of two parameters of the estimate."""
-        names = [p.name for p in self.estimate.parameters]
-        i, j = names.index(first), names.index(second)
-        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
+        return self.estimate.correlation(first, second)
 
 
 def refine(
@@ -117,7 +117,9 @@ def _refine(
     model = build_model(description)
     described = Parameters.of(model)
     pairs = [piece_of(model, r, nuisance) for r in recordings]
-    pieces, locals_ = [p for p, _ in pairs], tuple(local for _, local in pairs)
+    names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
+    pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
+    locals_ = tuple(local for _, local in pairs)
     prior = Prior(described, cad)
     if isinstance(start, Refinement):
         points = [Point(_restarted(described, start), locals_)]
@@ -158,7 +160,7 @@ def _refine(
         description=description.name,
         method=METHOD,
         parameters=tuple(parameters),
-        recordings=tuple(r.name for r in recordings),
+        recordings=tuple(names),
         timing={
             "preparation": prepared - began,
             "search": searched - prepared,
@@ -173,6 +175,7 @@ def _refine(
         history=history_of(
             sought.visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]
         ),
+        covariance=reported_covariance,
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
     return Refinement(

@@ -9,12 +9,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.effects.base import ForceTerm, InertiaTerm, Twist
 from smsid.model.assembly import AppendageJoints
 from smsid.model.inertial_forces import InertialForces
 
 
+@short_repr
 @dataclass(frozen=True)
 class JointGroup:
     """Joints of one role: names and where they are in q and v. One degree of freedom each."""
@@ -38,6 +40,7 @@ class JointGroup:
         return len(self.names)
 
 
+@short_repr
 @dataclass(frozen=True)
 class SloshJoint:
     """A slosh mass: its name, joint, where it is in q and v (3 each), and c_s (3,) [m].
@@ -66,6 +69,7 @@ class Source:
     wheels: tuple[int, ...] = ()
 
 
+@short_repr
 @dataclass(frozen=True)
 class SpacecraftModel:
     """A spacecraft ready to compute with.

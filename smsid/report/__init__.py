@@ -1,5 +1,6 @@
 """Reports: one self-contained HTML from each command, a verdict on top, everything behind it below."""
 
+from smsid._callable import make_callable
 from smsid.report.heat import HeatCell, HeatMap
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
 from smsid.report.plot import Band, Curve, Plot, Rule
@@ -34,3 +35,5 @@ __all__ = [
     "render",
     "write_report",
 ]
+
+make_callable(__name__)  # smsid.report(...) is that of smsid.api

@@ -14,6 +14,7 @@ from smsid.estimation.kalman import FilterRun, run_filter
 from smsid.estimation.measurements import Measured, measured
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.report.traces import Trace
 
 
@@ -31,6 +32,7 @@ def open_loop_traces(
     them; residuals before are those of the model as ``given``. Raises what the filter raises.
     """
     like = found.last.problem
+    recording = order_columns(recording, given.model())
     runs, data = [], like.data
     with threadpool_limits(limits=1, user_api="blas"):
         for point in (given, extended):

@@ -36,8 +36,8 @@ def power(exponent: int) -> str:
 
 
 def share(x: float, digits: int = 2) -> str:
-    """Return a share as percentage."""
-    return f"{number(100.0 * x, digits)} %"
+    """Return a share as percentage; a dash where there is none: nothing is a share of zero."""
+    return f"{number(100.0 * x, digits)} %" if math.isfinite(x) else "–"
 
 
 def plain(x: float) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate, ParameterEstimate
+from smsid.identify.estimate_text import asked_for
 from smsid.report.axes import Axis
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Cell, Figure, Table, Tone
@@ -35,8 +36,7 @@ class Known:
 
 def reported(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
     """Return the parameters of a spacecraft in an estimate: no nuisances, no second view of the same."""
-    skipped = ("nuisance", "exp2.step_b_printed", "exp2.step_a", "exp2.pose_point")
-    return tuple(p for p in estimate.parameters if p.group not in skipped and p.status != "by_product")
+    return asked_for(estimate)
 
 
 def parameter_table(title: str, parameters: Iterable[ParameterEstimate], known: Known) -> Table:
@@ -78,7 +78,10 @@ def _truth(p: ParameterEstimate, truth: float | None) -> list[Cell]:
     low, high = p.interval
     error = p.relative_error(truth, p.reference)
     tone: Tone = "good" if low <= truth <= high else "warn"
-    return [Cell(number(truth, 6), truth), Cell(share(error), error, tone)]
+    if math.isfinite(error):
+        return [Cell(number(truth, 6), truth), Cell(share(error), error, tone)]
+    off = p.absolute_error(truth)  # nothing is a share of zero
+    return [Cell(number(truth, 6), truth), Cell(f"{number(off, 2)} {unit(p.unit)}".rstrip(), off, tone)]
 
 
 def _other(name: str, other: Estimate) -> list[Cell]:
@@ -109,8 +112,8 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
         ):
             if value is None or (label == "description" and known.truth):
                 continue
-            off = max(p.relative_error(value, p.reference), SMALLEST)
-            if math.isfinite(off):
+            off = np.maximum(p.relative_error(value, p.reference), SMALLEST)
+            if math.isfinite(off):  # not of a zero truth
                 items.append(Mark(off, series=series, shape=shape, tip=f"off the {label} by {share(off)}"))
                 values.append(off)
         if p.name in known.paper:

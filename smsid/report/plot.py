@@ -7,12 +7,14 @@ from typing import Literal
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.report.axes import Axis
 
 SIZE = 1000.0  # of the box that paths are drawn in
 Style = Literal["line", "thin", "dash", "points", "rings", "ticks"]
 
 
+@short_repr
 @dataclass(frozen=True)
 class Curve:
     """Points (N,), (N,) joined or not; not-a-number breaks the line. ``colour``: number in the palette."""
@@ -24,6 +26,7 @@ class Curve:
     style: Style = "line"
 
 
+@short_repr
 @dataclass(frozen=True)
 class Band:
     """The area between two curves (N,) over x (N,)."""

@@ -19,6 +19,7 @@ from smsid.identify.stabilisation import stable_poles
 from smsid.lab.modal import AmbientMode
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.report.axes import Axis
 from smsid.report.model import Figure
 from smsid.report.plot import Curve, Plot, Rule
@@ -57,6 +58,7 @@ def diagrams(
     """
     if not excited_axes(recording):
         return ()
+    recording = order_columns(recording, model)
     roles = Roles.of(model, recording, joints=False)
     time = event_times(recording, roles.imu, "acceleration")
     base = recording[f"{roles.imu.name}.acceleration"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.report.axes import Axis
 from smsid.report.numbers import unit
 from smsid.report.plot import Band, Curve, Plot
@@ -19,6 +20,7 @@ FEWEST = 200
 FIRST = 1200  # points of the drawing that is there before any script runs
 
 
+@short_repr
 @dataclass(frozen=True)
 class Trace:
     """One component: ``measured``, ``simulated`` and ``residual`` (N,) at ``time`` (N,) [s].
@@ -44,6 +46,7 @@ class Trace:
         return float(np.sqrt(np.nanmean((self.residual / self.sigma) ** 2)))
 
 
+@short_repr
 @dataclass(frozen=True)
 class Traces:
     """Traces to choose from, the one at ``first`` shown at once. ``labels`` name what is drawn.

@@ -1,5 +1,6 @@
 """Simulation: adaptive with dense output, and fixed-step for closed loops."""
 
+from smsid._callable import make_callable
 from smsid.simulate.changed import Delayed, Switched
 from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
 from smsid.simulate.inputs import Inputs, JointMotion
@@ -30,3 +31,5 @@ __all__ = [
     "simulate_closed_loop",
     "truth_of",
 ]
+
+make_callable(__name__)  # smsid.simulate(...) is that of smsid.api

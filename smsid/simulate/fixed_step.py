@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.integrate import ChartDerivative, initial_state
@@ -21,6 +22,7 @@ Controller = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """Called with (t, q (nq,), v (nv,)); returns the applied generalised forces tau (nv,)."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class ClosedLoop:
     """A motion under feedback at times (N + 1,) [s]: q (N + 1, nq), v (N + 1, nv), tau (N + 1, nv).

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
+from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError
 
 
@@ -35,6 +36,7 @@ class Signal(Protocol):
         ...
 
 
+@short_repr
 @dataclass(frozen=True)
 class Constant:
     """A constant value (size,)."""
@@ -60,6 +62,7 @@ class Constant:
         return Constant(matrix @ self.value)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Steps:
     """Piecewise constant: ``values[i]`` (size,) from ``times[i]`` on; zero before the first."""
@@ -95,6 +98,7 @@ class Steps:
         return Steps(self.times, self.values @ matrix.T)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Fourier:
     """Truncated Fourier series ``offset + sum_l cos[:, l] cos(l w t) + sin[:, l] sin(l w t)``, l = 1..L.

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate._ivp.base import DenseOutput
 
+from smsid._short_repr import short_repr
 from smsid.errors import SimulationError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
@@ -47,6 +48,7 @@ class Chart:
         return pin.integrate(self.pin, self.q_ref, y[: self.pin.nv]), y[self.pin.nv :]
 
 
+@short_repr
 @dataclass(frozen=True)
 class States:
     """States at sample times: q (N, nq), v (N, nv), a = vdot (N, nv), applied tau and reaction (N, nv).
@@ -80,6 +82,7 @@ class Audit:
     energy_scale: float
 
 
+@short_repr
 @dataclass(frozen=True)
 class Trajectory:
     """A simulated motion with dense output."""

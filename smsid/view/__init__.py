@@ -6,6 +6,7 @@
 meshcat is needed for `export_html`, `show` and `LiveView` only; importing this starts nothing.
 """
 
+from smsid._callable import make_callable
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
@@ -31,3 +32,5 @@ __all__ = [
     "simulated_twin",
     "view_main",
 ]
+
+make_callable(__name__)  # smsid.view(...) is that of smsid.api

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -18,6 +19,7 @@ logger = logging.getLogger(__name__)
 Source = Trajectory | States | Recording
 
 
+@short_repr
 @dataclass(frozen=True)
 class Motion:
     """Configurations q (N, nq) at evenly spaced times (N,) [s], and the thrust (N, 3) in body axes [N].

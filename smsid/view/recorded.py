@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.view.channels import Samples, commanded, hidden, sensed
 from smsid.view.motion import Motion, grid, interpolated
 from smsid.view.velocity import recorded_velocity
@@ -27,6 +28,7 @@ def recorded_motion(
 
     Raises `RecordingError` when it tells nothing of the motion, or its clocks do not overlap.
     """
+    rec = order_columns(rec, model)
     found: dict[str, Samples] = {}
     lever, notes = np.zeros(3), []
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.camera import across, fitted_camera
@@ -24,6 +25,7 @@ APART = 1.12  # distance of spacecraft side by side, in their extents
 Layout = Literal["ghost", "beside"]
 
 
+@short_repr
 @dataclass(frozen=True)
 class Companion:
     """Another motion of the same spacecraft, played with the first: over it as a ghost, or beside it."""
@@ -34,6 +36,7 @@ class Companion:
     label: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Replay:
     """What is played: scene, motion, frames as drawn, frame rate [Hz] and speed (1 is real time).

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
 from smsid.view.arrows import sign_parts
@@ -25,6 +26,7 @@ FITTED_FRAMES = 12  # of a motion, that the camera is fitted to
 WHEEL_STEP = 0.35  # [rad] a wheel turns at most between frames, or it would seem to stand or run backwards
 
 
+@short_repr
 @dataclass(frozen=True)
 class Scene:
     """Parts of a spacecraft with their poses at rest, and what the view has to say about itself.

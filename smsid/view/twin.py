@@ -9,6 +9,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
 from smsid.simulate import Inputs, Trajectory, simulate
 from smsid.simulate.inputs import JointMotion
 from smsid.simulate.signals import Sampled
@@ -32,6 +33,7 @@ def simulated_twin(
         RecordingError: nothing was commanded, or the recording tells nothing of the motion.
         SimulationError: the motion cannot be simulated.
     """
+    recording = order_columns(recording, model)
     first = motion_of(model, recording, 0.05, 2)
     start, stop = float(first.time[0]), float(first.time[-1])
     inputs = _inputs(model, recording)

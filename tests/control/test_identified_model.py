@@ -146,9 +146,10 @@ def test_names_are_read_as_they_are_written():
 
 
 def test_combinations_leave_out_other_views_of_the_same():
-    p = judged("link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
+    p = judged("step A: link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
     q = judged("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
-    rows, found = combinations(Estimate("x", "paper", (p, q)), ("link3.mx",))
+    r = judged("as printed: link3.mx", 40.0, "kg m", 0.1, "exp2.step_b_printed")
+    rows, found = combinations(Estimate("x", "paper", (p, q, r)), ("link3.mx",))
     assert found == (q,) and rows.shape == (1, 1)
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
+import pickle
+import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from smsid.errors import SmsidError
+from smsid.errors import EstimateError, MissingDependencyError, SmsidError
 from smsid.identify.estimate import (
     Estimate,
     Iteration,
     ParameterEstimate,
+    distinct,
     judged,
     load_estimate,
     save_estimate,
@@ -33,7 +39,18 @@ def example() -> Estimate:
         notes=("axis y: no thrust",),
         conditions={"Step B": 170.0},
         history=(Iteration(1.5, None), Iteration(1.01, 0.3)),
+        covariance=COVARIANCE,
     )
+
+
+COVARIANCE = np.array(
+    [
+        [0.49, 0.006, math.nan, 0.01],
+        [0.006, 0.0009, math.nan, 0.0],
+        [math.nan] * 4,
+        [0.01, 0.0, math.nan, 0.01],
+    ]
+)
 
 
 def test_round_trip(tmp_path):
@@ -82,10 +99,11 @@ def test_never_a_bare_number():
                 walk(value, (*path, key))
         elif isinstance(node, list):
             for value in node:
-                assert not isinstance(value, int | float) or path[-1] == "interval", path
+                assert not isinstance(value, int | float) or path[-1] in ("interval", "lower_triangle"), path
                 walk(value, path)
 
     document = json.loads(example().to_json())
+    assert {"unit", "order"} < set(document["covariance"])
     walk(document)
     for p in document["parameters"]:
         assert {"value", "unit", "sigma", "status", "interval", "interval_level"} <= set(p)
@@ -118,7 +136,8 @@ def test_interval_and_errors():
     assert p.relative_sigma == pytest.approx(0.025)
     assert p.relative_error(8.0) == pytest.approx(0.25)
     assert p.relative_error(8.0, 40.0) == pytest.approx(0.05)
-    assert p.relative_error(0.0) == math.inf
+    assert math.isnan(p.relative_error(0.0))  # nothing is a share of zero
+    assert p.absolute_error(0.0) == 10.0
     assert p.small
 
 
@@ -192,3 +211,110 @@ def test_not_text_is_told(tmp_path):
 def test_known_parameters_have_no_interval_to_speak_of():
     p = ParameterEstimate("I_rw", 0.159, "kg m^2", 0.0, "known", "description")
     assert p.interval == (0.159, 0.159)
+
+
+def test_a_name_is_unique():
+    twice = (
+        judged("link1.mx", 1.0, "kg m", 0.1, "exp2.step_b"),
+        judged("link1.mx", 2.0, "kg m", 0.1, "other"),
+    )
+    with pytest.raises(EstimateError, match=r"2 parameters .* 'link1.mx' \(groups exp2.step_b, other\)"):
+        Estimate("demo", "paper", twice)
+
+
+def test_old_files_with_names_of_two_groups_are_read(tmp_path):
+    """What earlier versions wrote: Step B twice, and two recordings of one name."""
+    document = json.loads(example().to_json())
+    del document["covariance"]
+    table = document["parameters"][0]
+    for group, value in (("exp2.step_b_printed", 7.0), ("g", 8.0), ("g", 9.0)):
+        document["parameters"].append({**table, "group": group, "value": value})
+    (tmp_path / "old.json").write_text(json.dumps(document))
+    found = load_estimate(tmp_path / "old.json")
+    assert found["M"].value == 2256.8
+    assert found["as printed: M"].value == 7.0
+    assert found["g: M"].value == 8.0 and found["g: M (2)"].value == 9.0
+    assert len(set(found.names)) == len(found)
+
+
+def test_names_that_repeat_are_numbered():
+    assert distinct(["a", "b", "a", "a (2)", "a"]) == ["a", "b", "a (2)", "a (2) (2)", "a (3)"]
+
+
+def test_arrays_are_in_the_order_of_the_parameters():
+    found = example()
+    assert found.names == ("M", "b", "lost", "small")
+    np.testing.assert_allclose(found.values, [2256.8, 0.02, math.nan, 0.01])
+    np.testing.assert_allclose(found.sigmas, [0.7, 0.03, math.nan, 0.1])
+    np.testing.assert_allclose(found.intervals[0], [2256.8 - 1.959964 * 0.7, 2256.8 + 1.959964 * 0.7])
+    assert found.units == ("kg", "N s/m", "kg", "kg m")
+
+
+def test_covariance_survives_the_file_and_gives_correlations(tmp_path):
+    save_estimate(example(), tmp_path / "e.json")
+    back = load_estimate(tmp_path / "e.json")
+    assert back.covariance is not None
+    np.testing.assert_array_equal(back.covariance, COVARIANCE)
+    assert back.correlation("b", "M") == pytest.approx(0.006 / (0.7 * 0.03))
+    assert math.isnan(back.correlation("M", "lost"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda c: c[:2, :2], "shape"),
+        (lambda c: c * np.where(np.arange(4) == 1, 2.0, 1.0), "one way"),
+        (lambda c: c[::-1, ::-1], "standard deviation of 'M'"),
+    ],
+)
+def test_a_covariance_of_something_else_is_refused(spoil, message: str):
+    with pytest.raises(EstimateError, match=message):
+        replace(example(), covariance=spoil(COVARIANCE))
+
+
+def test_without_covariance_correlations_are_not_invented():
+    with pytest.raises(EstimateError, match="no covariance"):
+        replace(example(), covariance=None).correlation("M", "b")
+
+
+def test_frozen():
+    found = example()
+    with pytest.raises(TypeError):
+        found.timing["Exp. 1"] = 0.0  # type: ignore[index]
+    assert found.covariance is not None
+    with pytest.raises(ValueError, match="read-only"):
+        found.covariance[0, 0] = 1.0
+    for twin in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        assert twin.to_json() == found.to_json()
+
+
+def test_repr_can_be_read():
+    """At most 30 lines of 110 characters, with what is asked for and how to get at the rest."""
+    terms = " + ".join(f"{k} link{k}.Ixx" for k in range(1, 12))
+    many = tuple(judged(f"link{k}.Izz + {terms}", 1.0, "kg m^2", 0.01, "g") for k in range(200))
+    for estimate in (example(), Estimate("demo", "ml", many), Estimate("demo", "ml", ())):
+        lines = repr(estimate).splitlines()
+        assert len(lines) <= 30 and max(map(len, lines)) <= 110
+    assert "172 more" in repr(Estimate("demo", "ml", many)).splitlines()[-1]
+    assert "M      2256.8 ± 1.4 kg" in repr(example())
+    assert "2 of 4 parameters identifiable" in repr(example())
+
+
+def test_html_escapes_and_names_all():
+    found = Estimate("<demo>", "ml", (judged("a<b", 1.0, "kg", 0.01, "g"),))
+    text = found._repr_html_()
+    assert "&lt;demo&gt;" in text and "a&lt;b" in text and "<b" not in text.replace("<tbody", "")
+
+
+def test_dataframe():
+    pytest.importorskip("pandas")
+    frame = example().to_dataframe()
+    assert frame.loc["M", "value"] == 2256.8 and frame.loc["M", "described"] == 2000.0
+    assert frame.loc["small", "status"] == "identifiable"
+    assert list(frame.index) == list(example().names)
+
+
+def test_dataframe_without_pandas_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingDependencyError, match=r"smsid\[pandas\]"):
+        example().to_dataframe()

@@ -248,3 +248,12 @@ def test_the_worst_parameters_stand_to_either_side():
         pytest.approx((50.0, 5 / 1.1), abs=0.02),
     ]
     assert not replace(found, unstable=1).stable
+
+
+def test_the_error_of_a_zero_truth_is_no_percentage():
+    """Nothing is a share of zero: the error stands in the parameter's unit."""
+    p = judged("link1.Ixy", 0.03, "kg m^2", 0.01, "exp2.step_b", nominal=0.0)
+    row = parameter_table("t", [p], Known(truth={"link1.Ixy": 0.0})).rows[0]
+    texts = [cell.text for cell in row]
+    assert "0.03 kg m²" in texts
+    assert not any("∞" in t or "inf" in t for t in texts)

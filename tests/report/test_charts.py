@@ -43,6 +43,7 @@ def test_numbers(value, digits, text):
 def test_units_shares_and_intervals():
     assert unit("kg m^2") == "kg m²" and unit("kg^-1 m^2") == "kg⁻¹ m²" and unit("1") == ""
     assert share(0.0123) == "1.2 %"
+    assert share(float("inf")) == share(float("nan")) == "–"
     assert half(1.0, 0.9, 1.1) == "± 0.1"
     assert half(1.0, 0.9, 1.4) == "0.9 … 1.4"
     assert half(1.0, 0.5, math.inf) == "0.5 … ∞"

@@ -1,0 +1,265 @@
+"""What most users need, in one place: load, simulate, identify, diagnose, design, report, view, export.
+
+Everything here is offered by ``smsid`` itself: ``smsid.identify(spacecraft, recordings)``. Where a function
+shares its name with a subpackage, the subpackage can be called: ``smsid.identify.estimate`` is there as well.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from smsid.description import Description, load_description
+from smsid.errors import DescriptionError, SmsidError
+from smsid.identify.estimate import Estimate
+from smsid.recording import Recording, load_recording
+
+if TYPE_CHECKING:
+    from smsid.control.design import Design
+    from smsid.diagnose.diagnose import Diagnosed
+    from smsid.experiments import Experiment
+    from smsid.export.folder import Export
+    from smsid.identify.pipeline import Identification
+    from smsid.likelihood import Refinement
+
+PathLike = str | os.PathLike[str]
+Method = Literal["ml", "paper"]
+
+
+def load_spacecraft(path: PathLike) -> Description:
+    """Load the description of a spacecraft or arm, a TOML or a bare URDF.
+
+    Raises:
+        DescriptionError: as `smsid.description.load_description`.
+    """
+    return load_description(path)
+
+
+def load_recordings(*paths: PathLike) -> tuple[Recording, ...]:
+    """Load recordings in the order given.
+
+    Raises:
+        RecordingError: a file is missing or no recording.
+    """
+    return tuple(load_recording(path) for path in paths)
+
+
+def simulate(
+    spacecraft: Description,
+    experiment: Experiment | PathLike = "exp2",
+    *,
+    seed: int = 1,
+    role: str = "estimation",
+) -> Recording:
+    """Fly an experiment in simulation and record it with the description's sensors.
+
+    Args:
+        spacecraft: as `load_spacecraft` gives it.
+        experiment: an experiment, the name of one (``exp1``, ``exp2`` ...), or the path of its TOML.
+        seed: of sensor noise and turn-on biases.
+        role: what the data may be used for: ``estimation`` or ``validation``.
+
+    Raises:
+        ExperimentError: it cannot be flown.
+        SimulationError: the motion cannot be integrated.
+    """
+    from smsid.experiments import fly, named_experiment
+    from smsid.model import build_model
+
+    model = build_model(spacecraft)
+    named = isinstance(experiment, str | os.PathLike)
+    plan = named_experiment(os.fspath(experiment), model) if named else experiment
+    return fly(model, plan, np.random.default_rng(seed), role=role).recording.with_provenance({"seed": seed})
+
+
+def identify(
+    spacecraft: Description,
+    recordings: Recording | Sequence[Recording],
+    *,
+    method: Method = "ml",
+    cad: float | None = None,
+    cutoff: float | None = None,
+) -> Estimate:
+    """Identify a spacecraft from recordings of Exp. 1 and Exp. 2, or a welded arm from one of its torques.
+
+    Args:
+        spacecraft: its values are the starting guess, its geometry is taken as known.
+        recordings: in the role estimation; an arm takes one.
+        method: of a spacecraft: ``ml``, maximum likelihood started from the paper's method, or ``paper``.
+        cad: of a spacecraft by maximum likelihood: how well its bodies are known beforehand, a standard
+            deviation relative to the body's size.
+        cutoff: of a welded arm: low-pass of angles and torques [Hz].
+
+    Raises:
+        RecordingError: a recording is missing something, or its labels are not the spacecraft's.
+        NotIdentifiableError: the recordings cannot identify what is asked.
+        DescriptionError: the spacecraft cannot be modelled, or an option is for another kind of it.
+    """
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if spacecraft.root == "fixed":
+        from smsid.arm import identify_arm
+
+        if cad is not None or len(given) != 1:
+            raise DescriptionError(
+                "A welded arm is identified from one recording, without prior of its bodies.",
+                advice="Give one recording and leave out cad.",
+                recordings=len(given),
+            )
+        return identify_arm(spacecraft, given[0], cutoff=cutoff).estimate
+    if cutoff is not None:
+        raise DescriptionError("cutoff is for welded arms.", advice='Leave it out, or set root = "fixed".')
+    linear, refined = _identified(spacecraft, given, method, cad)
+    return linear.estimate if refined is None else refined.estimate
+
+
+def _identified(
+    spacecraft: Description, recordings: Sequence[Recording], method: str, cad: float | None
+) -> tuple[Identification, Refinement | None]:
+    from smsid.identify.pipeline import identify as by_the_paper
+    from smsid.likelihood import refine
+
+    if method not in ("ml", "paper"):
+        raise SmsidError(f"There is no method '{method}'.", advice="Use ml or paper.")
+    linear = by_the_paper(spacecraft, recordings)
+    return linear, refine(spacecraft, recordings, linear, cad=cad) if method == "ml" else None
+
+
+def diagnose(
+    spacecraft: Description,
+    recordings: Recording | Sequence[Recording],
+    *,
+    estimate: Estimate | None = None,
+    validation: Sequence[Recording] = (),
+) -> Diagnosed:
+    """Say what the simulation gets wrong and why: ``.diagnosis`` names the cause, ``.extended`` has it.
+
+    Args:
+        spacecraft: the model, its values as identified.
+        recordings: what was measured, with the commands that drove it.
+        estimate: how well the nominal parameters are known.
+        validation: recordings on which the gain is measured.
+
+    Raises:
+        SmsidError: no recording is given.
+    """
+    from smsid.diagnose.diagnose import diagnose as explained
+
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    return explained(spacecraft, given, estimate=estimate, validation=validation)
+
+
+def design_controller(
+    spacecraft: Description,
+    estimate: Estimate | None = None,
+    *,
+    gains: tuple[float, float] | None = None,
+    uncertainty: float | None = None,
+    samples: int = 1000,
+    seed: int = 0,
+) -> Design:
+    """Design model-based PD with an H-infinity term from what is identified.
+
+    Args:
+        spacecraft: as described.
+        estimate: of it; or state the ``uncertainty``.
+        gains: K_P and K_D of all coordinates [1/s^2, 1/s]; without, clear of the identified frequencies.
+        uncertainty: a level (0.05: 5 %) instead of the estimate's.
+        samples: plants drawn for the robust analysis.
+        seed: of what is drawn.
+
+    Raises:
+        ControlError: neither estimate nor uncertainty is given, or no controller can be designed.
+    """
+    from smsid.control.design import DesignRequest, design
+    from smsid.errors import ControlError
+
+    if estimate is None and (uncertainty is None or gains is None):
+        raise ControlError(
+            "Without an estimate nothing says how sure the model is, or which frequencies to keep clear of.",
+            advice="Pass an estimate, or gains and uncertainty.",
+        )
+    request = DesignRequest(gains=gains, uncertainty=uncertainty, samples=samples)
+    return design(spacecraft, estimate, request, np.random.default_rng(seed))
+
+
+def report(
+    spacecraft: Description,
+    recordings: Recording | Sequence[Recording],
+    path: PathLike,
+    *,
+    method: Method = "ml",
+) -> Estimate:
+    """Identify a spacecraft and write the report: one self-contained HTML; return the estimate.
+
+    Args:
+        spacecraft: as in `identify`.
+        recordings: as in `identify`.
+        path: of the HTML.
+        method: as in `identify`.
+
+    Raises:
+        SmsidError: as `identify`, or the file cannot be written.
+    """
+    from smsid.report import provenance, write_report
+    from smsid.report.identify import identify_report
+
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    linear, refined = _identified(spacecraft, given, method, None)
+    write_report(identify_report(spacecraft, given, linear, refined, provenance([])), Path(path))
+    return linear.estimate if refined is None else refined.estimate
+
+
+def view(
+    spacecraft: Description,
+    recordings: Recording | Sequence[Recording] = (),
+    path: PathLike = "view.html",
+    *,
+    simulated: bool = False,
+) -> Path:
+    """Write the spacecraft in 3-D as one HTML, at rest or replaying recordings; return its path.
+
+    Args:
+        spacecraft: as described.
+        recordings: the first as it is, the others laid over it.
+        path: of the HTML.
+        simulated: also what the description makes of the first recording's commands.
+
+    Raises:
+        MissingDependencyError: meshcat is not installed.
+        SmsidError: ``simulated`` without a recording.
+        RecordingError: a recording tells nothing of the motion, or its labels are not the spacecraft's.
+    """
+    from smsid.model import build_model
+    from smsid.view import build_scene, export_html, replay, simulated_twin
+
+    model = build_model(spacecraft, visuals=True)
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not given:
+        if simulated:
+            raise SmsidError("There is no recording whose commands to fly.", advice="Give one.")
+        return Path(export_html(build_scene(model), path))
+    names = [r.name or f"recording {k}" for k, r in enumerate(given, start=1)]
+    beside: list = list(zip(names[1:], given[1:], strict=True))
+    if simulated:
+        beside.append(("simulated", simulated_twin(model, given[0])))
+    return Path(export_html(replay(model, given[0], beside=beside, label=names[0]), path))
+
+
+def export(spacecraft: Description, folder: PathLike, estimate: Estimate | None = None) -> Export:
+    """Write URDF, TOML, parameters as CSV and MuJoCo XML, as identified or as described.
+
+    Args:
+        spacecraft: as described.
+        folder: to make, whole or not at all.
+        estimate: of the spacecraft.
+
+    Raises:
+        SmsidError: the estimate is of another spacecraft, or the folder cannot be made.
+    """
+    from smsid.export.folder import export_folder
+
+    return export_folder(spacecraft, Path(folder), estimate)

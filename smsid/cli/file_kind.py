@@ -1,0 +1,99 @@
+"""What kind of file a file is, by its suffix and by what stands in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from smsid.errors import SmsidError
+
+KINDS = (
+    "recording",
+    "estimate",
+    "diagnosis",
+    "controller",
+    "control_study",
+    "campaign",
+    "campaign_summary",
+    "campaign_plan",
+    "mapping",
+    "experiment",
+    "description",
+)
+"""What `smsid show` shows: whatever a command writes or reads, but pages and pictures."""
+
+LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".txt")
+PICTURES = {
+    ".html": "a page for a browser",
+    ".png": "a picture",
+    ".svg": "a picture",
+    ".pdf": "a picture",
+    ".xml": "a MuJoCo model",
+}
+
+
+def kind_of(path: Path) -> str:
+    """Return which of `KINDS` a file is; raises `SmsidError` saying what else it is and what to do."""
+    if path.is_dir():
+        raise SmsidError(f"'{path}' is a folder.", advice="Name a file in it.")
+    if not path.is_file():
+        raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
+    match path.suffix.lower():
+        case ".nc" | ".h5" | ".hdf5":
+            return "recording"
+        case ".json":
+            return _kind_of_json(path)
+        case ".jsonl":
+            return "campaign"
+        case ".urdf":
+            return "description"
+        case ".toml":
+            return _kind_of_toml(path)
+        case suffix if suffix in PICTURES:
+            raise SmsidError(f"'{path}' is {PICTURES[suffix]}.", advice="Open it with a program for those.")
+        case suffix if suffix in LOGS:
+            raise SmsidError(
+                f"'{path}' is a log.", advice="Look at it with `smsid inspect`, read it by `smsid import`."
+            )
+        case suffix:
+            raise SmsidError(
+                f"'{path}' ends in '{suffix}', which nothing that smsid writes does.",
+                advice="Import a log with `smsid import` first.",
+            )
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the document of a JSON file; raises `SmsidError` where it holds none."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SmsidError(f"'{path}' cannot be read: {error}.", advice="Is it cut short?") from error
+    if not isinstance(document, dict):
+        raise SmsidError(f"'{path}' is nothing that smsid writes.", advice="Check the path.")
+    return document
+
+
+def _kind_of_json(path: Path) -> str:
+    document = read_json(path)
+    kind = document.get("kind")
+    if kind in KINDS:
+        return str(kind)
+    if kind is None and {"rows", "orderings", "improvements"} <= set(document):
+        return "control_study"  # those of earlier versions do not say what they are
+    what = f"says that it is a '{kind}'" if kind else "does not say what it is"
+    raise SmsidError(
+        f"'{path}' {what}.",
+        advice="Show an estimate, a diagnosis, a controller or the summary of a campaign.",
+    )
+
+
+def _kind_of_toml(path: Path) -> str:
+    from smsid.description.files import read_toml
+
+    table = read_toml(path, SmsidError)
+    if "duration" in table:
+        return "experiment"
+    if "channel" in table or "clock" in table:
+        return "mapping"
+    return "campaign_plan" if "runs" in table else "description"

@@ -1,0 +1,234 @@
+"""What `smsid show` prints of each kind of file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smsid.cli.file_kind import read_json
+from smsid.cli.output import WIDTH
+from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from smsid.model import SpacecraftModel
+    from smsid.recording import Recording
+
+
+def recording(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the channels of a recording, whether its samples are in order, and where it is from."""
+    from rich.text import Text
+
+    from smsid.cli.notes import clipped
+    from smsid.cli.tables import recording_table
+    from smsid.recording import load_recording
+
+    found = load_recording(path)
+    yield recording_table(found)
+    try:
+        found.check()
+        yield "no gaps, no NaN, units plausible"
+    except SmsidError as error:
+        yield Text(f"check: {error}", style="yellow")
+    for key, names in found.labels.items():
+        yield _line(f"{key}: {', '.join(names)}", everything)
+    provenance = list(found.provenance.items())
+    for key, value in provenance if everything else provenance[:8]:
+        yield Text(f"{key}: {value}" if everything else clipped(f"{key}: {value}"))
+    if len(provenance) > 8 and not everything:
+        yield f"{len(provenance) - 8} more of its provenance with --all"
+
+
+def recording_document(recording: Recording) -> dict[str, Any]:
+    """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
+    import numpy as np
+
+    channels = []
+    for name in recording.channels:
+        values, time = recording[name], recording.time(name)
+        channels.append(
+            {
+                "name": name,
+                "unit": recording.unit(name),
+                "shape": list(values.shape),
+                "rate": 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else None,
+                "from": float(time[0]),
+                "to": float(time[-1]),
+                "smallest": float(np.nanmin(values)),
+                "largest": float(np.nanmax(values)),
+            }
+        )
+    try:
+        recording.check()
+        check = ""
+    except SmsidError as error:
+        check = str(error)
+    return {
+        "name": recording.name,
+        "role": recording.role,
+        "channels": channels,
+        "labels": {k: list(v) for k, v in recording.labels.items()},
+        "check": check,
+        "provenance": recording.provenance,
+    }
+
+
+def estimate(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the parameters of an estimate, what cannot be told, and its notes."""
+    from rich.text import Text
+
+    from smsid.cli.notes import told
+    from smsid.cli.tables import estimate_parts
+    from smsid.identify.estimate import load_estimate
+
+    found = load_estimate(path)
+    yield from estimate_parts(found, everything=everything)
+    yield from (Text(line) for line in told(found.notes, everything=everything))
+
+
+def diagnosis(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield verdict, causes and what remains of a diagnosis."""
+    from smsid.cli.diagnose import document_parts
+    from smsid.diagnose.result import load_diagnosis
+
+    yield from document_parts(load_diagnosis(path), everything=everything)
+
+
+def controller(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield gains, blocks and poles of a controller."""
+    from smsid.cli.control import document_parts
+    from smsid.control.controller_file import load_controller
+
+    load_controller(path)  # says what is wrong with the file
+    yield from document_parts(read_json(path), everything=everything)
+
+
+def control_study(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the rows of a study of controllers."""
+    from smsid.cli.study import document_parts
+
+    yield from document_parts(read_json(path))
+
+
+def campaign(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the summary of a campaign's runs, also of one that is not finished."""
+    from smsid.campaign import read_store, summarise
+    from smsid.campaign.table import summary_tables
+
+    header, records = read_store(path)
+    yield f"campaign '{header.plan['name']}' of '{header.plan['description']}'"
+    yield from _cut(summary_tables(summarise(records)), everything)
+
+
+def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield a campaign's summary."""
+    from smsid.campaign.summary import load_summary
+    from smsid.campaign.table import summary_tables
+
+    yield from _cut(summary_tables(load_summary(path)), everything)
+
+
+def campaign_plan(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the plan of a campaign."""
+    from smsid.campaign import load_campaign
+
+    plan = load_campaign(path)
+    yield f"campaign '{plan.name}': {plan.note or 'no note'}"
+    yield _keys(plan.model_dump(exclude_none=True, exclude={"name", "note", "folder"}), everything)
+
+
+def mapping(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield which channel a mapping takes from which columns."""
+    from smsid.cli.notes import clipped
+    from smsid.cli.tables import plain_table
+    from smsid.recording.mapping import load_mapping
+
+    found = load_mapping(path)
+    yield f"mapping to {len(found.channel)} channels, role {found.recording.role}"
+    table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
+    for name, channel in found.channel.items():
+        own = [", ".join(channel.columns), channel.unit or "", ", ".join(channel.labels or ())]
+        table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
+    yield from _cut([table], everything)
+
+
+def experiment(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield what an experiment commands."""
+    from smsid.experiments import load_experiment
+
+    found = load_experiment(path)
+    yield f"experiment '{found.name}': {found.note or 'no note'}"
+    yield _keys(found.model_dump(exclude_none=True, exclude={"name", "note", "schema_version"}), everything)
+
+
+def description(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield joints, effects and sensors of a description."""
+    from smsid.cli.tables import plain_table
+    from smsid.description import load_description
+    from smsid.model import build_model
+
+    found = load_description(path)
+    model = build_model(found)
+    yield (
+        f"'{found.name}': {model.nv} degrees of freedom, {model.mass:.6g} kg, "
+        f"{'free floating' if model.free else 'welded base'}"
+    )
+    tables = [_joints(model)]
+    parameters = [p for e in found.effect for p in e.parameters()]
+    if parameters:
+        table = plain_table(
+            "parameter", "value", "unit", "prior sigma", title="effects", left=("parameter", "unit")
+        )
+        for p in parameters:
+            table.add_row(p.name, f"{p.value:.6g}", p.unit, "" if p.sigma is None else f"{p.sigma:.3g}")
+        tables.append(table)
+    if found.sensor:
+        names = ("name", "kind", "preset", "rate", "measures")
+        table = plain_table(*names, title="sensors", left=("name", "kind", "preset", "measures"))
+        for s in found.sensor:
+            table.add_row(s.name, s.kind, s.preset or "", f"{s.rate:g} Hz", ", ".join(s.quantities))
+        tables.append(table)
+    yield from _cut(tables, everything)
+
+
+def _joints(model: SpacecraftModel) -> Table:
+    from smsid.cli.tables import plain_table
+
+    roles = {int(j): "wheel" for j in model.wheels.joints}
+    roles |= {int(j): "bending mode" for g in (model.modes, model.further_modes) for j in g.joints}
+    roles |= {j.joint: "slosh mass" for j in model.slosh}
+    roles |= {int(j): f"arm '{name}'" for name, arm in model.arms.items() for j in arm.joints}
+    table = plain_table(
+        "joint", "role", "parent", "mass [kg]", title="joints", left=("joint", "role", "parent")
+    )
+    for j in range(1, model.pin.njoints):
+        mass = f"{model.pin.inertias[j].mass:.5g}"
+        table.add_row(model.pin.names[j], roles.get(j, "base"), model.pin.names[model.pin.parents[j]], mass)
+    return table
+
+
+def _cut(tables: Iterable[Table], everything: bool) -> Iterator[Any]:
+    from smsid.cli.tables import cut_tables  # brings in numpy, which no help may wait for
+
+    yield from cut_tables(tables, everything)
+
+
+def _keys(table: dict[str, Any], everything: bool) -> Table:
+    from rich.text import Text
+
+    from smsid.cli.notes import clipped
+    from smsid.cli.tables import plain_table
+
+    shown = plain_table("key", "value", left=("key", "value"))
+    if everything:
+        shown.columns[1].no_wrap, shown.columns[1].overflow = False, "fold"
+    room = WIDTH - max(map(len, table), default=0) - 6
+    for key, value in table.items():
+        shown.add_row(key, Text(str(value) if everything else clipped(str(value), room)))
+    return shown
+
+
+def _line(text: str, everything: bool) -> str:
+    return text if everything or len(text) <= WIDTH else text[: WIDTH - 12] + " ... (--all)"

@@ -1,0 +1,170 @@
+"""Labelled columns of a recording, brought into the order of a model: labels say which column is which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from smsid.errors import RecordingError
+from smsid.recording.channels import split_channel
+from smsid.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from smsid.model.spacecraft import SpacecraftModel
+
+OWN_SOURCES = ("command", "truth")
+"""Sources that are about the spacecraft itself, beside the sensors of its description."""
+
+WHAT = {"joint": "arm joints", "wheel": "wheels", "mode": "bending modes", "station": "stations"}
+SAME = 1e-6  # [m] between the distance on a label and that of a station
+
+
+def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
+    """Return the recording with its labelled joints, wheels, modes and stations in the model's order.
+
+    Joints, wheels and modes are labelled by their names in the model, or by what follows the arm's name
+    where that is unique, modes also by their number from 1. Stations are labelled by their distance from the
+    appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns without labels are
+    in the model's order already. Channels of sources that the description does not know stay as they are. A
+    recording that is in order is given back as it is.
+
+    Raises:
+        RecordingError: a label is unknown to the model, or one of the model's is missing.
+    """
+    labels = recording.labels
+    if not labels:
+        return recording
+    known = {s.name: s for s in model.description.effective_sensors()}
+    names = {"joint": model.arm_joints.names, "wheel": model.wheels.names, "mode": model.modes.names}
+    changed: dict[str, Any] = {}
+    renamed: dict[str, Sequence[str]] = dict(labels)
+    moved = False
+    orders: dict[str, np.ndarray] = {}
+    for key, own in labels.items():
+        source, _, kind = key.rpartition(".")
+        if kind not in WHAT or not _concerns(recording, key, {*known, *OWN_SOURCES}, model):
+            continue
+        if kind == "station":
+            if source not in known or known[source].appendage is None:
+                continue
+            wanted = _station_order(recording, own, model, source)
+        else:
+            wanted = _order(recording, key, own, names[kind], kind)
+            renamed[key] = names[kind]
+        orders[key] = wanted
+        moved |= not np.array_equal(wanted, np.arange(len(own))) or tuple(renamed[key]) != tuple(own)
+        if kind == "station":
+            renamed[key] = tuple(own[k] for k in wanted)
+    if not moved:
+        return recording
+    for name in recording.channels:
+        values = recording[name]
+        for axis, dim in enumerate(recording.channel(name).dims[1:], start=1):
+            if str(dim) in orders:
+                values = np.take(values, orders[str(dim)], axis=axis)
+        changed[name] = (recording.time(name), values)
+    return Recording.from_arrays(
+        recording.time() if "time" in recording.clocks else None,
+        changed,
+        labels=renamed,
+        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
+        provenance=recording.provenance,
+        role=recording.role,
+        name=recording.name,
+    )
+
+
+def _concerns(recording: Recording, dim: str, sources: set[str], model: SpacecraftModel) -> bool:
+    """Return whether a channel of the spacecraft's own runs along a dimension; of a welded arm, any."""
+    return any(
+        dim in recording.channel(name).dims and (not model.free or split_channel(name)[0] in sources)
+        for name in recording.channels
+    )
+
+
+def _order(
+    recording: Recording, key: str, labels: Sequence[str], names: Sequence[str], kind: str
+) -> np.ndarray:
+    """Return the column of each name; raises `RecordingError` for names or labels that are left over."""
+    short = [name.rpartition("/")[2] for name in names]
+    unique = {s: n for s, n in zip(short, names, strict=True) if short.count(s) == 1}
+    if kind == "mode":
+        unique |= {str(k): n for k, n in enumerate(names, start=1)}
+    place: dict[str, int] = {}
+    unknown = []
+    for column, label in enumerate(labels):
+        name = label if label in names else unique.get(label)
+        if name is None or name in place:
+            unknown.append(label)
+        else:
+            place[name] = column
+    lacking = [name for name in names if name not in place]
+    if unknown or lacking:
+        raise _mismatch(recording, key, unknown, lacking, names, kind)
+    return np.array([place[name] for name in names], dtype=int)
+
+
+def _station_order(
+    recording: Recording, labels: Sequence[str], model: SpacecraftModel, source: str
+) -> np.ndarray:
+    from smsid.simulate.truth import station_indices
+
+    sensor = next(s for s in model.description.effective_sensors() if s.name == source)
+    joints = next((a for a in model.appendages if a.appendage.name == sensor.appendage), None)
+    if joints is None:
+        return np.arange(len(labels))
+    used = station_indices(joints, sensor)
+    distances = np.linalg.norm(joints.appendage.station_positions()[used], axis=1)
+    as_distance = [_nearest(_metres(label), distances) for label in labels]
+    as_index = [_index(label, used) for label in labels]
+    for found in (as_index, as_distance):
+        if sorted(x for x in found if x is not None) == list(range(len(used))) and len(found) == len(used):
+            return np.argsort([x for x in found if x is not None])
+    at = [f"{x:g} m" for x in distances]
+    fits = [a if a is not None else b for a, b in zip(as_distance, as_index, strict=True)]
+    unknown = [label for label, x in zip(labels, fits, strict=True) if x is None]
+    lacking = [name for k, name in enumerate(at) if k not in fits]
+    raise _mismatch(recording, f"{source}.station", unknown, lacking, at, "station")
+
+
+def _metres(label: str) -> float:
+    try:
+        return float(label.strip().removesuffix("m").strip())
+    except ValueError:
+        return np.nan
+
+
+def _nearest(distance: float, known: np.ndarray) -> int | None:
+    gaps = np.abs(known - distance)
+    return int(np.argmin(gaps)) if len(gaps) and np.nanmin(np.append(gaps, np.inf)) < SAME else None
+
+
+def _index(label: str, used: np.ndarray) -> int | None:
+    """Return the place of a station's index among those a sensor uses, if the label is one."""
+    text = label.strip()
+    found = np.flatnonzero(used == int(text)) if text.isdecimal() else np.zeros(0, dtype=int)
+    return int(found[0]) if len(found) else None
+
+
+def _mismatch(
+    recording: Recording,
+    key: str,
+    unknown: Sequence[str],
+    lacking: Sequence[str],
+    names: Sequence[str],
+    kind: str,
+) -> RecordingError:
+    parts = [f"unknown {', '.join(map(repr, unknown))}"] if unknown else []
+    parts += [f"missing {', '.join(map(repr, lacking))}"] if lacking else []
+    name = f" '{recording.name}'" if recording.name else ""
+    return RecordingError(
+        f"The labels '{key}' of the recording{name} do not fit the model: {'; '.join(parts)}.",
+        advice=f"{WHAT[kind].capitalize()} of the model: {', '.join(names) or 'none'}. Correct the labels, "
+        "or leave columns out; weld or leave out what does not move.",
+        label=key,
+        unknown=tuple(unknown),
+        lacking=tuple(lacking),
+        known=tuple(names),
+    )

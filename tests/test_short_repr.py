@@ -1,0 +1,70 @@
+"""Results have a text that fits a screen."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+
+import numpy as np
+import pytest
+
+import smsid
+from smsid._short_repr import LINES, WIDTH, short_repr, told
+from smsid.identify.estimate import Estimate, judged
+
+HEAVY = ("ndarray", "SpacecraftModel", "Regression", "TankFit", "Scene", "Estimate", "Trace,")
+OWN = {"Estimate"}  # of its own kind, see tests/identify/test_estimate.py
+
+
+def public() -> list[type]:
+    """Public dataclasses with a field whose own text may be long."""
+    found = []
+    for info in pkgutil.iter_modules(smsid.__path__, "smsid."):
+        package = importlib.import_module(info.name) if info.ispkg else None
+        for name in getattr(package, "__all__", ()):
+            thing = getattr(package, name)
+            if inspect.isclass(thing) and dataclasses.is_dataclass(thing):
+                kinds = " ".join(str(f.type) for f in dataclasses.fields(thing) if f.repr)
+                if any(k in kinds for k in HEAVY):
+                    found.append(thing)
+    return found
+
+
+@pytest.mark.parametrize("kind", public(), ids=lambda k: f"{k.__module__}.{k.__name__}")
+def test_a_result_with_arrays_has_a_short_text(kind):
+    assert kind.__name__ in OWN or kind.__repr__.__module__ == "smsid._short_repr"
+
+
+@short_repr
+@dataclasses.dataclass(frozen=True)
+class Everything:
+    """One of each."""
+
+    name: str
+    values: np.ndarray
+    found: tuple[Estimate, ...]
+    estimate: Estimate
+    table: dict[str, float]
+    notes: tuple[str, ...]
+    size: float = 2.0
+    more: None = None
+
+
+def test_arrays_are_told_by_shape_and_long_things_by_number():
+    own = Estimate("demo", "ml", tuple(judged(f"p{k}", 1.0, "kg", 0.01, "g") for k in range(100)))
+    table = {f"key {k}": 0.0 for k in range(100)}
+    thing = Everything("x" * 300, np.zeros((500, 4)), (own, own), own, table, ("note " * 90,) * 50)
+    lines = repr(thing).splitlines()
+    assert len(lines) == 9 and max(map(len, lines)) <= WIDTH
+    assert "values: array (500, 4)" in repr(thing)
+    assert "2 of Estimate" in repr(thing) and "100 entries: key 0" in repr(thing)
+    assert "estimate of 'demo'" in repr(thing)
+    assert told((1, 2)) == "(1, 2)" and told(None) == "None"
+
+
+def test_many_fields_are_cut():
+    fields = [(f"f{k}", int, 0) for k in range(100)]
+    many = short_repr(dataclasses.make_dataclass("Many", fields))
+    assert len(repr(many()).splitlines()) == LINES and "72 more fields" in repr(many())
