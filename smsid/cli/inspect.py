@@ -9,15 +9,15 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import writable
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 
 def inspect_command(
     file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag or MCAP")],
     output: Annotated[
-        Path | None, typer.Option("--map", callback=writable, help="write the drafted mapping to this TOML")
+        Path | None, typer.Option("--map", help="write the drafted mapping to this TOML"), Writes((".toml",))
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option("--with", help="mapping that says what the columns are (TOML)")

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, writable
+from smsid.cli.options import DescriptionPath
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 
@@ -22,7 +23,8 @@ def view_command(
     ] = None,
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", "--html", callback=writable, help="self-contained HTML to write"),
+        typer.Option("--output", "-o", "--html", help="self-contained HTML to write"),
+        Writes((".html", ".htm")),
     ] = Path("view.html"),
     simulated: Annotated[
         bool,
