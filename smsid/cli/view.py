@@ -45,6 +45,9 @@ def view_command(
     live: Annotated[
         bool, typer.Option("--live", help="serve it to a browser until Ctrl-C instead of writing a file")
     ] = False,
+    host: Annotated[
+        str, typer.Option(help="--live: address to listen on; by default for this machine alone")
+    ] = "127.0.0.1",
 ) -> Outcome:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, or live (extra: view)."""
     from smsid.view import Look, live_main, view_main
@@ -62,8 +65,12 @@ def view_command(
         raise SmsidError("--simulated needs a recording.", advice="Give the one whose commands to fly.")
     if live:
         with working("drawing"):
-            view = live_main(description, recordings, **chosen)
-        console().print(f"open {view.url} in a browser; Ctrl-C ends it", highlight=False, soft_wrap=True)
+            view = live_main(description, recordings, **chosen, host=host)
+        console().print(
+            f"listening on {host}; open {view.url} in a browser; Ctrl-C ends it",
+            highlight=False,
+            soft_wrap=True,
+        )
         try:
             while True:
                 time.sleep(1.0)
