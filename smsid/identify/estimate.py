@@ -12,6 +12,7 @@ from typing import Literal
 
 import smsid
 from smsid._files import atomic_write, json_ready
+from smsid._reading import read_json
 from smsid.errors import SmsidError
 
 SCHEMA_VERSION = 1
@@ -172,7 +173,7 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
     if not file.is_file():
         raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid identify` to make it.")
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json(file)
         known = isinstance(document, dict) and document.get("kind") == "estimate"
         if not known or document.get("schema") != SCHEMA_VERSION:
             raise SmsidError(
