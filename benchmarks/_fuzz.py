@@ -44,6 +44,16 @@ position = [0.0, 0.0, -0.2]
 inertia = 0.05
 max_torque = 1.0
 max_rate = 400.0
+[[wheel]]
+name = "wheel_y"
+axis = [0.0, 1.0, 0.0]
+position = [0.0, 0.0, -0.2]
+inertia = 0.05
+[[wheel]]
+name = "wheel_z"
+axis = [0.0, 0.0, 1.0]
+position = [0.0, 0.0, -0.2]
+inertia = 0.05
 [[effect]]
 kind = "slosh"
 name = "tank"

@@ -40,7 +40,7 @@ def identify_command(
         ),
     ] = None,
     cutoff: Annotated[
-        float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
+        float | None, typer.Option(min=1e-6, help="welded arm: low-pass of angles and torques [Hz]")
     ] = None,
     gains: Annotated[
         bool,

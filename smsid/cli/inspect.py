@@ -28,7 +28,7 @@ def inspect_command(
             help="welded arm (TOML): also compare signs and torques with it; needs --with, and joint labels"
         ),
     ] = None,
-    cutoff: Annotated[float | None, typer.Option(help="with --description: low-pass [Hz]")] = None,
+    cutoff: Annotated[float | None, typer.Option(min=1e-6, help="with --description: low-pass [Hz]")] = None,
 ) -> Outcome:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
     from rich.table import Table

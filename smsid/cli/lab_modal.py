@@ -17,7 +17,7 @@ from smsid.errors import RecordingError
 
 def modal(
     recording: RecordingPath,
-    highest: Annotated[float, typer.Option(help="highest frequency sought [Hz]")],
+    highest: Annotated[float, typer.Option(min=1e-9, help="highest frequency sought [Hz]")],
     channel: Annotated[str | None, typer.Option(help="channel of the outputs; default the only one")] = None,
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
     output: JsonOutput = Path("modes.json"),

@@ -17,6 +17,7 @@ import typer
 
 from smsid._files import json_ready
 from smsid._guard import protecting
+from smsid.cli.kinds import check_kinds
 from smsid.cli.output import Manners, behaving
 from smsid.cli.places import check_numbers, check_places
 from smsid.errors import SmsidError
@@ -56,7 +57,9 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
 
         def command() -> Any:
             check_numbers(given)
-            with protecting(check_places(function, given)):
+            inputs = check_places(function, given)
+            check_kinds(function, given)
+            with protecting(inputs):
                 return function(**given)
 
         _run(command, Manners(as_json, quiet))

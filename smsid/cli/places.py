@@ -55,6 +55,11 @@ def output_marks(function: Callable[..., Any]) -> dict[str, Writes]:
     return found
 
 
+def is_argument(parameter: inspect.Parameter) -> bool:
+    """Return whether a parameter stands on the command line without a name."""
+    return any(isinstance(m, typer.models.ArgumentInfo) for m in get_args(parameter.annotation))
+
+
 def option_name(parameter: inspect.Parameter) -> str:
     """Return what a parameter is called on the command line: ``--report``, or ``DESCRIPTION``."""
     for info in get_args(parameter.annotation):

@@ -37,8 +37,10 @@ def view_command(
         float, typer.Option(help="deflections drawn this many times larger; the page has a slider")
     ] = 1.0,
     slosh: Annotated[float, typer.Option(help="slosh drawn this many times larger")] = 1.0,
-    speed: Annotated[float, typer.Option(help="seconds of motion per second; the page has a choice")] = 1.0,
-    fps: Annotated[float, typer.Option(help="frames kept per second on screen")] = 20.0,
+    speed: Annotated[
+        float, typer.Option(min=1e-3, max=1e3, help="seconds of motion per second; the page has a choice")
+    ] = 1.0,
+    fps: Annotated[float, typer.Option(min=0.1, max=240.0, help="frames kept per second on screen")] = 20.0,
     dark: Annotated[bool, typer.Option("--dark", help="before stars")] = False,
     arrows: Annotated[bool, typer.Option(help="thrust, torques, momentum, centre of mass")] = True,
     trail: Annotated[bool, typer.Option(help="the way of each arm's tool")] = True,

@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from pydantic import TypeAdapter
+
 import smsid
 from smsid._files import atomic_write, json_ready
 from smsid._reading import read_json
@@ -167,6 +169,9 @@ def save_estimate(estimate: Estimate, path: str | os.PathLike[str]) -> None:
     atomic_write(Path(path), estimate.to_json())
 
 
+_CHECKED = TypeAdapter(ParameterEstimate)  # a field of another type is an error of the file
+
+
 def load_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Load an estimate; raises `SmsidError` naming what is wrong with the file."""
     file = Path(path)
@@ -189,7 +194,7 @@ def load_estimate(path: str | os.PathLike[str]) -> Estimate:
             if values.get("profile") is not None:
                 low, high = values["profile"]
                 values["profile"] = (-math.inf if low is None else low, math.inf if high is None else high)
-            parameters.append(ParameterEstimate(**values))
+            parameters.append(_CHECKED.validate_python(values))
         return Estimate(
             description=document["description"],
             method=document["method"],

@@ -49,10 +49,14 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         RecordingError: no such file, no HDF5, cut short or damaged, no smsid recording, or a schema version
             that this smsid does not know.
     """
+    import h5py
     import xarray as xr
 
     check_hdf5(path)
     try:
+        # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
+        with h5py.File(path, "r"):
+            pass
         # decode_times would turn the times of some units into dates; masking would touch the samples.
         dataset = xr.load_dataset(
             path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
