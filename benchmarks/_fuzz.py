@@ -132,7 +132,7 @@ class Case:
 
 
 def case(seed: int, number: int, folder: Path) -> Case:
-    """Write the files of an input into ``folder`` and return how it is called; the same for the same numbers."""
+    """Write the files of an input into ``folder`` and return how it is called; numbers decide it."""
     rng = random.Random(f"{seed} {number}")
     kind = KINDS[number % len(KINDS)]
     write_base(folder)
@@ -168,7 +168,7 @@ def log(n: int = 40) -> str:
 
 
 def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
-    """Return what is wrong with a run, or nothing: an error is a line of our own, a success means something."""
+    """Return what is wrong with a run, or nothing: errors are lines of our own, successes are sound."""
     if code == 70 or "Traceback" in stderr:
         return "traceback"
     left = [p.name for p in folder.rglob("*.tmp")]

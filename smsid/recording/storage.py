@@ -55,8 +55,8 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     check_hdf5(path)
     try:
         # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
-        with h5py.File(path, "r"):
-            pass
+        with h5py.File(path, "r") as file:
+            file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
         # decode_times would turn the times of some units into dates; masking would touch the samples.
         dataset = xr.load_dataset(
             path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
