@@ -16,7 +16,9 @@ import pytest
 
 from smsid._files import atomic_folder, atomic_path, atomic_write, file_stem
 from smsid._temporary import PATTERN, remove_orphans, temporary_beside
+from smsid.description import load_description
 from smsid.errors import OutputError
+from smsid.export.folder import export_folder
 
 KILLS = 6  # benchmarks/kills.py makes 100, over whole commands
 BIG = 200_000
@@ -145,8 +147,24 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["../../up", "a/b", "a\\b", "..", ".hidden", "", " a", "a ", "a\x00b", "a\nb", "con", "NUL", "com1.x"]
-    + ["x" * 300, "-o", "a:b", "a*", "\u202ea", "end."],  # noqa: RUF005
+    [
+        *(
+            "../../up",
+            "a/b",
+            "a\\b",
+            "..",
+            ".hidden",
+            "",
+            " a",
+            "a ",
+            "a\x00b",
+            "a\nb",
+            "con",
+            "NUL",
+            "com1.x",
+        ),
+        *("x" * 300, "-o", "a:b", "a*", "\u202ea", "end."),
+    ],
 )
 def test_a_name_never_becomes_a_path(name):
     with pytest.raises(OutputError, match="and a file is to be called by it"):
@@ -156,3 +174,12 @@ def test_a_name_never_becomes_a_path(name):
 @pytest.mark.parametrize("name", ["small", "paper_sms", "a.b", "\u00fcn\u00ef", "panda 2", "console"])
 def test_a_sound_name_is_kept(name):
     assert file_stem(name) == name
+
+
+def test_export_stays_in_its_folder(tmp_path, urdf):
+    description = load_description(urdf / "paper_sms.toml")
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(OutputError, match=r"'\.\./\.\./up'"):
+        export_folder(description.model_copy(update={"name": "../../up"}), tmp_path / "a" / "b" / "ex")
+    assert sorted(tmp_path.rglob("*")) == before
