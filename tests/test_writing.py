@@ -163,7 +163,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
             "NUL",
             "com1.x",
         ),
-        *("x" * 300, "-o", "a:b", "a*", "\u202ea", "end."),
+        *("com1.x", "x" * 300, "-o", "a:b", "a*", "\u202ea", "end."),
     ],
 )
 def test_a_name_never_becomes_a_path(name):
