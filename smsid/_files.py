@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
-import secrets
+import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from smsid.errors import SmsidError
+from smsid._guard import refuse_protected
+from smsid._temporary import temporary_beside
+from smsid.errors import OutputError
+
+FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+RESERVED = {"con", "prn", "aux", "nul"} | {f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10)}
+LONGEST_STEM = 200  # bytes: a file's name may hold 255, with its suffix
 
 
 @contextmanager
@@ -18,49 +26,163 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path beside ``path``; what is written there replaces ``path`` when the block ends.
 
     When the block raises, the temporary file is removed and an existing ``path`` stays as it was. A symbolic
-    link is followed, so the file it points to is replaced and the link stays.
+    link is followed, so the file it points to is replaced and the link stays. The temporary file is empty;
+    do not replace it by another. What killed runs left in the folder is removed.
 
     Raises:
-        SmsidError: the folder of ``path`` does not exist, ``path`` is a folder, or the block wrote nothing.
+        OutputError: as `check_target`, the disk is full, or the block wrote nothing.
     """
-    target = Path(path).resolve()
-    if not target.parent.is_dir():
-        raise SmsidError(
-            f"Cannot write {path}: the folder {target.parent} does not exist.",
-            advice="Create it first.",
-            path=str(path),
-        )
-    if target.is_dir():
-        raise SmsidError(
-            f"Cannot write {path}: it is a folder.", advice="Name a file inside it.", path=str(path)
-        )
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
-    try:
+    target = check_target(path)
+    with _explained(path), temporary_beside(target) as temporary:
         yield temporary
-        if not temporary.is_file():
-            raise SmsidError(
+        if not temporary.is_file() or not temporary.stat().st_size:
+            raise OutputError(
                 f"Nothing was written for {path}.",
                 advice="Write to the path that atomic_path gives.",
                 path=str(path),
             )
-        # Without the sync a power cut can leave the new name on an empty file.
-        with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+        _replace(temporary, target)
 
 
 def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> Path:
     """Write ``content`` (a str as UTF-8) to ``path``, whole or not at all; return the path.
 
     Raises:
-        SmsidError: the folder of ``path`` does not exist, or ``path`` is a folder.
+        OutputError: as `check_target`, or the disk is full.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
-    with atomic_path(path) as temporary:
+    target = check_target(path)
+    with _explained(path), temporary_beside(target) as temporary:
         temporary.write_bytes(data)
+        _replace(temporary, target)
     return Path(path)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary folder beside ``path`` that becomes ``path`` when the block ends.
+
+    Raises:
+        OutputError: ``path`` exists and is not an empty folder, its parent is missing, or the disk is full.
+    """
+    target = _resolved(path)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise OutputError(
+            f"'{path}' exists and is not an empty folder.", advice="Name a new folder.", path=str(path)
+        )
+    _check_parent(target, path)
+    with _explained(path), temporary_beside(target, folder=True) as temporary:
+        yield temporary
+        if target.exists():
+            target.rmdir()
+        os.replace(temporary, target)
+
+
+def check_target(path: str | os.PathLike[str]) -> Path:
+    """Return the file that writing to ``path`` makes or replaces, links followed.
+
+    Raises:
+        OutputError: its folder does not exist, it is a folder, a device, a pipe, or not to be written to, a
+            link leads to itself, the name is no file's, or it is an input of the command under way.
+    """
+    target = _resolved(path)
+    _check_parent(target, path)
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except OSError as error:
+        raise OutputError(
+            f"Cannot write '{path}': {error.strerror}.", advice="Name another file.", path=str(path)
+        ) from error
+    if stat.S_ISDIR(mode):
+        raise OutputError(
+            f"Cannot write '{path}': it is a folder.", advice="Name a file inside it.", path=str(path)
+        )
+    if not stat.S_ISREG(mode):
+        raise OutputError(
+            f"Cannot write '{path}': it is a device or a pipe.", advice="Name a file.", path=str(path)
+        )
+    if not os.access(target, os.W_OK):
+        raise OutputError(
+            f"Cannot write '{path}': it is read-only.", advice="Name another file.", path=str(path)
+        )
+    refuse_protected(Path(path))
+    return target
+
+
+def file_stem(name: str) -> str:
+    """Return a name that a user gave, for the beginning of a file's name.
+
+    Raises:
+        OutputError: it would be a path, hidden, reserved on some system, or longer than a file's name can be.
+    """
+    wrong = ""
+    if not name.strip() or name != name.strip():
+        wrong = "is empty, or begins or ends with a blank"
+    elif any(c in '/\\:*?"<>|' or not c.isprintable() for c in name):
+        wrong = "has a character that a file's name cannot have"
+    elif name.startswith((".", "-")) or name.endswith("."):
+        wrong = "begins or ends with a dot, or begins with a dash"
+    elif name.split(".")[0].lower() in RESERVED:
+        wrong = "is reserved on some systems"
+    elif len(name.encode()) > LONGEST_STEM:
+        wrong = f"is longer than {LONGEST_STEM} bytes"
+    if wrong:
+        raise OutputError(
+            f"The name {name[:80]!r} {wrong}, and a file is to be called by it.",
+            advice="Give it a name of letters, digits, '_', '-' and single dots.",
+            name=name,
+        )
+    return name
+
+
+def _resolved(path: str | os.PathLike[str]) -> Path:
+    """Return the path with links followed; a name that the system cannot have is our own error."""
+    try:
+        target = Path(path).resolve()
+        target.is_dir()
+        os.stat(target.parent)
+        os.lstat(target)
+    except FileNotFoundError:
+        return target
+    except (OSError, RuntimeError, ValueError) as error:  # too long, a loop of links, a NUL
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(
+            f"Cannot write {str(path)[:200]!r}: {reason}.", advice="Name another file.", path=str(path)
+        ) from error
+    return target
+
+
+def _check_parent(target: Path, path: str | os.PathLike[str]) -> None:
+    if not target.parent.is_dir():
+        raise OutputError(
+            f"Cannot write '{path}': the folder '{target.parent}' does not exist.",
+            advice="Create it first.",
+            path=str(path),
+        )
+
+
+@contextmanager
+def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in FULL
+        reason = "the disk is full" if full else error.strerror or str(error)
+        advice = "Make room, or name a file elsewhere." if full else "Check the rights of its folder."
+        raise OutputError(
+            f"Cannot write '{path}': {reason}; nothing was changed.", advice=advice, path=str(path)
+        ) from error
+
+
+def _replace(temporary: Path, target: Path) -> None:
+    # Without the sync a power cut can leave the new name on an empty file.
+    with temporary.open("rb+") as stream:
+        os.fsync(stream.fileno())
+    if target.exists():
+        shutil.copymode(target, temporary)
+    os.replace(temporary, target)
 
 
 def json_ready(x: Any) -> Any:

@@ -49,6 +49,10 @@ class ControlError(SmsidError):
     """A controller cannot be designed or used: infeasible or ill-posed, wrong dimensions, singular layout."""
 
 
+class OutputError(SmsidError):
+    """A file cannot be written, or is refused because writing it would replace what must not be lost."""
+
+
 class MissingDependencyError(SmsidError):
     """An optional dependency is not installed."""
 

@@ -9,8 +9,15 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import ReportPath, ShowAll, writable
+from smsid.cli.options import ReportPath, ShowAll
 from smsid.cli.output import console, error_console, is_quiet, warn
+from smsid.cli.places import Writes
+
+
+def _summary_beside(output: Path) -> tuple[Path, ...]:
+    from smsid.campaign.main import summary_path
+
+    return (summary_path(output),)
 
 
 def campaign_command(
@@ -20,9 +27,9 @@ def campaign_command(
         typer.Option(
             "--output",
             "-o",
-            callback=writable,
             help="results, one line per run; an existing file is continued",
         ),
+        Writes((".jsonl",), beside=_summary_beside),
     ] = Path("campaign.jsonl"),
     runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
     workers: Annotated[int | None, typer.Option(help="worker processes; default: one per core")] = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath, ShowAll
+from smsid.cli.options import JsonOutput, ReportPath, ShowAll
 from smsid.cli.output import console, working
 from smsid.errors import ControlError
 
@@ -43,8 +43,8 @@ def control_command(
     samples: Annotated[
         int, typer.Option(help="plants drawn from the estimate for the robust analysis")
     ] = 1000,
-    seed: Annotated[int, typer.Option(help="of what is drawn")] = 0,
-    output: Output = Path("controller.json"),
+    seed: Annotated[int, typer.Option(min=0, help="of what is drawn")] = 0,
+    output: JsonOutput = Path("controller.json"),
     study: Annotated[
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,

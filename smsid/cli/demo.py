@@ -12,6 +12,7 @@ import typer
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Seed
 from smsid.cli.output import console, counting, working
+from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
 if TYPE_CHECKING:
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 
 def demo_command(
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="folder for recordings, estimate, report and view")
+        Path,
+        typer.Option("--output", "-o", help="folder for recordings, estimate, report and view"),
+        Writes(folder=True),
     ] = Path("demo-out"),
     seed: Seed = 1,
 ) -> Outcome:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath, ShowAll
+from smsid.cli.options import ReportPath, ShowAll, TomlOutput
 from smsid.cli.output import console, working
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def design_command(
         str | None,
         typer.Option(help="two causes as diagnose prints them, e.g. 'viscous at joint2,coulomb at joint2'"),
     ] = None,
-    output: Output = Path("experiment.toml"),
+    output: TomlOutput = Path("experiment.toml"),
     mode: Annotated[
         str, typer.Option(help="thrust (attitude held), motion (arm and wheels, free floating), or auto")
     ] = "auto",
@@ -67,7 +67,7 @@ def design_command(
     wheel_torque: Annotated[float | None, typer.Option(help="limit: torque of a wheel [N m]")] = None,
     pointing: Annotated[float | None, typer.Option(help="limit: how far the bus turns [rad]")] = None,
     margin: Annotated[float, typer.Option(help="share of every limit to leave unused")] = 0.02,
-    seed: Annotated[int, typer.Option(help="of the search")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
     report: ReportPath = None,
     show_all: ShowAll = False,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath, ShowAll, writable
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,13 @@ if TYPE_CHECKING:
 
     from smsid.diagnose import Diagnosis
 
+
+def _extended_beside(output: Path) -> tuple[Path, ...]:
+    """Return where the extended description stands when --extended does not say."""
+    return (output.with_name("extended.toml"),)
+
+
+DiagnosisOutput = Annotated[Output, Writes((".json",), beside=_extended_beside)]
 EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
 
 
@@ -32,12 +40,11 @@ def diagnose_command(
     validate: Annotated[
         list[Path] | None, typer.Option(help="recordings the gain is measured on; may be given repeatedly")
     ] = None,
-    output: Output = Path("diagnosis.json"),
+    output: DiagnosisOutput = Path("diagnosis.json"),
     extended: Annotated[
         Path | None,
-        typer.Option(
-            callback=writable, help="description with the causes in it; by default extended.toml beside"
-        ),
+        typer.Option(help="description with the causes in it; by default extended.toml beside"),
+        Writes((".toml",)),
     ] = None,
     report: ReportPath = None,
     show_all: ShowAll = False,
@@ -66,7 +73,7 @@ def diagnose_command(
     # causes in measured torques stand also where something else is left
     standing = found.torques is not None and bool(found.diagnosis.causes)
     if found.diagnosis.verdict == "explained" or standing:
-        place = extended if extended is not None else output.with_name("extended.toml")
+        place = extended if extended is not None else _extended_beside(output)[0]
         save_description(found.extended, place)
         written.append(place)
     if report is not None:

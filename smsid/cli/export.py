@@ -9,11 +9,14 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 
 
 def export_command(
     description: Annotated[Path, typer.Argument(help="description of the spacecraft or arm: a TOML")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="folder to make, whole or not at all")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="folder to make, whole or not at all"), Writes(folder=True)
+    ],
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate of it (JSON of `smsid identify`); without: as described")
     ] = None,

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
+from smsid.cli.options import DescriptionPath, JsonOutput, ReportPath, ShowAll
 from smsid.cli.output import console, working
 from smsid.errors import SmsidError
 
@@ -23,7 +23,7 @@ def identify_command(
             "ground: one to identify from, and any in the role validation to judge by"
         ),
     ],
-    output: Output = Path("estimate.json"),
+    output: JsonOutput = Path("estimate.json"),
     method: Annotated[
         str,
         typer.Option(
@@ -40,7 +40,7 @@ def identify_command(
         ),
     ] = None,
     cutoff: Annotated[
-        float | None, typer.Option(help="welded arm: low-pass of angles and torques [Hz]")
+        float | None, typer.Option(min=1e-6, help="welded arm: low-pass of angles and torques [Hz]")
     ] = None,
     gains: Annotated[
         bool,

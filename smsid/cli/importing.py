@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output
+from smsid.cli.options import RecordingOutput
 from smsid.cli.output import console, working
 
 
@@ -18,7 +18,7 @@ def import_command(
         str,
         typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones"),
     ],
-    output: Output = Path("recording.nc"),
+    output: RecordingOutput = Path("recording.nc"),
     unchecked: Annotated[
         bool,
         typer.Option(

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import ShowAll, writable
+from smsid.cli.options import ShowAll
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 MAPPING = 20  # lines of a drafted mapping that are printed
@@ -19,7 +20,7 @@ MAPPING = 20  # lines of a drafted mapping that are printed
 def inspect_command(
     file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag or MCAP")],
     output: Annotated[
-        Path | None, typer.Option("--map", callback=writable, help="write the drafted mapping to this TOML")
+        Path | None, typer.Option("--map", help="write the drafted mapping to this TOML"), Writes((".toml",))
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option("--with", help="mapping that says what the columns are (TOML)")
@@ -30,7 +31,7 @@ def inspect_command(
             help="welded arm (TOML): also compare signs and torques with it; needs --with, and joint labels"
         ),
     ] = None,
-    cutoff: Annotated[float | None, typer.Option(help="with --description: low-pass [Hz]")] = None,
+    cutoff: Annotated[float | None, typer.Option(min=1e-6, help="with --description: low-pass [Hz]")] = None,
     show_all: ShowAll = False,
 ) -> Outcome:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""

@@ -9,6 +9,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
     from smsid.description import Description
@@ -17,7 +18,11 @@ if TYPE_CHECKING:
 
 def fetch(
     name: Annotated[str, typer.Argument(help="staubli_tx40, silverbox, antisloshing or cessipy_slab")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="folder for recordings and description")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="folder for recordings and description"),
+        Writes(folder=True),
+    ],
 ) -> Outcome:
     """Write a public data set as recordings (and descriptions): from SMSID_DATA, else downloaded."""
     from smsid.description import Description, save_description

@@ -10,17 +10,17 @@ import typer
 
 from smsid.cli.lab_options import RecordingPath, print_estimate
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, ReportPath
+from smsid.cli.options import JsonOutput, ReportPath
 from smsid.cli.output import console, working
 from smsid.errors import RecordingError
 
 
 def modal(
     recording: RecordingPath,
-    highest: Annotated[float, typer.Option(help="highest frequency sought [Hz]")],
+    highest: Annotated[float, typer.Option(min=1e-9, help="highest frequency sought [Hz]")],
     channel: Annotated[str | None, typer.Option(help="channel of the outputs; default the only one")] = None,
-    seed: Annotated[int, typer.Option(help="of the resampling")] = 0,
-    output: Output = Path("modes.json"),
+    seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
+    output: JsonOutput = Path("modes.json"),
     report: ReportPath = None,
 ) -> Outcome:
     """Modes of a structure from its vibration alone: no order to pick, harmonics told apart."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.options import writable
 from smsid.cli.output import console
+from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 RecordingPath = Annotated[Path, typer.Argument(help="recording (.nc of `smsid import` or `smsid lab fetch`)")]
 Diagnose = Annotated[
     Path | None,
-    typer.Option(
-        callback=writable, help="name what the simplest model lacks, and write that as `smsid diagnose` does"
-    ),
+    typer.Option(help="name what the simplest model lacks, and write that as `smsid diagnose` does"),
+    Writes((".json",)),
 ]
 
 

@@ -16,7 +16,10 @@ from typing import Annotated, Any, TextIO, get_type_hints
 import typer
 
 from smsid._files import json_ready
+from smsid._guard import protecting
+from smsid.cli.kinds import check_kinds
 from smsid.cli.output import Manners, behaving
+from smsid.cli.places import check_numbers, check_places
 from smsid.errors import SmsidError
 
 AsJson = Annotated[bool, typer.Option("--json", help="print the result as JSON, and nothing else, on stdout")]
@@ -50,7 +53,16 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
 
     @wraps(function)
     def run(*arguments: Any, as_json: bool, quiet: bool, **options: Any) -> None:
-        _run(lambda: function(*arguments, **options), Manners(as_json, quiet))
+        given = signature.bind(*arguments, **options).arguments
+
+        def command() -> Any:
+            check_numbers(given)
+            inputs = check_places(function, given)
+            check_kinds(function, given)
+            with protecting(inputs):
+                return function(**given)
+
+        _run(command, Manners(as_json, quiet))
 
     run.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *own])  # type: ignore[attr-defined]
     hints = get_type_hints(function, include_extras=True)

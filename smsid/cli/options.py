@@ -7,31 +7,20 @@ from typing import Annotated
 
 import typer
 
-from smsid.errors import SmsidError
-
-
-def writable(path: Path | None) -> Path | None:
-    """Return the path of a file to write, or refuse it before anything is computed."""
-    if path is None:
-        return None
-    if path.is_dir():
-        raise SmsidError(f"Cannot write '{path}': it is a folder.", advice="Name a file inside it.")
-    if not path.resolve().parent.is_dir():
-        raise SmsidError(
-            f"Cannot write '{path}': the folder '{path.parent}' does not exist.", advice="Create it first."
-        )
-    return path
-
+from smsid.cli.places import Writes
 
 DescriptionPath = Annotated[
     Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")
 ]
-Output = Annotated[
-    Path, typer.Option("--output", "-o", callback=writable, help="file to write, whole or not at all")
-]
+Output = Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")]
+"""An output without a suffix of its own; a command says with `Writes` which suffixes fit."""
+RecordingOutput = Annotated[Output, Writes((".nc",))]
+JsonOutput = Annotated[Output, Writes((".json",))]
+TomlOutput = Annotated[Output, Writes((".toml",))]
 ReportPath = Annotated[
     Path | None,
-    typer.Option("--report", callback=writable, help="self-contained HTML report to write as well"),
+    typer.Option("--report", help="self-contained HTML report to write as well"),
+    Writes((".html", ".htm")),
 ]
 ShowAll = Annotated[bool, typer.Option("--all", help="print everything: all rows, names in full, every note")]
-Seed = Annotated[int, typer.Option(help="seed of sensor noise and turn-on biases")]
+Seed = Annotated[int, typer.Option(min=0, help="seed of sensor noise and turn-on biases")]

@@ -10,6 +10,7 @@ import typer
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Output
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 
 
 def plot_command(
@@ -20,7 +21,7 @@ def plot_command(
         Path,
         typer.Argument(help="recording (.nc), estimate or diagnosis (.json), store of a campaign (.jsonl)"),
     ],
-    output: Output = Path("figure.png"),
+    output: Annotated[Output, Writes((".png", ".svg", ".pdf"))] = Path("figure.png"),
     channel: Annotated[
         list[str] | None, typer.Option(help="recording: a channel to draw; may be given repeatedly")
     ] = None,

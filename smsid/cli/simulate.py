@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, Output, Seed, ShowAll, writable
+from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
 from smsid.cli.output import console, counting, warn
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 
@@ -19,12 +20,13 @@ def simulate_command(
     experiment: Annotated[
         str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")
     ],
-    output: Output = Path("recording.nc"),
+    output: RecordingOutput = Path("recording.nc"),
     seed: Seed = 1,
     role: Annotated[str, typer.Option(help="estimation or validation")] = "estimation",
     save_experiment_to: Annotated[
         Path | None,
-        typer.Option("--save-experiment", callback=writable, help="also write the experiment as a TOML"),
+        typer.Option("--save-experiment", help="also write the experiment as a TOML"),
+        Writes((".toml",)),
     ] = None,
     show_all: ShowAll = False,
 ) -> Outcome:

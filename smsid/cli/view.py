@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, writable
+from smsid.cli.options import DescriptionPath
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 
@@ -22,7 +23,8 @@ def view_command(
     ] = None,
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", "--html", callback=writable, help="self-contained HTML to write"),
+        typer.Option("--output", "-o", "--html", help="self-contained HTML to write"),
+        Writes((".html", ".htm")),
     ] = Path("view.html"),
     simulated: Annotated[
         bool,
@@ -35,14 +37,19 @@ def view_command(
         float, typer.Option(help="deflections drawn this many times larger; the page has a slider")
     ] = 1.0,
     slosh: Annotated[float, typer.Option(help="slosh drawn this many times larger")] = 1.0,
-    speed: Annotated[float, typer.Option(help="seconds of motion per second; the page has a choice")] = 1.0,
-    fps: Annotated[float, typer.Option(help="frames kept per second on screen")] = 20.0,
+    speed: Annotated[
+        float, typer.Option(min=1e-3, max=1e3, help="seconds of motion per second; the page has a choice")
+    ] = 1.0,
+    fps: Annotated[float, typer.Option(min=0.1, max=240.0, help="frames kept per second on screen")] = 20.0,
     dark: Annotated[bool, typer.Option("--dark", help="before stars")] = False,
     arrows: Annotated[bool, typer.Option(help="thrust, torques, momentum, centre of mass")] = True,
     trail: Annotated[bool, typer.Option(help="the way of each arm's tool")] = True,
     live: Annotated[
         bool, typer.Option("--live", help="serve it to a browser until Ctrl-C instead of writing a file")
     ] = False,
+    host: Annotated[
+        str, typer.Option(help="--live: address to listen on; by default for this machine alone")
+    ] = "127.0.0.1",
 ) -> Outcome:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, or live (extra: view)."""
     from smsid.view import Look, live_main, view_main
@@ -60,8 +67,12 @@ def view_command(
         raise SmsidError("--simulated needs a recording.", advice="Give the one whose commands to fly.")
     if live:
         with working("drawing"):
-            view = live_main(description, recordings, **chosen)
-        console().print(f"open {view.url} in a browser; Ctrl-C ends it", highlight=False, soft_wrap=True)
+            view = live_main(description, recordings, **chosen, host=host)
+        console().print(
+            f"listening on {host}; open {view.url} in a browser; Ctrl-C ends it",
+            highlight=False,
+            soft_wrap=True,
+        )
         try:
             while True:
                 time.sleep(1.0)

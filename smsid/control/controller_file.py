@@ -14,6 +14,7 @@ import pinocchio as pin
 
 import smsid
 from smsid._files import atomic_write
+from smsid._reading import read_json
 from smsid.control.design import Design
 from smsid.control.gains import Gains
 from smsid.control.reduced import ReducedDynamics
@@ -107,7 +108,7 @@ def load_controller(path: str | os.PathLike[str]) -> tuple[Gains, StateSpace]:
     if not file.is_file():
         raise ControlError(f"The file '{file}' does not exist.", advice="Run `smsid control` to make it.")
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json(file, ControlError)
         if document.get("kind") != "controller" or document.get("schema") != SCHEMA_VERSION:
             raise ControlError(f"'{file}' is no controller of schema {SCHEMA_VERSION}.")
         found = Gains(np.array(document["K_P"]["value"]), np.array(document["K_D"]["value"]))
@@ -125,7 +126,7 @@ def load_dynamics(path: str | os.PathLike[str], model: SpacecraftModel) -> Reduc
     Raises `ControlError` when the file is none or its bodies are not the spacecraft's.
     """
     load_controller(path)
-    found = json.loads(Path(path).read_text(encoding="utf-8")).get("model", {}).get("bodies", {})
+    found = read_json(path, ControlError).get("model", {}).get("bodies", {})
     exact = ReducedDynamics(model)
     names = list(exact.pin.names)[1:]
     if sorted(found) != sorted(names):

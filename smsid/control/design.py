@@ -46,6 +46,17 @@ class DesignRequest:
     rate: float = 100.0
     samples: int = 1000
 
+    def __post_init__(self) -> None:
+        """Raise `ControlError` for what no controller can have."""
+        positive = {"--crossover": self.crossover, "--rate": self.rate, "--samples": self.samples}
+        for name, value in positive.items():
+            if not value > 0.0:
+                raise ControlError(f"{name} {value} is not positive.", advice="Give a number above 0.")
+        if self.uncertainty is not None and not self.uncertainty >= 0.0:
+            raise ControlError(
+                f"--uncertainty {self.uncertainty} is no share.", advice="Give 0.05 for 5 %, 0 or more."
+            )
+
 
 @short_repr
 @dataclass(frozen=True)

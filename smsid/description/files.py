@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
+from smsid._reading import read_toml as _read_toml
 from smsid.description.explain import explain_validation
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
@@ -22,12 +22,7 @@ def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[st
     """Return the tables of a TOML file; raises ``error`` naming the file and the line."""
     if not path.is_file():
         raise error(f"The file '{path}' does not exist.", advice="Check the path.")
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
-        raise error(
-            f"'{path}' is not valid TOML: {cause}.", advice="Is the file cut short? Mend the place it names."
-        ) from cause
+    return _read_toml(path, error)
 
 
 def load_description(path: str | os.PathLike[str]) -> Description:

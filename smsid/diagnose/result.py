@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import smsid
 from smsid._files import atomic_write, json_ready
+from smsid._reading import read_json
 from smsid._short_repr import short_repr
 from smsid.diagnose.gain import Gain
 from smsid.errors import SmsidError
@@ -169,10 +170,7 @@ def save_diagnosis(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
 def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Load a diagnosis as the plain document it is; raises `SmsidError` for what is none."""
     file = Path(path)
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SmsidError(f"'{file}' cannot be read: {error}.", advice="Is it cut short?") from error
+    document = read_json(file)
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
         raise SmsidError(f"'{file}' is no diagnosis.", advice="FilterRun `smsid diagnose` to make one.")
     return document

@@ -161,6 +161,7 @@ def _identify(
             "widening": quality.widening,
         },
         history=_history(visited),
+        covariance=spread,
     )
     return FlightEstimate(estimate, spread, found.point.description, quality, disagree, found, tuple(flights))
 

@@ -212,7 +212,7 @@ def _combination(
 
 
 def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> str:
-    """Return the name of a combination of factors (n,), as ``bus.mx + 2 link1.m``: its own parameter first."""
+    """Return the name of a combination of factors (n,), its own first: ``bus.mx + 2 link1.m``."""
     text = names[first]
     for i in np.flatnonzero(factors).tolist():
         if i != first:

@@ -22,6 +22,16 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+def _table(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """Return rows as an array (n, m); raises `ExperimentError` where one has another length."""
+    if len({len(row) for row in rows}) > 1:
+        lengths = ", ".join(str(len(row)) for row in rows[:6])
+        raise ExperimentError(
+            f"Rows of a profile have {lengths} numbers.", advice="Give every row as many as there are axes."
+        )
+    return np.array(rows, dtype=float)
+
+
 class StepProfile(_Table):
     """Piecewise constant: ``values[i]`` from ``times[i]`` [s] on."""
 
@@ -31,7 +41,7 @@ class StepProfile(_Table):
 
     def signal(self) -> Signal:
         """Return the signal."""
-        return Steps(self.times, np.array(self.values, dtype=float))
+        return Steps(self.times, _table(self.values))
 
 
 class FourierProfile(_Table):
@@ -48,7 +58,7 @@ class FourierProfile(_Table):
 
     def signal(self) -> Fourier:
         """Return the signal."""
-        cos, sin = np.array(self.cos, dtype=float), np.array(self.sin, dtype=float)
+        cos, sin = _table(self.cos), _table(self.sin)
         if cos.shape != sin.shape or cos.ndim != 2:
             raise ExperimentError(
                 "`cos` and `sin` of a Fourier series need the same number of rows and terms."

@@ -5,19 +5,17 @@ from __future__ import annotations
 import csv
 import io
 import os
-import secrets
-import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from smsid._files import atomic_write
+from smsid._files import atomic_folder, atomic_write, file_stem
 from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.effects import MotorCoupling
-from smsid.errors import SmsidError
+from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
 from smsid.export.mjcf import write_mjcf
@@ -64,26 +62,28 @@ def export_folder(
         mujoco: whether to write the MuJoCo XML.
 
     Raises:
-        SmsidError: the folder is in use or its parent is missing.
+        OutputError: the folder is in use, its parent is missing, or a name in the description is no file's.
         DescriptionError: as `with_estimate`, `identified_bodies` and `write_mjcf`.
     """
+    _check_names(description)
     target = Path(folder).resolve()
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise SmsidError(
-            f"'{folder}' exists and is not an empty folder.", advice="Name a new folder.", path=str(folder)
-        )
-    if not target.parent.is_dir():
-        raise SmsidError(f"The folder '{target.parent}' does not exist.", advice="Create it first.")
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
-    temporary.mkdir()
-    try:
+    with atomic_folder(folder) as temporary:
         files, bodies, notes = _written(description, temporary, target, estimate, mujoco)
-        if target.exists():
-            target.rmdir()
-        os.replace(temporary, target)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     return Export(target, tuple(files), bodies, tuple(notes))
+
+
+def _check_names(d: Description) -> None:
+    """Raise `OutputError` where a name is no file's, or two files would have one name."""
+    names = [d.name, *(arm.name for arm in d.arm if arm.mounted)]
+    taken: dict[str, str] = {}
+    for name in map(file_stem, names):
+        other = taken.get(name.lower())
+        taken[name.lower()] = name
+        if other is not None:
+            raise OutputError(
+                f"'{name}' and '{other}' would be one file, {name}.urdf.",
+                advice="Give the spacecraft and its arms different names.",
+            )
 
 
 def _written(

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 import smsid
 from smsid._files import json_ready
+from smsid._reading import read_json
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, with_distinct_names
 
 SCHEMA_VERSION = 1
 _PLACE = "@covariance@"
+_CHECKED = TypeAdapter(ParameterEstimate)  # a field of another type is an error of the file
 
 
 def estimate_json(estimate: Estimate) -> str:
@@ -64,7 +67,7 @@ def read_estimate(file: Path) -> Estimate:
     if not file.is_file():
         raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid identify` to make it.")
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json(file)
         known = isinstance(document, dict) and document.get("kind") == "estimate"
         if not known or document.get("schema") != SCHEMA_VERSION:
             raise SmsidError(
@@ -104,7 +107,7 @@ def _parameter(table: dict[str, Any]) -> ParameterEstimate:
     if values.get("profile") is not None:
         low, high = values["profile"]
         values["profile"] = (-math.inf if low is None else low, math.inf if high is None else high)
-    return ParameterEstimate(**values)
+    return _CHECKED.validate_python(values)
 
 
 def _covariance(table: dict[str, Any] | None) -> np.ndarray | None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from smsid.errors import DescriptionError, MissingDependencyError
 
+NEAREST = 5  # names that a message holds
 FOLDER = Path("share") / "example-robot-data" / "robots"
 
 
@@ -73,10 +74,10 @@ def robot_urdf(name: str) -> tuple[Path, list[Path]]:
     folder = robots_folder()
     robots = robot_files(folder)
     if name not in robots:
-        near = difflib.get_close_matches(name, robots, n=1)
+        near = difflib.get_close_matches(name.lower(), robots, n=NEAREST, cutoff=0.0)
         raise DescriptionError(
-            f"example-robot-data has no robot '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
-            advice=f"It has: {', '.join(sorted(robots))}.",
+            f"example-robot-data has no robot '{name[:80]}'.",
+            advice=f"The nearest of its {len(robots)} names: {', '.join(near)}.",
             robot=name,
         )
     return robots[name], [folder.parent.parent, folder, robots[name].parent]

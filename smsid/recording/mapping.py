@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from smsid._reading import read_toml
 from smsid.errors import RecordingError
 from smsid.recording._units import check_unit, convert
 from smsid.recording.channels import EXTRA, Quantity, quantity_of
@@ -132,17 +132,7 @@ def load_mapping(source: str | os.PathLike[str] | ImportMapping) -> ImportMappin
         check_mapping(source, "The mapping")
         return source
     path = mapping_path(source)
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(
-            f"{path} is not TOML: {error}.", advice="Mend it at that place.", path=str(path)
-        ) from error
-    except OSError as error:
-        raise RecordingError(
-            f"Cannot read {path}: {error}.", advice="Check the path.", path=str(path)
-        ) from error
-    return parse_mapping(tree, str(path))
+    return parse_mapping(read_toml(path, RecordingError), str(path))
 
 
 def mapping_path(source: str | os.PathLike[str]) -> Path:

@@ -63,7 +63,10 @@ def read_columns(path: str | os.PathLike[str], csv_format: CsvFormat | None = No
         raise RecordingError(f"There is no file {path}.", advice="Check the path.", path=str(path))
     for suffix, reader in READERS.items():
         if file.name.lower().endswith(suffix):
-            return reader(file, csv_format or CsvFormat())
+            try:
+                return reader(file, csv_format or CsvFormat())
+            except csv.Error as error:  # a cell longer than any number, a NUL
+                raise unreadable(file, "CSV", error) from error
     raise RecordingError(
         f"No reader for {path}.",
         advice=f"Known suffixes: {', '.join(READERS)}.",

@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from smsid._files import atomic_path
-from smsid.errors import RecordingError, SmsidError
+from smsid._files import atomic_write, check_target
+from smsid.errors import OutputError, RecordingError
 from smsid.recording.channels import quantity_of
 from smsid.recording.recording import Recording
 
@@ -33,13 +33,11 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
         # The checksum finds damage inside a file that still has its full length.
         encoding[name]["fletcher32"] = True
     try:
-        with atomic_path(path) as temporary:
-            dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
-    except OSError as error:
-        raise RecordingError(
-            f"Cannot write {path}: {error}.", advice="Is the disk full or read-only?", path=str(path)
-        ) from error
-    except SmsidError as error:
+        check_target(path)
+        # HDF5 crashes when the disk is full as it closes a file; bytes in memory are written by ourselves
+        content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        atomic_write(path, bytes(content))
+    except OutputError as error:
         raise RecordingError(error.message, advice=error.advice, **error.evidence) from error
     return Path(path)
 
@@ -51,10 +49,14 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         RecordingError: no such file, no HDF5, cut short or damaged, no smsid recording, or a schema version
             that this smsid does not know.
     """
+    import h5py
     import xarray as xr
 
     check_hdf5(path)
     try:
+        # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
+        with h5py.File(path, "r") as file:
+            file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
         # decode_times would turn the times of some units into dates; masking would touch the samples.
         dataset = xr.load_dataset(
             path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False

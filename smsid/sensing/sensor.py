@@ -84,7 +84,7 @@ class Sensor(BaseModel):
         if not isinstance(data, Mapping):
             return data
         fields = dict(data)
-        if fields.get("preset") is not None:
+        if isinstance(fields.get("preset"), str):  # anything else is refused as its field is
             fields = _overlay(_preset(fields["preset"], fields.get("kind")), fields)
         if not fields.get("quantities"):
             fields["quantities"] = MEASURES.get(str(fields.get("kind")), ())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import logging
+import subprocess
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,6 +18,7 @@ from smsid.view.drivers import Frames
 from smsid.view.motion import Motion
 from smsid.view.replay import Replay
 from smsid.view.scene import Scene
+from smsid.view.server import LOOPBACK, start_server
 
 logger = logging.getLogger(__name__)
 
@@ -34,11 +37,16 @@ class LiveView:
     """A scene in a running meshcat server; open ``url`` in a browser.
 
     Raises `MissingDependencyError` when meshcat is not installed. ``zmq_url`` connects to a server that runs
-    already; without it one is started, and ends with this process or with `close`.
+    already; without it one is started on ``host``, by default for this machine alone, and ends with this
+    process or with `close`.
     """
 
-    def __init__(self, scene: Scene, *, zmq_url: str | None = None) -> None:
+    def __init__(self, scene: Scene, *, zmq_url: str | None = None, host: str = LOOPBACK) -> None:
         visualizer = require("meshcat", "view").Visualizer
+        self._process: subprocess.Popen[str] | None = None
+        if zmq_url is None:
+            self._process, zmq_url, _ = start_server(host)
+            atexit.register(self.close)
         with contextlib.redirect_stdout(io.StringIO()):
             self._visualizer: Any = visualizer(zmq_url=zmq_url)
         self.scene = scene
@@ -67,21 +75,22 @@ class LiveView:
 
     def close(self) -> None:
         """End the server if this view started it."""
-        process = self._visualizer.window.server_proc
-        if process is not None:
-            process.kill()
-            process.wait()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
 
     def _send(self, commands: Iterable[Command]) -> None:
         for command in commands:
             self._visualizer.window.send(_Message(command))
 
 
-def show(replay: Replay, *, zmq_url: str | None = None, loop: bool = True) -> LiveView:
+def show(replay: Replay, *, zmq_url: str | None = None, loop: bool = True, host: str = LOOPBACK) -> LiveView:
     """Play a replay in a live meshcat view and return it; open its ``url`` in a browser.
+
+    ``host`` as of `LiveView`.
 
     Raises `MissingDependencyError` when meshcat is not installed.
     """
-    view = LiveView(replay.scene, zmq_url=zmq_url)
+    view = LiveView(replay.scene, zmq_url=zmq_url, host=host)
     view.play(replay, loop=loop)
     return view

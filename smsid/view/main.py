@@ -14,6 +14,7 @@ from smsid.view.live import LiveView, show
 from smsid.view.look import Look
 from smsid.view.replay import Layout, Replay, replay
 from smsid.view.scene import Scene, build_scene
+from smsid.view.server import LOOPBACK
 from smsid.view.twin import simulated_twin
 
 PathLike = str | os.PathLike[str]
@@ -57,15 +58,18 @@ def live_main(
     look: Look | None = None,
     fps: float = 20.0,
     speed: float = 1.0,
+    host: str = LOOPBACK,
 ) -> LiveView:
     """Show the same in a live meshcat view instead, and return it; its ``url`` is for a browser.
+
+    ``host``: address to listen on; by default of this machine alone.
 
     Raises as `view_main`.
     """
     view = played(
         description, recordings, simulated=simulated, layout=layout, look=look, fps=fps, speed=speed
     )
-    return show(view) if isinstance(view, Replay) else LiveView(view)
+    return show(view, host=host) if isinstance(view, Replay) else LiveView(view, host=host)
 
 
 def played(

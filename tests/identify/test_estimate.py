@@ -179,7 +179,7 @@ def _parameter_without_value(text: str) -> str:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (_cut, "cannot be read as an estimate"),
+        (_cut, "not valid JSON"),
         (_another_schema, "no estimate of schema 1"),
         (_no_parameters, "cannot be read as an estimate: 'parameters'"),
         (_bare, "cannot be read as an estimate"),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -89,12 +90,14 @@ def test_saving_replaces_the_old_file_and_leaves_nothing_beside_it(tmp_path):
 def test_a_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
     path = save_recording(recording(name="first"), tmp_path / "rec.nc")
 
-    def broken(self, target, **_):
-        target.write_bytes(b"half")
+    whole = Path.write_bytes
+
+    def broken(self, data):
+        whole(self, bytes(data)[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", broken)
-    with pytest.raises(RecordingError, match="No space left"):
+    monkeypatch.setattr(Path, "write_bytes", broken)
+    with pytest.raises(RecordingError, match="disk is full"):
         save_recording(recording(name="second"), path)
     assert load_recording(path).name == "first"
     assert os.listdir(tmp_path) == ["rec.nc"]

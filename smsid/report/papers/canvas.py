@@ -74,12 +74,29 @@ def save(figure: Figure, path: Path) -> Path:
     if kind not in FORMATS:
         raise SmsidError(f"'{path.name}' is no PNG, SVG or PDF.", advice=f"End it in {', '.join(FORMATS)}.")
     FigureCanvasAgg(figure)
+    _plain_where_no_formula(figure)
     # no date in the file: the same figure is the same file
     meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(kind, {})
     style: dict[Any, Any] = {**STYLE, "svg.hashsalt": "smsid"}
     with rc_context(style), atomic_path(path) as temporary:
         figure.savefig(temporary, format=kind[1:], metadata=meta)
     return path
+
+
+def _plain_where_no_formula(figure: Figure) -> None:
+    """Show a text as it stands where what it has between dollars is no formula, such as a user's title."""
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    parser = MathTextParser("path")
+    for text in figure.findobj(Text):
+        shown = text.get_text()  # type: ignore[attr-defined]
+        if "$" in shown:
+            try:
+                for line in shown.splitlines():
+                    parser.parse(line)
+            except Exception:  # matplotlib raises its own errors and those of pyparsing
+                text.set_parse_math(False)  # type: ignore[attr-defined]
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:

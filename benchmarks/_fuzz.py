@@ -1,0 +1,448 @@
+"""Mutated inputs of the command line, each from its number and a seed, and the rule that judges a run."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import random
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+URDF = """<?xml version="1.0"?>
+<robot name="small">
+ <link name="bus"><inertial><origin xyz="0 0 0.1"/><mass value="100"/>
+  <inertia ixx="20" iyy="20" izz="15" ixy="0.5" ixz="0" iyz="0"/></inertial>
+  <visual><geometry><box size="1 1 1"/></geometry></visual></link>
+ <link name="link1"><inertial><origin xyz="0.5 0 0"/><mass value="5"/>
+  <inertia ixx="0.02" iyy="0.4" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+ <joint name="joint1" type="revolute"><parent link="bus"/><child link="link1"/><origin xyz="0 0 0.5"/>
+  <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1" effort="20"/></joint>
+</robot>
+"""
+DESCRIPTION: dict[str, Any] = tomllib.loads("""
+schema = 1
+name = "small"
+urdf = "small.urdf"
+[[arm]]
+name = "arm"
+joints = ["joint1"]
+home = { joint1 = 0.3 }
+[thrust]
+point = [0.0, 0.0, 0.0]
+max_force = 20.0
+[[wheel]]
+name = "wheel_x"
+axis = [1.0, 0.0, 0.0]
+position = [0.0, 0.0, -0.2]
+inertia = 0.05
+max_torque = 1.0
+max_rate = 400.0
+[[wheel]]
+name = "wheel_y"
+axis = [0.0, 1.0, 0.0]
+position = [0.0, 0.0, -0.2]
+inertia = 0.05
+[[wheel]]
+name = "wheel_z"
+axis = [0.0, 0.0, 1.0]
+position = [0.0, 0.0, -0.2]
+inertia = 0.05
+[[effect]]
+kind = "slosh"
+name = "tank"
+position = [0.0, 0.0, 0.1]
+mass = 5.0
+stiffness = [1.0, 1.0, 1.0]
+damping = [0.05, 0.05, 0.05]
+[[sensor]]
+name = "imu"
+kind = "imu"
+position = [0.1, 0.2, 0.3]
+preset = "reference"
+[[sensor]]
+name = "encoder"
+kind = "encoder"
+preset = "reference"
+""")
+EXPERIMENT: dict[str, Any] = {
+    "schema": 1,
+    "name": "short",
+    "duration": 0.4,
+    "hold_attitude": False,
+    "lock_joints": False,
+    "force": {"kind": "steps", "times": [0.0, 0.2], "values": [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0]]},
+    "joints": [0.1],
+}
+MAPPING: dict[str, Any] = {
+    "recording": {"name": "r", "role": "estimation"},
+    "time": {"column": "t", "unit": "s"},
+    "channel": {
+        "imu.angular_rate": {"columns": ["wx", "wy", "wz"], "unit": "rad/s", "frame": "body"},
+        "encoder.joint_position": {"columns": ["q"], "unit": "rad", "labels": ["joint1"]},
+    },
+}
+PARAMETER: dict[str, Any] = {
+    "name": "total.mass",
+    "value": 105.0,
+    "unit": "kg",
+    "sigma": 0.5,
+    "status": "identified",
+    "source": "r",
+    "nominal": 100.0,
+}
+WEIRD: list[Any] = [
+    math.nan, math.inf, -math.inf, -1.0, 0, 0.0, 1e308, 1e-308, -1e-300, 2**62, 1e12, "text", "", True, [],
+    [1.0], [0.0, 0.0, 0.0], [1.0] * 4, [math.nan] * 3, {}, {"a": 1}, "x" * 5000, "a b", "\u00fcn\u00ef\u2603",
+    "\"quoted'", "<script>alert(1)</script>", "../../../etc/passwd", "/etc/passwd", "a/b", "a.b", "a,b",
+    "[bold]x", "%s{0}", -0.0, [[1.0, 2.0, 3.0]], "1.0", "nan", "con", "\u202e", "..", ".", "a\x00b",
+]  # fmt: skip
+WORDS: list[str] = [
+    "-1",
+    "0",
+    "nan",
+    "inf",
+    "1e300",
+    "",
+    "x",
+    "a b",
+    "$\\frac{$",
+    "..",
+    "/dev/null",
+    "[b]",
+    "1,",
+]
+KINDS = ("description", "urdf", "recording", "csv", "experiment", "estimate", "mapping", "arguments")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input: files are written in the folder it is run in, ``words`` call the command."""
+
+    number: int
+    kind: str
+    what: str
+    words: tuple[str, ...]
+
+
+def case(seed: int, number: int, folder: Path) -> Case:
+    """Write the files of an input into ``folder`` and return how it is called; numbers decide it."""
+    rng = random.Random(f"{seed} {number}")
+    kind = KINDS[number % len(KINDS)]
+    write_base(folder)
+    what, words = MUTATIONS[kind](rng, folder)
+    return Case(number, kind, what[:200], tuple(words))
+
+
+def write_base(folder: Path) -> None:
+    """Write sound files of every kind."""
+    (folder / "small.urdf").write_text(URDF, encoding="utf-8")
+    _toml(folder / "d.toml", DESCRIPTION)
+    _toml(folder / "s.toml", EXPERIMENT)
+    _toml(folder / "m.toml", MAPPING)
+    (folder / "e.json").write_text(json.dumps(estimate()), encoding="utf-8")
+    (folder / "l.csv").write_text(log(), encoding="utf-8")
+
+
+def estimate() -> dict[str, Any]:
+    """Return the document of a sound estimate."""
+    from smsid.identify.estimate import Estimate, judged
+
+    known = (
+        judged("total.mass", 105.0, "kg", 0.5, "r", nominal=100.0),
+        judged("tank.mass", 5.0, "kg", 0.1, "r", nominal=5.0),
+    )
+    return json.loads(Estimate("small", "paper", known).to_json())
+
+
+def log(n: int = 40) -> str:
+    """Return a sound log as CSV."""
+    rows = [f"{k / 100},{math.sin(k / 9):.6f},0.01,{k / 1e3},{math.cos(k / 20):.6f}" for k in range(n)]
+    return "t,wx,wy,wz,q\n" + "\n".join(rows) + "\n"
+
+
+def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
+    """Return what is wrong with a run, or nothing: errors are lines of our own, successes are sound."""
+    if code == 70 or "Traceback" in stderr:
+        return "traceback"
+    left = [p.name for p in folder.rglob("*.tmp")]
+    if left:
+        return f"left behind: {left[0]}"
+    if code in (1, 2):
+        return "" if "error: " in stderr else "an error that says nothing"
+    if code not in (0, 3, 4):
+        return f"exit code {code}"
+    try:
+        found = json.loads(stdout)
+    except ValueError:
+        return "accepted, and what it prints is no JSON"
+    mass = found.get("description", {}).get("mass", found.get("mass", {"value": 1.0}))
+    value = mass.get("value") if isinstance(mass, dict) else 1.0
+    if not isinstance(value, float) or not 0.0 < value < 1e12:
+        return f"accepted with a mass of {value} kg"
+    for path in found.get("written", []):
+        if not Path(path).exists() or folder not in Path(path).resolve().parents:
+            return f"says it wrote {path}"
+    if any(p.suffix == ".nc" and p.name == "o.nc" for p in folder.iterdir()):
+        return _judge_recording(folder / "o.nc")
+    return ""
+
+
+def _judge_recording(path: Path) -> str:
+    from smsid.recording import load_recording
+
+    recording = load_recording(path)
+    for name in recording.channels:
+        if not np.isfinite(recording[name]).all():
+            return f"accepted, and {name} is not finite"
+    return ""
+
+
+def _toml(path: Path, tables: Any) -> None:
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+
+
+def _places(x: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    items = x.items() if isinstance(x, dict) else enumerate(x) if isinstance(x, list) else ()
+    for key, value in items:
+        yield (*at, key)
+        yield from _places(value, (*at, key))
+
+
+def mutated(rng: random.Random, tables: Any) -> tuple[str, Any]:
+    """Return a copy with one value replaced, removed, scaled or nested, and what was done."""
+    made = copy.deepcopy(tables)
+    *way, last = rng.choice(list(_places(made)))
+    inner = made
+    for key in way:
+        inner = inner[key]
+    name = ".".join(map(str, (*way, last)))
+    old = inner[last]
+    roll = rng.random()
+    if roll < 0.15:
+        del inner[last]
+        return f"without {name}", made
+    if roll < 0.3 and isinstance(old, float):
+        factor = rng.choice([1e3, 1e-3, 57.3, -1.0, 1e6, 1e-6, 1e150])
+        inner[last] = old * factor
+        return f"{name} times {factor}", made
+    if roll < 0.38 and isinstance(inner, dict):
+        inner[rng.choice(["masss", "folder", "kind2", "\u03c0", "__class__", ""])] = 1.0
+        return f"an unknown key beside {name}", made
+    inner[last] = copy.deepcopy(rng.choice(WEIRD))
+    return f"{name} = {inner[last]!r}", made
+
+
+def shaken(rng: random.Random, text: str) -> tuple[str, bytes]:
+    """Return a text with bytes replaced, removed or cut, and what was done."""
+    data = bytearray(text.encode())
+    roll = rng.random()
+    if roll < 0.1:
+        return "cut short", bytes(data[: rng.randrange(len(data))])
+    if roll < 0.2:
+        return "another file", rng.choice(
+            [b"", b"[]", b"null", b"[" * 100_000, bytes(range(256)), b"1", b'{"kind": []}']
+        )
+    for _ in range(rng.choice([1, 2, 6])):
+        k = rng.randrange(len(data))
+        if rng.random() < 0.5:
+            data[k] = rng.choice(b'<>"&/=0 -e\n9[]{},.\x00\xff')
+        else:
+            del data[k : k + rng.randrange(1, 30)]
+    return "bytes changed", bytes(data)
+
+
+CALLS = {
+    "show": ["show", "d.toml"],
+    "simulate": ["simulate", "d.toml", "s.toml", "-o", "o.nc"],
+    "export": ["export", "d.toml", "-o", "ex"],
+    "view": ["view", "d.toml", "-o", "v.html"],
+}
+
+
+def _description(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.15:
+        what, data = shaken(rng, tomli_w.dumps(DESCRIPTION))
+        (folder / "d.toml").write_bytes(data)
+    else:
+        what, tables = mutated(rng, DESCRIPTION)
+        _toml(folder / "d.toml", tables)
+    return what, [*CALLS[rng.choice(["show", "show", "simulate", "export", "view"])], "--json"]
+
+
+def _urdf(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    import re
+
+    if rng.random() < 0.3:
+        what, data = shaken(rng, URDF)
+        (folder / "small.urdf").write_bytes(data)
+    else:
+        hit = rng.choice(list(re.finditer(r'(\w+)="([^"]*)"', URDF)))
+        values = [
+            "-5",
+            "0",
+            "nan",
+            "inf",
+            "1e400",
+            "",
+            "abc",
+            " 10 ",
+            "10,5",
+            "1 2",
+            "0 0 0",
+            "a b",
+            "a/b",
+            "bus",
+            "1e308",
+        ]
+        value = rng.choice(values)
+        what = f"{hit[0]} -> {value!r}"
+        text = f"{URDF[: hit.start(2)]}{value}{URDF[hit.end(2) :]}"
+        (folder / "small.urdf").write_text(text, encoding="utf-8")
+    return what, [*CALLS[rng.choice(["show", "show", "simulate", "export", "view"])], "--json"]
+
+
+def _recording(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    from smsid.recording import import_recording, save_recording
+
+    path = save_recording(import_recording(folder / "l.csv", folder / "m.toml", check=False), folder / "r.nc")
+    data = bytearray(path.read_bytes())
+    roll = rng.random()
+    if roll < 0.3:
+        import h5py
+
+        with h5py.File(path, "r+") as file:
+            name = rng.choice(sorted(file))
+            value: Any = rng.choice([math.nan, math.inf, 1e300, 0.0, -1.0])
+            what = f"{name} = {value}"
+            if file[name].dtype.kind == "f":  # type: ignore[union-attr]
+                file[name][...] = value  # type: ignore[index]
+            else:
+                del file[name]
+    elif roll < 0.5:
+        import h5py
+
+        with h5py.File(path, "r+") as file:
+            name = rng.choice(sorted(file.attrs))
+            value = rng.choice(["", "{", 5, "[]", '{"a": "<script>"}', 99])
+            what = f"attribute {name} = {value!r}"
+            file.attrs[name] = value
+    elif roll < 0.6:
+        what, cut = "cut short", data[: rng.randrange(len(data))]
+        path.write_bytes(cut)
+    else:
+        what = "bytes flipped"
+        for _ in range(rng.choice([1, 20])):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        path.write_bytes(data)
+    calls = [
+        ["show", "r.nc"],
+        ["view", "d.toml", "r.nc", "-o", "v.html"],
+        ["plot", "recording", "r.nc", "-o", "f.png"],
+    ]
+    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], ["inspect", "r.nc"]]
+    return what, [*rng.choice(calls), "--json"]
+
+
+def _csv(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.4:
+        what, data = shaken(rng, log())
+        (folder / "l.csv").write_bytes(data)
+    else:
+        rows = [line.split(",") for line in log().splitlines()]
+        row, column = rng.randrange(len(rows)), rng.randrange(5)
+        rows[row][column] = rng.choice(
+            ["nan", "inf", "", "x", "9" * 200_000, "1e400", "1e300", "0x1", "-", '"', "2024-01-01"]
+        )
+        what = f"cell {row}, {column} = {rows[row][column][:20]!r}"
+        (folder / "l.csv").write_text("\n".join(",".join(r) for r in rows) + "\n", encoding="utf-8")
+    calls = [["import", "l.csv", "--map", "m.toml", "-o", "o.nc"], ["inspect", "l.csv"]]
+    return what, [*rng.choice([*calls, ["inspect", "l.csv", "--with", "m.toml"]]), "--json"]
+
+
+def _experiment(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    what, tables = mutated(rng, EXPERIMENT)
+    long = isinstance(tables.get("duration"), int | float) and tables["duration"] > 100.0
+    if rng.random() < 0.15 or long:
+        what, data = shaken(rng, tomli_w.dumps(EXPERIMENT))
+        (folder / "s.toml").write_bytes(data)
+    else:
+        _toml(folder / "s.toml", tables)
+    return what, [*rng.choice([CALLS["simulate"], ["show", "s.toml"]]), "--json"]
+
+
+def _estimate(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.2:
+        what, data = shaken(rng, json.dumps(estimate()))
+        (folder / "e.json").write_bytes(data)
+    else:
+        what, document = mutated(rng, estimate())
+        (folder / "e.json").write_text(json.dumps(document), encoding="utf-8")
+    calls = [
+        ["show", "e.json"],
+        ["export", "d.toml", "e.json", "-o", "ex"],
+        ["plot", "estimate", "e.json", "-o", "f.png"],
+    ]
+    calls += [
+        ["plot", "diagnosis", "e.json", "-o", "f.png"],
+        ["control", "d.toml", "e.json", "--samples", "3", "-o", "c.json"],
+    ]
+    return what, [*rng.choice(calls), "--json"]
+
+
+def _mapping(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.15:
+        what, data = shaken(rng, tomli_w.dumps(MAPPING))
+        (folder / "m.toml").write_bytes(data)
+    else:
+        what, tables = mutated(rng, MAPPING)
+        _toml(folder / "m.toml", tables)
+    calls = [["import", "l.csv", "--map", "m.toml", "-o", "o.nc"], ["inspect", "l.csv", "--with", "m.toml"]]
+    return what, [*rng.choice(calls), "--json"]
+
+
+def _arguments(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    from smsid.cli.app import COMMANDS
+
+    calls = [*CALLS.values(), ["import", "l.csv", "--map", "m.toml", "-o", "o.nc"], ["inspect", "l.csv"]]
+    calls += [
+        ["control", "d.toml", "e.json", "--samples", "3", "-o", "c.json"],
+        ["plot", "estimate", "e.json", "-o", "f.png"],
+    ]
+    calls += [["design", "d.toml", "--for", "mass", "--effort", "0.01", "--duration", "1", "-o", "x.toml"]]
+    words = list(rng.choice(calls))
+    command = COMMANDS[words[0]].load(words[0])
+    options = [p.opts[0] for p in command.params if p.opts and p.opts[0].startswith("--")]
+    roll = rng.random()
+    if roll < 0.6:
+        words += [rng.choice(options), rng.choice(WORDS)]
+    elif roll < 0.8:
+        words[rng.randrange(1, len(words))] = rng.choice(
+            [*WORDS, ".", "d.toml", "l.csv", "e.json", "y" * 5000]
+        )
+    elif roll < 0.9:
+        k = rng.randrange(1, len(words))
+        words[1], words[k] = words[k], words[1]
+    else:
+        del words[rng.randrange(len(words))]
+    if "--live" in words or "demo" in words or "--help" in words:
+        words = ["show", "x"]
+    return " ".join(words), [*words, "--json"]
+
+
+MUTATIONS: dict[str, Callable[[random.Random, Path], tuple[str, list[str]]]] = {
+    "description": _description,
+    "urdf": _urdf,
+    "recording": _recording,
+    "csv": _csv,
+    "experiment": _experiment,
+    "estimate": _estimate,
+    "mapping": _mapping,
+    "arguments": _arguments,
+}

@@ -1,0 +1,198 @@
+"""Where a command reads and writes: no output is an input or another output, and each fits its suffix."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import typer
+
+from smsid._files import check_target
+from smsid._guard import is_same_file
+from smsid._temporary import remove_orphans
+from smsid.errors import OutputError, SmsidError
+
+LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
+
+
+def nothing_beside(_: Path) -> Sequence[Path]:
+    """Return no paths: the command writes the file it is asked for alone."""
+    return ()
+
+
+@dataclass(frozen=True)
+class Writes:
+    """Mark of a path that a command writes; every other path is one it reads.
+
+    ``suffixes`` it may end in, or ``folder``; ``beside`` gives the other files that are written with it.
+    """
+
+    suffixes: tuple[str, ...] = ()
+    folder: bool = False
+    beside: Callable[[Path], Sequence[Path]] = nothing_beside
+
+
+@dataclass(frozen=True)
+class Place:
+    """A path of a command with the name it has on the command line."""
+
+    name: str
+    path: Path
+
+
+def output_marks(function: Callable[..., Any]) -> dict[str, Writes]:
+    """Return the marks of a command's parameters by name."""
+    found = {}
+    for name, p in inspect.signature(function, eval_str=True).parameters.items():
+        marks = [m for m in get_args(p.annotation) if isinstance(m, Writes)]
+        if marks:
+            found[name] = marks[-1]
+    return found
+
+
+def is_argument(parameter: inspect.Parameter) -> bool:
+    """Return whether a parameter stands on the command line without a name."""
+    return any(isinstance(m, typer.models.ArgumentInfo) for m in get_args(parameter.annotation))
+
+
+def option_name(parameter: inspect.Parameter) -> str:
+    """Return what a parameter is called on the command line: ``--report``, or ``DESCRIPTION``."""
+    for info in get_args(parameter.annotation):
+        # inside Annotated typer keeps the first name where the default would be
+        names = [getattr(info, "default", None), *(getattr(info, "param_decls", None) or ())]
+        long = [n for n in names if isinstance(n, str) and n.startswith("--")]
+        if long:
+            return long[0].partition("/")[0]
+        if isinstance(info, typer.models.ArgumentInfo):
+            return parameter.name.upper()
+    return "--" + parameter.name.replace("_", "-")
+
+
+def check_places(function: Callable[..., Any], options: Mapping[str, Any]) -> list[Path]:
+    """Check every output of a command before it works; return the inputs, which stay protected while it runs.
+
+    Compared are outputs with each other and with what is read: paths that are given, words that name a file,
+    and files that a TOML among them names. Orphans of killed runs beside the outputs are removed.
+
+    Raises:
+        OutputError: an output is an input or another output, has a suffix that does not fit, or cannot be
+            written.
+    """
+    marks = output_marks(function)
+    parameters = inspect.signature(function, eval_str=True).parameters
+    outputs, inputs = [], []
+    for name, value in options.items():
+        called = option_name(parameters[name])
+        if name in marks:
+            if value is not None:
+                outputs += _output_places(called, Path(value), marks[name])
+        else:
+            inputs += [Place(called, path) for path in _read_paths(value)]
+    inputs += [Place(f"what {p.path} names", q) for p in inputs for q in _named_files(p.path)]
+    for k, out in enumerate(outputs):
+        for other in outputs[:k]:
+            if is_same_file(out.path, other.path):
+                raise _clash(out, f"the same file as {other.name}")
+        for source in inputs:
+            if is_same_file(out.path, source.path) or (
+                _exists(out.path) and _is_inside(out.path, source.path)
+            ):
+                raise _clash(out, f"an input ({source.name})")
+    return [p.path for p in inputs if _is_file(p.path)]
+
+
+def check_numbers(options: Mapping[str, Any]) -> None:
+    """Raise `SmsidError` for an option that is not a number where one is asked for."""
+    for name, value in options.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise SmsidError(
+                f"--{name.replace('_', '-')} {value} is no finite number.", advice="Give a finite number."
+            )
+
+
+def _clash(out: Place, what: str) -> OutputError:
+    return OutputError(
+        f"{out.name} '{out.path}' is {what}; writing it would destroy that.",
+        advice=f"Give {out.name} another path.",
+        path=str(out.path),
+    )
+
+
+def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
+    if mark.folder:
+        if _is_file(path):
+            raise OutputError(f"{called} '{path}' is a file.", advice="Name a folder.", path=str(path))
+        return [Place(called, path), *(Place(f"{called} ({p.name})", p) for p in mark.beside(path))]
+    target = check_target(path)
+    if mark.suffixes and path.suffix.lower() not in mark.suffixes:
+        raise OutputError(
+            f"{called} '{path}' does not fit what is written: it ends in '{path.suffix}'.",
+            advice=f"End it in {' or '.join(mark.suffixes)}.",
+            path=str(path),
+        )
+    places = [Place(called, path)]
+    for more in mark.beside(path):
+        check_target(more)
+        places.append(Place(f"{more.name} beside {called}", more))
+    remove_orphans(target.parent)
+    return places
+
+
+def _read_paths(value: Any) -> Iterator[Path]:
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, str):
+        if _exists(Path(value)):
+            yield Path(value)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _read_paths(item)
+
+
+def _named_files(path: Path) -> Iterator[Path]:
+    """Yield the files that a TOML names anywhere, as a description its URDF; they are inputs as well."""
+    if path.suffix.lower() != ".toml" or not _is_file(path) or path.stat().st_size > LARGEST_TOML:
+        return
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError, RecursionError):
+        return  # the command that reads it says what is wrong
+    for word in _words(tables):
+        file = path.parent / word
+        if _is_file(file):
+            yield file
+
+
+def _words(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _words(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _words(item)
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    """Return whether a file lies in an input that is a folder, as a bag is."""
+    return folder.is_dir() and path.resolve().is_relative_to(folder.resolve())

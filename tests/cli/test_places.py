@@ -1,0 +1,198 @@
+"""No command destroys what it reads: all commands, all their outputs, all their inputs."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+import typer
+
+from smsid._files import atomic_write
+from smsid._guard import protecting
+from smsid.cli.app import COMMANDS, main
+from smsid.cli.places import Writes, option_name, output_marks
+from smsid.errors import OutputError
+
+
+def functions() -> list[tuple[str, Callable[..., Any]]]:
+    """Every command's function, those of groups too, with the words that call it."""
+    found = []
+    for name, entry in COMMANDS.items():
+        module, _, attribute = entry.target.partition(":")
+        target = getattr(__import__(module, fromlist=[attribute]), attribute)
+        if isinstance(target, typer.Typer):
+            for info in target.registered_commands:
+                assert info.callback is not None
+                found.append((f"{name} {info.name or info.callback.__name__}", info.callback))
+        else:
+            found.append((name, target))
+    return found
+
+
+def parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    found = inspect.signature(function, eval_str=True).parameters
+    return {k: p for k, p in found.items() if k not in ("as_json", "quiet")}
+
+
+def is_path(p: inspect.Parameter) -> bool:
+    return "Path" in str(get_args(p.annotation)[0])
+
+
+def is_argument(p: inspect.Parameter) -> bool:
+    return any(isinstance(a, typer.models.ArgumentInfo) for a in get_args(p.annotation))
+
+
+def inputs(function: Callable[..., Any]) -> list[str]:
+    """Names of what a command reads: paths without a mark, and words that may name a file."""
+    words = ("experiment", "mapping")
+    marks = output_marks(function)
+    return [k for k, p in parameters(function).items() if k not in marks and (is_path(p) or k in words)]
+
+
+FUNCTIONS = functions()
+CASES = [
+    pytest.param(words, f, out, source, id=f"{words}: {out} is {source}")
+    for words, f in FUNCTIONS
+    for out in output_marks(f)
+    for source in inputs(f)
+]
+PAIRS = [
+    pytest.param(words, f, one, other, id=f"{words}: {one} is {other}")
+    for words, f in FUNCTIONS
+    for one in output_marks(f)
+    for other in output_marks(f)
+    if one < other
+]
+
+
+def call(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Any) -> tuple[int, str]:
+    monkeypatch.setattr(sys, "argv", ["smsid", *words])
+    try:
+        main()
+        code = 0
+    except SystemExit as left:
+        code = int(left.code or 0)
+    return code, capsys.readouterr().err
+
+
+def command_line(words: str, f: Callable[..., Any], given: dict[str, Path]) -> list[str]:
+    """Words that call a command with these paths and anything for what else it requires."""
+    line = words.split()
+    for name, p in parameters(f).items():
+        needed = p.default is inspect.Parameter.empty
+        value = str(given[name]) if name in given else "1" if needed else None
+        if value is None and is_argument(p) and any(k in given for k in later_arguments(f, name)):
+            value = "unused.json"
+        if value is not None:
+            line += [value] if is_argument(p) else [option_name(p), value]
+    return line
+
+
+def later_arguments(f: Callable[..., Any], name: str) -> list[str]:
+    names = [k for k, p in parameters(f).items() if is_argument(p)]
+    return names[names.index(name) + 1 :]
+
+
+def fitting(folder: Path, name: str, mark: Writes) -> Path:
+    """A file that is read, with the suffix of what is written, so that only its being an input is wrong."""
+    path = folder / f"{name}{(mark.suffixes or ('.dat',))[0]}"
+    path.write_bytes(f"measured: {name}".encode())
+    return path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(("words", "f", "out", "source"), CASES)
+def test_an_output_that_is_an_input_is_refused(words, f, out, source, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    mark = output_marks(f)[out]
+    given = {k: fitting(tmp_path, k, mark) for k in inputs(f)}
+    path = given[source]
+    symbolic, hard = (tmp_path / f"{kind}{path.suffix}" for kind in ("symbolic", "hard"))
+    symbolic.symlink_to(path)
+    os.link(path, hard)
+    before = contents(tmp_path)
+    for same in (path, symbolic, hard, tmp_path / "." / ".." / tmp_path.name / path.name):
+        line = command_line(words, f, {**given, out: same})
+        code, err = call(line, monkeypatch, capsys)
+        assert code == 1, (line, err)
+        assert err.startswith("error: ") and "Traceback" not in err
+        assert "is a file" in err if mark.folder else "is an input" in err
+        assert contents(tmp_path) == before and symbolic.is_symlink()
+
+
+@pytest.mark.parametrize(("words", "f", "one", "other"), PAIRS)
+def test_two_outputs_in_one_place_are_refused(words, f, one, other, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given = {k: fitting(tmp_path, k, Writes()) for k in inputs(f)}
+    before = contents(tmp_path)
+    marks = output_marks(f)
+    same = tmp_path / f"same{marks[one].suffixes[0]}"
+    code, err = call(command_line(words, f, {**given, one: same, other: same}), monkeypatch, capsys)
+    assert code == 1 and err.startswith("error: ")
+    assert "the same file as" in err or "does not fit" in err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(("words", "f"), FUNCTIONS, ids=[w for w, _ in FUNCTIONS])
+def test_what_is_written_is_marked_and_its_suffix_checked(words, f, tmp_path, monkeypatch, capsys):
+    marks = output_marks(f)
+    for name, p in parameters(f).items():
+        if not is_path(p):
+            continue
+        told = " ".join(str(getattr(a, "help", "")) for a in get_args(p.annotation))
+        writes = {"write", "folder to", "folder for"}
+        looks = option_name(p) in ("--output", "--report", "--html") or any(w in told for w in writes)
+        looks = looks and "`" not in told.partition("write")[0]  # "that `smsid identify` wrote"
+        assert name in marks or not looks, f"{words}: {option_name(p)} is written and has no mark"
+    monkeypatch.chdir(tmp_path)
+    for name, mark in marks.items():
+        assert mark.folder or mark.suffixes, f"{words}: {name} may have any suffix"
+        if mark.suffixes:
+            given = {k: fitting(tmp_path, k, Writes()) for k in inputs(f)}
+            before = contents(tmp_path)
+            for wrong in ("wrong.xyz", "wrong", "wrong.toml.exe"):
+                code, err = call(
+                    command_line(words, f, {**given, name: tmp_path / wrong}), monkeypatch, capsys
+                )
+                assert code == 1 and "does not fit" in err and mark.suffixes[0] in err
+            assert contents(tmp_path) == before
+
+
+def test_a_file_that_a_description_names_is_an_input(tmp_path, monkeypatch, capsys):
+    """The extended description would replace the arm's mapping, experiment or URDF that a TOML names."""
+    (tmp_path / "d.toml").write_text('name = "d"\nurdf = "u.urdf"\n[[arm]]\nother = "more.toml"\n')
+    (tmp_path / "u.urdf").write_text("<robot/>")
+    (tmp_path / "more.toml").write_text("kept = true\n")
+    code, err = call(
+        ["diagnose", str(tmp_path / "d.toml"), "r.nc", "--extended", str(tmp_path / "more.toml")],
+        monkeypatch,
+        capsys,
+    )
+    assert code == 1 and "is an input" in err
+    assert (tmp_path / "more.toml").read_text() == "kept = true\n"
+
+
+def test_what_is_written_beside_is_compared_too(tmp_path, monkeypatch, capsys):
+    """``diagnose`` writes extended.toml beside its output: not over the description it reads."""
+    description = tmp_path / "extended.toml"
+    description.write_text('name = "d"\n')
+    line = ["diagnose", str(description), "r.nc", "-o", str(tmp_path / "d.json")]
+    code, err = call(line, monkeypatch, capsys)
+    assert code == 1 and "is an input" in err and description.read_text() == 'name = "d"\n'
+
+
+def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):
+    (tmp_path / "a").write_text("measured")
+    os.link(tmp_path / "a", tmp_path / "b")
+    with protecting([tmp_path / "a"]), pytest.raises(OutputError, match="it is the input"):
+        atomic_write(tmp_path / "b", "lost")
+    assert (tmp_path / "a").read_text() == "measured"
+    atomic_write(tmp_path / "b", "may be written again")
