@@ -1,8 +1,8 @@
 """Plant faults of single components in three recordings and count which the channel checks name rightly.
 
-A fault is named rightly if a finding has its kind, its component and its channel, or the channel it was compared
-with: two related channels alone cannot tell which of them is wrong. Faults are planted where a related channel
-exists. Clean recordings with other seeds must give no finding.
+A fault is named rightly if a finding has its kind, its component and its channel, or the channel it was
+compared with: two related channels alone cannot tell which of them is wrong. Faults are planted where a
+related channel exists. Clean recordings with other seeds must give no finding.
 
     python benchmarks/channel_faults.py [--seed 1] [--faults 60] [--clean 10]
 """
@@ -18,7 +18,7 @@ from _common import ROOT, environment, write_result
 from numpy.typing import NDArray
 
 from smsid.recording import Recording
-from smsid.recording._attitude import conjugate, multiply, rotate
+from smsid.recording._attitude import conjugate, multiply
 from smsid.recording.checks import Finding, channel_findings
 
 FloatArray = NDArray[np.float64]
@@ -95,12 +95,14 @@ RECORDINGS: dict[str, tuple[Callable[[int], Recording], tuple[str, ...]]] = {
     "arm": (arm, ("encoder.joint_position", "encoder.joint_velocity")),
 }
 KINDS = (
-    "swapped", "sign", "unit", "scale", "delay", "stuck", "saturated", "outlier", "single outlier", "quaternion",
-    "full turn", "held",
+    "swapped", "sign", "unit", "scale", "delay", "stuck", "saturated", "outlier", "single outlier",
+    "quaternion", "full turn", "held",
 )  # fmt: skip
 
 
-def plant(recording: Recording, channel: str, kind: str, rng: np.random.Generator) -> tuple[Recording, tuple[int, ...]]:
+def plant(
+    recording: Recording, channel: str, kind: str, rng: np.random.Generator
+) -> tuple[Recording, tuple[int, ...]]:
     """Plant a fault of one kind in a component of a channel; return the recording and the components."""
     x = np.array(recording[channel])
     t = recording.time(channel)
@@ -145,7 +147,8 @@ def is_right(findings: tuple[Finding, ...], channel: str, kind: str, labels: tup
     """Say whether a finding names channel (or pair), kind and components."""
     kind = "outlier" if kind == "single outlier" else kind
     return any(
-        f.kind == kind and channel in (f.channel, f.other) and set(f.components) == set(labels) for f in findings
+        f.kind == kind and channel in (f.channel, f.other) and set(f.components) == set(labels)
+        for f in findings
     )
 
 
@@ -155,7 +158,9 @@ def draw(name: str, rng: np.random.Generator) -> tuple[str, str]:
     while True:
         channel, kind = channels[int(rng.integers(len(channels)))], KINDS[int(rng.integers(len(KINDS)))]
         attitude = channel.endswith(".attitude")
-        if (kind == "quaternion") != attitude or (kind == "full turn" and not channel.endswith(".joint_position")):
+        if (kind == "quaternion") != attitude or (
+            kind == "full turn" and not channel.endswith(".joint_position")
+        ):
             continue
         return channel, kind
 
@@ -204,10 +209,18 @@ def main() -> None:
     result = measure(chosen.seed, chosen.faults, chosen.clean)
     for row in result["faults"]:
         if not row["right"]:
-            print("not named rightly:", row["recording"], row["channel"], row["kind"], row["components"], row["said"])
+            print(
+                "not named rightly:",
+                row["recording"],
+                row["channel"],
+                row["kind"],
+                row["components"],
+                row["said"],
+            )
     print(
         f"{result['named_rightly']} of {result['planted']} named rightly, {result['refused']} refused; "
-        f"{len(result['false_alarms'])} of {result['clean']} clean ones with an alarm: {result['false_alarms']}"
+        f"{len(result['false_alarms'])} of {result['clean']} clean ones with an alarm: "
+        f"{result['false_alarms']}"
     )
     write_result("channel_faults", {"environment": environment("smsid", "numpy", "scipy"), **result})
 

@@ -36,6 +36,9 @@ def diagnose_command(
             callback=writable, help="description with the causes in it; by default extended.toml beside"
         ),
     ] = None,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
+    ] = False,
     report: ReportPath = None,
     cutoff: Annotated[
         float | None, typer.Option(help="low-pass of the motion of an arm whose torques were measured [Hz]")
@@ -53,7 +56,11 @@ def diagnose_command(
 
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
+    if unchecked:
+        loaded = [recording.unchecked() for recording in loaded]
     judged = [load_recording(path) for path in validate or []]
+    if unchecked:
+        judged = [recording.unchecked() for recording in judged]
     known = load_estimate(estimate) if estimate is not None else None
     with working("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)

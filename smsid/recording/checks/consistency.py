@@ -1,8 +1,8 @@
 """Kinematically related channels of a recording check each other, component by component.
 
-A hypothesis is told only where its correlation is above 0.9 over at least 20 independent spans: by chance this
-has a probability below 1e-7 for each, and a recording has some hundred hypotheses. A component without motion
-above its noise does not correlate, and is not judged.
+A hypothesis is told only where its correlation is above 0.9 over at least 20 independent spans: by chance
+this has a probability below 1e-7 for each, and a recording has some hundred hypotheses. A component without
+motion above its noise does not correlate, and is not judged.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 from smsid.recording.checks import sample_faults
 from smsid.recording.checks.finding import Finding
 from smsid.recording.checks.increments import KinematicPair, SpanPair
-from smsid.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from smsid.recording.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -76,11 +79,22 @@ def channel_findings(recording: Recording) -> tuple[Finding, ...]:
                 if finding is not None:
                     found.append(finding)
                     spoilt.add((name, label))
+    pairs = []
     for first, second in PAIRS:
         for x, v in _pairs(recording, first, second):
             pair = _kinematic_pair(recording, x, v)
             if pair is not None:
-                found += _PairCheck(recording, x, v, pair, spoilt).findings()
+                pairs.append((x, v, pair))
+    for x, v, pair in pairs:
+        resting = [
+            f
+            for f in _PairCheck(recording, x, v, pair, spoilt).resting()
+            if (f.channel, f.components[0]) not in spoilt
+        ]
+        found += resting
+        spoilt |= {(f.channel, f.components[0]) for f in resting}
+    for x, v, pair in pairs:
+        found += _PairCheck(recording, x, v, pair, spoilt).findings()
     return tuple(found)
 
 
@@ -148,6 +162,9 @@ class _PairCheck:
         self.recording, self.x, self.v, self.pair = recording, x, v, pair
         self.labels = _labels(recording, v)
         self.attitude = pair.kind == "attitude"
+        # Sensors at two places of a turning body, or at two ends of a gear, differ by sign and scale.
+        same = x.partition(".")[0] == v.partition(".")[0]
+        self.rigid = same or self.attitude or x.endswith((".angular_rate", ".wheel_rate"))
         self.free_gain = v.endswith(".wheel_torque")
         xs = () if self.attitude else _labels(recording, x)
         self.usable = [
@@ -159,21 +176,18 @@ class _PairCheck:
         ]
 
     def findings(self) -> list[Finding]:
-        stuck = self._constant()
-        for finding in stuck:
-            for label in finding.components:
-                self.usable[self.labels.index(label)] = False
+        """Name exchanged, turned, scaled or delayed components and quaternions of another convention."""
         if not any(self.usable):
-            return stuck
+            return []
         best = self._best(self.pair)
-        if self.attitude:
-            turned = self._quaternion(best)
-            if turned is not None:
-                return [*stuck, turned]
         swaps, told = self._swaps(best)
-        scales = self._scales(best, told)
-        found = [*stuck, *swaps, *scales]
-        if not swaps and not scales:
+        plain_swap = bool(swaps) and "turned round" not in swaps[0].sentence
+        if self.attitude and not plain_swap:
+            turned = self._quaternion()
+            if turned is not None:
+                return [turned]
+        found = [*swaps, *self._scales(best, told)]
+        if not found:
             delay = self._delay(best)
             found += [delay] if delay else []
         return found
@@ -199,7 +213,7 @@ class _PairCheck:
                     best[i] = _Best(span, j, float(c[i, j]), float(c[i, i]), ratio)
         return best
 
-    def _quaternion(self, best: list[_Best | None]) -> Finding | None:
+    def _quaternion(self) -> Finding | None:
         straight = _explained(self.pair, self.usable)
         if straight is None or straight > 0.8:
             return None
@@ -217,7 +231,7 @@ class _PairCheck:
         if not readings:
             return None
         share, what = max(readings)
-        if share < 0.95:
+        if share < 0.97:
             return None
         return Finding(
             self.x,
@@ -256,12 +270,18 @@ class _PairCheck:
             )
             mend = f"Exchange the columns of '{self.v}' or of '{self.x}' in the mapping."
             found.append(
-                Finding(self.v, tuple(names), "swapped", self.x, (crossed, straight), True, sentence, mend)
+                Finding(
+                    self.v, tuple(names), "swapped", self.x, (crossed, straight), self.rigid, sentence, mend
+                )
             )
             told = set(group)
         return found, told
 
     def _scales(self, best: list[_Best | None], told: set[int]) -> list[Finding]:
+        # A common scale of all components may be meant; one that differs from its neighbours is not.
+        agree = any(
+            b is not None and b.correlation > PROPORTIONAL and abs(b.ratio - 1.0) < 0.05 for b in best
+        )
         found = []
         for i, b in enumerate(best):
             if b is None or b.j != i or i in told or abs(b.correlation) < CORRELATED:
@@ -273,7 +293,7 @@ class _PairCheck:
                 also = "" if self.free_gain or abs(ratio - 1.0) < SCALE else f", at a ratio of {ratio:.4g}"
                 found.append(
                     Finding(
-                        self.v, (label,), "sign", self.x, evidence, True,
+                        self.v, (label,), "sign", self.x, evidence, self.rigid,
                         f"'{self.v}' {label} has the sign opposite to {near}: correlation "
                         f"{b.correlation:.3f}{also}.",
                         f"Give the component of '{self.v}' or of '{self.x}' a sign of -1 in the mapping.",
@@ -282,8 +302,10 @@ class _PairCheck:
                 continue
             if self.free_gain or b.correlation < PROPORTIONAL or abs(ratio - 1.0) < SCALE:
                 continue
-            # The ratio is biased by noise in either signal, by at most this.
-            if abs(math.log(ratio)) < 4.0 * (1.0 - b.correlation):
+            # Noise of the ratio, from what is unexplained over the independent spans.
+            spans = max(1.0, float(self.pair.t[-1] - self.pair.t[0]) / b.pair.span)
+            sigma = math.sqrt(max(0.0, 1.0 - b.correlation**2) / spans)
+            if abs(math.log(ratio)) < math.log(1.0 + SCALE) + 4.0 * sigma:
                 continue
             unit = next(
                 (
@@ -294,9 +316,7 @@ class _PairCheck:
                 ),
                 None,
             )
-            told_ratio = (
-                f"{near} is {ratio:.4g} times '{self.v}' {label} (correlation {b.correlation:.3f})"
-            )
+            told_ratio = f"{near} is {ratio:.4g} times '{self.v}' {label} (correlation {b.correlation:.3f})"
             told_ratio = told_ratio[0].upper() + told_ratio[1:]
             if unit is not None:
                 who = self.x if (unit[1] > 0) != unit[0].endswith("gravity") else self.v
@@ -305,7 +325,9 @@ class _PairCheck:
             else:
                 sentence = f"{told_ratio}: one of them is wrongly scaled."
                 kind, mend = "scale", "Correct the scale of the component in the mapping or the log."
-            clear = abs(math.log(ratio)) > math.log(1.0 + CLEAR_SCALE)
+            clear = kind == "unit" or (
+                self.rigid and agree and abs(math.log(ratio)) > math.log(1.0 + CLEAR_SCALE)
+            )
             found.append(Finding(self.v, (label,), kind, self.x, evidence, clear, sentence, mend))
         return found
 
@@ -340,7 +362,7 @@ class _PairCheck:
             return float(a @ b) / scale if scale > 0.0 else 0.0
         return 0.0
 
-    def _constant(self) -> list[Finding]:
+    def resting(self) -> list[Finding]:
         """Name components that rest at one value while the related channel moves."""
         found: list[Finding] = []
         if self.pair.kind != "plain":
@@ -378,8 +400,8 @@ class _PairCheck:
                 found.append(
                     Finding(
                         name, (label,), kind, other, (value, share, contradiction), True,
-                        f"'{name}' {label} {verb} at {value:.4g} for {100 * share:.1f} % of the samples, from "
-                        f"t = {at:.6g} s, while '{other}' moves by {contradiction:.2g} times its noise.",
+                        f"'{name}' {label} {verb} at {value:.4g} for {100 * share:.1f} % of the samples, "
+                        f"from t = {at:.6g} s, while '{other}' moves by {contradiction:.2g} times its noise.",
                         "Leave the channel out, or cut the log with window(t0, t1).",
                     )
                 )  # fmt: skip
@@ -395,7 +417,7 @@ class _PairCheck:
         others_t: FloatArray,
         others: FloatArray,
     ) -> float | None:
-        """Say how far the other channel moves, in units of its noise, where this one rests; None: it does not.
+        """Say how far the other channel moves, in units of its noise, where this one rests, or None.
 
         The rate of a resting angle must be zero; the change of what a resting rate drives must be uniform.
         """
@@ -412,18 +434,20 @@ class _PairCheck:
             if rest * float(others_t[-1] - others_t[0]) < self._floor():
                 return None
             return rest / max(noise, 1e-12) if rest > 10.0 * noise and rest > 0.1 * usual else None
-        # While a rate rests, what it drives may only grow steadily: compare with what it does elsewhere.
+        # While a rate rests, what it drives must grow by the rate times the span.
+        fine = None
+        mask_sum = np.concatenate([[0.0], np.cumsum(~marked)])
         for s in self.pair.spans():
-            if s.span < 8.0 * float(np.median(np.diff(self.pair.t))):
-                continue
-            a = s.increments[:, k]
-            at = np.linspace(self.pair.t[0], self.pair.t[-1], a.shape[0])
-            inside = np.interp(at, t, marked.astype(float)) >= 1.0
+            a, residual = s.increments[:, k], s.increments[:, k] - s.integrals[:, k]
+            if fine is None:
+                fine = float(np.median(np.abs(np.diff(a)))) + self._floor()
+            first, last = np.searchsorted(t, s.begins), np.searchsorted(t, s.begins + s.span, side="right")
+            inside = (mask_sum[last] - mask_sum[first] == 0.0) & (last > first)
             if np.count_nonzero(inside) < 8:
-                return None
-            spread, whole = float(np.std(a[inside])), float(np.std(a))
-            fine = float(np.median(np.abs(np.diff(a, n=2)))) + self._floor()
-            return spread / fine if spread > 0.2 * whole and spread > 5.0 * fine else None
+                continue
+            spread, whole = float(np.std(residual[inside])), float(np.std(a))
+            if spread > max(0.1 * whole, 5.0 * fine):
+                return spread / fine
         return None
 
     def _floor(self) -> float:

@@ -24,9 +24,10 @@ MAX_TURN = 0.7
 
 @dataclass(frozen=True)
 class SpanPair:
-    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over spans of ``span`` [s]."""
+    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over ``span`` from ``begins`` (M,) [s]."""
 
     span: float
+    begins: FloatArray
     increments: FloatArray
     integrals: FloatArray
 
@@ -35,8 +36,8 @@ class SpanPair:
 class KinematicPair:
     """Samples of a channel and of its rate.
 
-    ``kind`` is ``plain``, ``attitude`` (t, x: (N,), (N, 4); rate in body axes) or ``inertial`` (x in inertial,
-    v in body axes, ``attitude`` = (times, quaternions) between them).
+    ``kind`` is ``plain``, ``attitude`` (t, x: (N,), (N, 4); rate in body axes) or ``inertial`` (x in
+    inertial, v in body axes, ``attitude`` = (times, quaternions) between them).
     """
 
     t: FloatArray
@@ -66,7 +67,7 @@ class KinematicPair:
                 if a is None:
                     return
                 b = s[span::stride] - s[:-span:stride]
-                yield SpanPair(span * step, a - a.mean(axis=0), b - b.mean(axis=0))
+                yield SpanPair(span * step, t[:-span:stride], a - a.mean(axis=0), b - b.mean(axis=0))
             span *= 2
 
     def _increments(self, t: FloatArray, x: FloatArray, span: int, stride: int) -> FloatArray | None:

@@ -106,8 +106,8 @@ def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
         "",
         (rate, rate / usual),
         False,
-        f"'{channel}' is logged at {rate:.4g} Hz, but changes at every {usual}th sample only: it holds data of "
-        f"{rate / usual:.4g} Hz.",
+        f"'{channel}' is logged at {rate:.4g} Hz, but changes at every {usual}th sample only: it holds "
+        f"data of {rate / usual:.4g} Hz.",
         "Import it on a clock of its own with the samples at which it changes.",
     )
 
