@@ -96,7 +96,7 @@ def check_components(recording: Recording) -> None:
 
 
 def check_units(recording: Recording) -> None:
-    """Raise `InconsistentChannelsError` when two channels contradict each other by a known unit factor or a sign."""
+    """Raise `InconsistentChannelsError` when channels contradict each other by a known unit or a sign."""
     clear = [suspicion for suspicion in suspicions(recording) if suspicion.clear]
     if clear:
         raise InconsistentChannelsError(

@@ -56,7 +56,7 @@ def test_an_unchecked_recording_passes_and_says_so(benchmark):
     rate = np.array(rec["encoder.joint_velocity"])
     rate[:, 1] *= -1.0
     wrong = rec.with_channels({"encoder.joint_velocity": rate})
-    with pytest.raises(InconsistentChannelsError, match="j2.*sign"):
+    with pytest.raises(InconsistentChannelsError, match=r"j2.*sign"):
         wrong.check()
     passed = wrong.unchecked()
     assert passed.check() is passed
