@@ -88,7 +88,7 @@ def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray
 
 
 def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
-    """Name samples that are held: all components (N, k) change together at every n-th sample only."""
+    """Name samples that are held: t, x: (N,), (N, k); all components change at every n-th sample only."""
     if x.shape[0] < MIN_SAMPLES:
         return None
     changes = np.flatnonzero(np.any(x[1:] != x[:-1], axis=1))
