@@ -29,6 +29,14 @@ class RecordingError(SmsidError):
     """A recording cannot be read or used: missing channel, NaN, gap, wrong unit, time going backwards."""
 
 
+class InconsistentChannelsError(RecordingError):
+    """Channels of a recording contradict each other beyond doubt.
+
+    The evidence holds ``channel``, ``components``, ``numbers`` and ``mend`` of the first finding, and all
+    ``findings``.
+    """
+
+
 class ExperimentError(SmsidError):
     """An experiment cannot be flown, or breaks a limit."""
 

@@ -24,6 +24,7 @@ from smsid.model.assembly import Assembly
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
+from smsid.recording._checks import check_components
 
 GROUP = "arm"
 
@@ -111,6 +112,8 @@ def identify_arm(
             f"'{recording.name}' is for validation.", advice="Identify from one in the role estimation."
         )
     model = rigid_arm(description)
+    if not recording.provenance.get("unchecked"):
+        check_components(recording)
     motion = joint_motion(model, recording, cutoff)
     filtered = time.perf_counter()
     base = structural_base(model)

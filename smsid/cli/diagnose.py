@@ -46,6 +46,9 @@ def diagnose_command(
         typer.Option(help="description with the causes in it; by default extended.toml beside"),
         Writes((".toml",)),
     ] = None,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
+    ] = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
     cutoff: Annotated[
@@ -64,7 +67,11 @@ def diagnose_command(
 
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
+    if unchecked:
+        loaded = [recording.unchecked() for recording in loaded]
     judged = [load_recording(path) for path in validate or []]
+    if unchecked:
+        judged = [recording.unchecked() for recording in judged]
     known = load_estimate(estimate) if estimate is not None else None
     with working("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)

@@ -49,6 +49,9 @@ def identify_command(
         ),
     ] = False,
     show_all: ShowAll = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
+    ] = False,
     report: ReportPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
@@ -64,6 +67,8 @@ def identify_command(
     out = console()
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
+    if unchecked:
+        loaded = [recording.unchecked() for recording in loaded]
     if cad is not None and (method != "ml" or described.root == "fixed"):
         raise SmsidError(
             "--cad is for maximum likelihood of a spacecraft.",

@@ -36,5 +36,8 @@ def import_command(
         save_recording(recording, output)
     out = console()
     out.print(recording_table(recording))
+    if not unchecked:
+        for sentence in recording.suspicious():
+            out.print(f"suspicious: {sentence}", style="yellow", markup=False, soft_wrap=True)
     out.print(f"wrote {output}")
     return Outcome({"recording": recording_document(recording)}, [output])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from smsid.errors import RecordingError
+from smsid.errors import InconsistentChannelsError, RecordingError
 from smsid.recording._clock import check_order
 from smsid.recording._suspicion import suspicions
 from smsid.recording.channels import quantity_of
@@ -77,12 +77,33 @@ def check_quaternions(recording: Recording) -> None:
             )
 
 
+def check_components(recording: Recording) -> None:
+    """Raise `InconsistentChannelsError` when a component of a channel contradicts another beyond doubt."""
+    from smsid.recording.checks import channel_findings
+
+    clear = [finding for finding in channel_findings(recording) if finding.clear]
+    if clear:
+        first = clear[0]
+        raise InconsistentChannelsError(
+            " ".join(finding.sentence for finding in clear),
+            advice=f"{first.mend} To go on all the same: Recording.unchecked(), or the option --unchecked.",
+            channel=first.channel,
+            components=first.components,
+            numbers=first.numbers,
+            mend=first.mend,
+            findings=tuple(clear),
+        )
+
+
 def check_units(recording: Recording) -> None:
-    """Raise `RecordingError` when two channels contradict each other by a known unit factor or a sign."""
+    """Raise `InconsistentChannelsError` when channels contradict each other by a known unit or a sign."""
     clear = [suspicion for suspicion in suspicions(recording) if suspicion.clear]
     if clear:
-        raise RecordingError(
+        raise InconsistentChannelsError(
             " ".join(suspicion.sentence for suspicion in clear),
-            advice="State the right unit, sign or convention in the mapping, or convert the array.",
+            advice="State the right unit, sign or convention in the mapping, or convert the array. "
+            "To go on all the same: Recording.unchecked(), or the option --unchecked.",
+            channel=clear[0].channel,
+            numbers=(clear[0].ratio, clear[0].correlation),
             suspicions=tuple(clear),
         )

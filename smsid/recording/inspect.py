@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
 from smsid.recording._guess import Group, groups, is_clock, suspicion, written_unit
-from smsid.recording._suspicion import suspicions
 from smsid.recording.importing import import_recording
 from smsid.recording.mapping import ImportMapping, load_mapping, parse_mapping
 from smsid.recording.readers import read_columns
@@ -126,7 +125,7 @@ def _contradictions(
     """Say which channels contradict each other, once imported; how a log with doubts fails is no news."""
     try:
         known = rules or parse_mapping(tomllib.loads(drafted))
-        return [s.sentence for s in suspicions(import_recording(path, known, check=False))]
+        return import_recording(path, known, check=False).suspicious()
     except RecordingError as error:
         if rules is not None and not doubts:
             raise

@@ -196,14 +196,21 @@ class Recording:
         Raises:
             RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
                 gap, a quaternion whose norm is off, or channels that contradict each other by a clear unit
-                factor.
+                factor; `InconsistentChannelsError` for components that contradict each other beyond doubt.
+                A recording that is `unchecked` is not asked whether its channels contradict each other.
         """
         _checks.check_clocks(self)
         _checks.check_finite(self)
         _checks.check_gaps(self)
         _checks.check_quaternions(self)
-        _checks.check_units(self)
+        if not self.provenance.get("unchecked"):
+            _checks.check_units(self)
+            _checks.check_components(self)
         return self
+
+    def unchecked(self) -> Recording:
+        """Let `check` pass channels that contradict each other; the provenance says so from now on."""
+        return self.with_provenance({"unchecked": True})
 
     def gaps(self) -> tuple[Gap, ...]:
         """Find the steps longer than five median steps, on every clock."""
@@ -218,7 +225,14 @@ class Recording:
         Raises:
             RecordingError: a clock that does not increase, or samples that are not finite.
         """
-        return [suspicion.sentence for suspicion in suspicions(self)]
+        from smsid.recording.checks import channel_findings
+
+        told = suspicions(self)
+        pairs = {frozenset((s.channel, s.other)) for s in told}
+        more = [
+            f for f in channel_findings(self) if not f.other or frozenset((f.channel, f.other)) not in pairs
+        ]
+        return [*(s.sentence for s in told), *(f"{f.sentence} {f.mend}" for f in more)]
 
     def window(self, t0: float, t1: float) -> Recording:
         """Cut out ``t0 <= t <= t1`` [s] on every clock.

@@ -185,7 +185,7 @@ def _parameter_without_value(text: str) -> str:
         (_bare, "cannot be read as an estimate"),
         (_parameter_without_value, "cannot be read as an estimate"),
         (lambda text: "[1, 2]", "no estimate of schema 1"),
-        (lambda text: "", "cannot be read as an estimate"),
+        (lambda text: "", "not valid JSON"),
     ],
 )
 def test_bad_files_are_told(tmp_path, spoil, message: str):
@@ -204,7 +204,7 @@ def test_missing_file_is_told(tmp_path):
 def test_not_text_is_told(tmp_path):
     path = tmp_path / "estimate.json"
     path.write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(SmsidError, match="cannot be read as an estimate"):
+    with pytest.raises(SmsidError, match="no UTF-8 text"):
         load_estimate(path)
 
 

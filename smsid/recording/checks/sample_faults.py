@@ -1,0 +1,131 @@
+"""Faults that the samples of one component show by themselves: outliers, full turns, held or stuck values."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from smsid.recording.checks.finding import Finding
+
+FloatArray = NDArray[np.float64]
+
+OUTLIER_SIGMAS, OUTLIER_RANGE = 20.0, 0.5
+"""An outlier stands off the running median by both: noise sigmas, and share of the range of the rest."""
+MAX_OUTLIERS = 0.1
+"""More than this share of samples is another kind of signal, not isolated outliers."""
+MIN_SAMPLES = 50
+TURN_TOLERANCE = 0.05
+HELD_SHARE = 0.95
+
+
+def outliers(x: FloatArray, floor: float = 0.0) -> NDArray[np.bool_]:
+    """Mark isolated outliers above ``floor``; x: (N,). All False where the signal has another character."""
+    none = np.zeros(x.size, dtype=bool)
+    if x.size < MIN_SAMPLES:
+        return none
+    # Differences of values near the largest float overflow: clip far beyond anything measured.
+    scale = float(np.quantile(np.abs(x), 0.9)) or 1.0
+    x = np.clip(x / scale, -1e30, 1e30)
+    smooth = median_filter(x, size=7, mode="nearest")
+    off = np.abs(x - smooth)
+    steps = np.abs(np.diff(x))
+    moved = steps[steps > 0.0]
+    if not moved.size:
+        return none
+    sigma = max(1.4826 * float(np.median(off)), float(moved.min()))
+    low, high = np.quantile(smooth, [0.01, 0.99])
+    marked = off > max(OUTLIER_SIGMAS * sigma, OUTLIER_RANGE * float(high - low), floor / scale)
+    share = float(np.mean(marked))
+    return marked if share <= MAX_OUTLIERS else none
+
+
+def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
+    """Name isolated outliers of a component; t, x: (N,)."""
+    marked = outliers(x, 1e-9)
+    count = int(np.count_nonzero(marked))
+    if not count:
+        return None
+    first = int(np.flatnonzero(marked)[0])
+    worst = float(np.max(np.abs(x[marked])))
+    rest = float(np.max(np.abs(x[~marked])))
+    return Finding(
+        channel,
+        (component,),
+        "outlier",
+        "",
+        (float(count), worst, rest),
+        worst > 3.0 * rest or count > 0.005 * x.size,
+        f"'{channel}' {component} has {count} isolated outliers of {x.size} samples, the first at "
+        f"t = {t[first]:.6g} s: up to {worst:.4g} where the rest stays below {rest:.4g}.",
+        "Remove these samples, or cut the log with window(t0, t1).",
+    )
+
+
+def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
+    """Name jumps of an angle by a full turn within one sample; t, x: (N,) [s | rad]."""
+    if x.size < MIN_SAMPLES:
+        return None
+    steps = np.diff(np.clip(x, -1e12, 1e12))
+    usual = float(np.quantile(np.abs(steps), 0.95))
+    turn = 2.0 * math.pi
+    jumps = np.flatnonzero(np.abs(np.abs(steps) - turn) < TURN_TOLERANCE * turn + usual)
+    if not jumps.size or usual > 0.15 * turn:
+        return None
+    return Finding(
+        channel,
+        (component,),
+        "full turn",
+        "",
+        (float(jumps.size), float(steps[jumps[0]])),
+        True,
+        f"'{channel}' {component} jumps by a full turn ({steps[jumps[0]]:.4g} rad in one sample) "
+        f"{jumps.size} times, first at t = {t[jumps[0] + 1]:.6g} s.",
+        "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import.",
+    )
+
+
+def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
+    """Name samples that are held: t, x: (N,), (N, k); all components change at every n-th sample only."""
+    if x.shape[0] < MIN_SAMPLES:
+        return None
+    changes = np.flatnonzero(np.any(x[1:] != x[:-1], axis=1))
+    if changes.size < 20:
+        return None
+    between = np.diff(changes)
+    usual = int(np.median(between))
+    if usual < 2 or float(np.mean(between == usual)) < HELD_SHARE:
+        return None
+    rate = (t.size - 1) / float(t[-1] - t[0])
+    return Finding(
+        channel,
+        (),
+        "held",
+        "",
+        (rate, rate / usual),
+        False,
+        f"'{channel}' is logged at {rate:.4g} Hz, but changes at every {usual}th sample only: it holds "
+        f"data of {rate / usual:.4g} Hz.",
+        "Import it on a clock of its own with the samples at which it changes.",
+    )
+
+
+def longest_constant_run(x: FloatArray) -> tuple[int, int]:
+    """Give begin and end (exclusive) of the longest run of one value; x: (N,)."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0.0) + 1, [x.size]])
+    k = int(np.argmax(np.diff(edges)))
+    return int(edges[k]), int(edges[k + 1])
+
+
+def clipped_samples(x: FloatArray, least: int = 5) -> NDArray[np.bool_]:
+    """Mark samples that rest at the largest or smallest value for ``least`` samples or more; x: (N,)."""
+    marked = np.zeros(x.size, dtype=bool)
+    for extreme in (float(x.max()), float(x.min())):
+        at = np.concatenate([[False], x == extreme, [False]]).astype(int)
+        begins, ends = np.flatnonzero(np.diff(at) == 1), np.flatnonzero(np.diff(at) == -1)
+        for begin, end in zip(begins, ends, strict=True):
+            if end - begin >= least:
+                marked[begin:end] = True
+    return marked
