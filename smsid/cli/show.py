@@ -123,7 +123,7 @@ def _kind(path: Path) -> str:
             return "recording"
         case ".json":
             return "estimate"
-        case ".urdf":
+        case ".urdf" | ".xacro":
             return "description"
         case ".toml":
             from smsid.description.files import read_toml

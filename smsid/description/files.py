@@ -38,7 +38,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     themselves are read, and checked, by `smsid.model.build_model`.
     """
     file = Path(path)
-    if file.suffix == ".urdf":
+    if file.suffix in (".urdf", ".xacro"):  # xacro is refused by name where the URDF is read
         if not file.is_file():
             raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         return Description(name=file.stem, urdf=file.name, folder=file.parent)

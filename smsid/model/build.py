@@ -16,14 +16,18 @@ from smsid.model.assembly import Assembly
 from smsid.model.inertial_forces import InertialForces
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import JointGroup, SloshJoint, Source, SpacecraftModel, set_group_angles
+from smsid.model.urdf_friction import with_urdf_friction
 
 
 def build_model(description: Description, *, visuals: bool = False) -> SpacecraftModel:
     """Assemble the one Pinocchio model of a spacecraft.
 
     ``visuals`` loads the URDFs' visual geometry as well. Joints of the spacecraft's URDF that no arm and no
-    wheel names stay in the model and move freely. Raises `DescriptionError` for an unphysical inertia, a
-    missing file, mesh, frame or joint, and `MissingDependencyError` for a robot without example-robot-data.
+    wheel names stay in the model and move freely. ``<dynamics>`` of a joint becomes an effect `JointFriction`
+    of the model's description, unless that has one for the joint already.
+
+    Raises `DescriptionError` for an unphysical inertia, a missing file, mesh, frame or joint, a model that
+    differs from the file, and `MissingDependencyError` for a robot without example-robot-data.
     """
     d = description
     loaded = load_bus(d, visuals)
@@ -34,7 +38,7 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
             with _placed("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
-    return _assembled(d, Source(loaded.model, own_joints, mounted), loaded.visual)
+    return _assembled(d, Source(loaded.model, own_joints, mounted, losses=loaded.losses), loaded.visual)
 
 
 def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel:
@@ -59,6 +63,7 @@ _LOADED = ("urdf", "folder", "root", "meshes", "inertias", "package_dirs", "arm"
 
 def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None) -> SpacecraftModel:
     free = d.root == "free"
+    d = with_urdf_friction(d, source.losses)
     trusted = {*source.own_joints, "root_joint"} if d.inertias == "trusted" else set()
     for arm in d.arm:
         if arm.mounted and arm.inertias == "trusted":
