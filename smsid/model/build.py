@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,9 +15,19 @@ from smsid.description.schema import Arm, Description, Wheel
 from smsid.errors import DescriptionError
 from smsid.model.assembly import Assembly
 from smsid.model.inertial_forces import InertialForces
+from smsid.model.joint_limits import outside_limits
 from smsid.model.load import load_bus, mount_arm
-from smsid.model.spacecraft import JointGroup, SloshJoint, Source, SpacecraftModel, set_group_angles
+from smsid.model.spacecraft import (
+    JointGroup,
+    SloshJoint,
+    Source,
+    SpacecraftModel,
+    group_angles,
+    set_group_angles,
+)
 from smsid.model.urdf_friction import with_urdf_friction
+
+logger = logging.getLogger(__name__)
 
 
 def build_model(description: Description, *, visuals: bool = False) -> SpacecraftModel:
@@ -38,7 +49,9 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
             with _placed("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
-    return _assembled(d, Source(loaded.model, own_joints, mounted, losses=loaded.losses), loaded.visual)
+    model = _assembled(d, Source(loaded.model, own_joints, mounted, losses=loaded.losses), loaded.visual)
+    _tell_home(model.pin, d, model.arm_joints, model.home)
+    return model
 
 
 def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel:
@@ -219,6 +232,19 @@ def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.n
             one = JointGroup.of(model, [model.getJointId(prefix + name)])
             q = set_group_angles(model, one, q, np.array([angle]))
     return q
+
+
+def _tell_home(model: pin.Model, d: Description, group: JointGroup, home: np.ndarray) -> None:
+    """Warn of joints whose home is beyond their limits, and offer the middle."""
+    found = outside_limits(model, group, group_angles(model, group, home))
+    if found:
+        offered = ", ".join(f'"{use.name.split("/")[-1]}" = {use.middle:.4g}' for use in found)
+        logger.warning(
+            "%s: %s. The middle of the limits would be: home = { %s }",
+            d.name,
+            "; ".join(f"'{use.name}': {use}" for use in found),
+            offered,
+        )
 
 
 def _check_roles(model: pin.Model, arm_joints: JointGroup, wheels: list[int]) -> None:
