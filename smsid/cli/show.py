@@ -12,6 +12,7 @@ import typer
 from smsid.cli.manners import Outcome
 from smsid.cli.output import console
 from smsid.errors import SmsidError
+from smsid.paths import bundled_craft
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -117,6 +118,8 @@ def recording_document(recording: Recording) -> dict[str, Any]:
 def _kind(path: Path) -> str:
     """Return recording, estimate, experiment or description; raises `SmsidError` for anything else."""
     if not path.is_file():
+        if bundled_craft(str(path)) is not None:
+            return "description"
         raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
     match path.suffix.lower():
         case ".nc" | ".h5" | ".hdf5":

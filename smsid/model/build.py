@@ -146,7 +146,7 @@ def _placed(table: str, name: str) -> Iterator[None]:
 
 def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     if wheel.joint is not None:
-        return assembly.joint_id(wheel.joint)
+        return _wheel_of_urdf(assembly, wheel, wheel.joint)
     axis = np.asarray(wheel.axis) / np.linalg.norm(wheel.axis)
     spin = wheel.inertia * np.outer(axis, axis)
     placement = pin.SE3(np.eye(3), np.asarray(wheel.position))
@@ -155,6 +155,27 @@ def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     if wheel.inertia_in_bus:
         less = [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
         assembly.add_remainder(None, np.array([0.0] * 4 + [-x for x in less]), pin.SE3.Identity())
+    return joint
+
+
+def _wheel_of_urdf(assembly: Assembly, wheel: Wheel, name: str) -> int:
+    """Return the joint of the URDF that is the wheel, with the spin inertia that the URDF leaves out."""
+    joint = assembly.joint_id(name)
+    if wheel.inertia > 0.0:
+        data = assembly.model.joints[joint].createData()
+        assembly.model.joints[joint].calc(data, pin.neutral(assembly.model))
+        motion = np.asarray(data.S)
+        if motion.size != 6 or not motion.reshape(6)[3:].any():
+            raise DescriptionError(f"Joint '{name}' does not turn about one axis: it is no wheel.")
+        axis = motion.reshape(6)[3:]
+        own = float(axis @ assembly.model.inertias[joint].matrix()[3:, 3:] @ axis)
+        if own > 0.0:
+            raise DescriptionError(
+                f"The URDF gives joint '{name}' a spin inertia of {own:.4g} kg m^2 already.",
+                advice="Remove `inertia` from the wheel, or the <inertial> from the link.",
+                joint=name,
+            )
+        assembly.add_inertia(joint, pin.Inertia(0.0, np.zeros(3), wheel.inertia * np.outer(axis, axis)))
     return joint
 
 

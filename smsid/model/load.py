@@ -39,7 +39,14 @@ def load_bus(d: Description, visuals: bool) -> Loaded:
     path = d.folder / d.urdf
     folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
     root = pin.JointModelFreeFlyer() if d.root == "free" else None
-    return _load(path, folders, d, root, visuals, d.inertias == "trusted", "the TOML (before its tables)")
+    own = [arm for arm in d.arm if not arm.mounted]
+    fixed = tuple(name for arm in own for name in arm.fixed)
+    where = "the TOML (before its tables)"
+    loaded = _load(path, folders, d, root, visuals, d.inertias == "trusted", where, fixed)
+    for arm in own:
+        if arm.fixed:
+            loaded = _with_fixed(loaded, arm)
+    return loaded
 
 
 def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]:
