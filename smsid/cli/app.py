@@ -16,6 +16,8 @@ from smsid.errors import SmsidError
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
 COMMANDS = {
     "demo": Entry("smsid.cli.demo:demo_command", "The paper's experiments, identified, beside its tables."),
+    "new": Entry("smsid.cli.new:new_command", "Write a first description of your own craft."),
+    "check": Entry("smsid.cli.check:check_command", "Tell all that is wrong or doubtful in a description."),
     "simulate": Entry(
         "smsid.cli.simulate:simulate_command", "Fly an experiment in simulation and record it."
     ),
@@ -26,6 +28,9 @@ COMMANDS = {
     "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),
     "control": Entry("smsid.cli.control:control_command", "Design a controller from what is identified."),
     "campaign": Entry("smsid.cli.campaign:campaign_command", "Run a Monte Carlo campaign."),
+    "regressor": Entry(
+        "smsid.cli.regressor:regressor_command", "Check the regressors of a machine; name base parameters."
+    ),
     "export": Entry("smsid.cli.export:export_command", "Export URDF, TOML, CSV and MuJoCo XML."),
     "lab": Entry("smsid.cli.lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
     "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from smsid.errors import SmsidError
+from smsid.paths import bundled_craft
 
 KINDS = (
     "recording",
@@ -38,6 +39,8 @@ def kind_of(path: Path) -> str:
     if path.is_dir():
         raise SmsidError(f"'{path}' is a folder.", advice="Name a file in it.")
     if not path.is_file():
+        if bundled_craft(str(path)) is not None:
+            return "description"
         raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
     match path.suffix.lower():
         case ".nc" | ".h5" | ".hdf5":
@@ -46,7 +49,7 @@ def kind_of(path: Path) -> str:
             return _kind_of_json(path)
         case ".jsonl":
             return "campaign"
-        case ".urdf":
+        case ".urdf" | ".xacro":
             return "description"
         case ".toml":
             return _kind_of_toml(path)

@@ -20,7 +20,7 @@ def show_command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="whatever a command reads or writes: a recording, estimate, diagnosis, controller, "
+            help="any file a command takes or makes: a recording, estimate, diagnosis, controller, "
             "campaign, description, experiment or mapping"
         ),
     ],

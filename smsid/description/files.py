@@ -14,6 +14,7 @@ from smsid._reading import read_toml as _read_toml
 from smsid.description.explain import explain_validation
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
+from smsid.paths import bundled_craft
 
 __all__ = ["explain_validation", "load_description", "read_toml", "save_description"]
 
@@ -27,13 +28,15 @@ def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[st
 
 def load_description(path: str | os.PathLike[str]) -> Description:
     """Load a spacecraft from its TOML, or straight from a ``.urdf``; relative paths start at the file's
-    folder.
+    folder. The name of a spacecraft that comes with smsid (``paper_sms``) does as well, where no file has it.
 
     Raises `DescriptionError` for a missing file, bad TOML, or anything against the schema; the URDFs
     themselves are read, and checked, by `smsid.model.build_model`.
     """
     file = Path(path)
-    if file.suffix == ".urdf":
+    if not file.exists():
+        file = bundled_craft(str(path)) or file
+    if file.suffix in (".urdf", ".xacro"):  # xacro is refused by name where the URDF is read
         if not file.is_file():
             raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         return Description(name=file.stem, urdf=file.name, folder=file.parent)

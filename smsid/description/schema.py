@@ -39,7 +39,8 @@ class Wheel(Table):
     """A reaction wheel.
 
     ``inertia`` is the spin inertia I_rw [kg m^2]; its mass is part of the bus, and so is its spin inertia
-    unless ``inertia_in_bus = false``. Alternatively ``joint`` names a joint of the URDF that is the wheel.
+    unless ``inertia_in_bus = false``. Alternatively ``joint`` names a joint of the URDF that is the
+    wheel; where the URDF gives its link no spin inertia, ``inertia`` does, beside what other links have.
     ``axis`` need not be a unit vector.
     """
 
@@ -58,10 +59,6 @@ class Wheel(Table):
             raise ValueError(
                 f"wheel '{self.name}' needs a positive `inertia`, or the `joint` of the URDF it is"
             )
-        if self.joint is not None and self.inertia > 0.0:
-            raise ValueError(
-                f"wheel '{self.name}' gives both `inertia` and `joint`; a joint brings its own inertia"
-            )
         if sum(x * x for x in self.axis) < 1e-12:
             raise ValueError(f"wheel '{self.name}' has a zero `axis`")
         return self
@@ -72,8 +69,8 @@ class Arm(Table):
 
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
     name of example-robot-data, see `smsid.model.robots`). Names of a mounted URDF get the prefix ``<name>/``.
-    ``home`` gives joint positions by name (without prefix) [rad | m]; joints of a mounted URDF listed in
-    ``fixed`` are welded there. ``inertias = "trusted"`` takes the
+    ``home`` gives joint positions by name (without prefix) [rad | m]; joints of the URDF listed in ``fixed``
+    are welded there. ``inertias = "trusted"`` takes the
     inertias of a mounted URDF as they are, where ``"checked"`` refuses those no rigid body can have.
     """
 
@@ -97,8 +94,9 @@ class Arm(Table):
             raise ValueError(f"arm '{self.name}': give one of `joints`, `urdf`, `robot`")
         if not self.mounted and self.mount != Mount():
             raise ValueError(f"arm '{self.name}' has a `mount` but no `urdf` or `robot` to mount")
-        if not self.mounted and self.fixed:
-            raise ValueError(f"arm '{self.name}' has `fixed` joints but no `urdf` or `robot` to fix them in")
+        both = sorted(set(self.fixed) & set(self.joints or ()))
+        if both:
+            raise ValueError(f"arm '{self.name}' lists {', '.join(both)} in both `joints` and `fixed`")
         if not self.mounted and self.inertias != "checked":
             raise ValueError(
                 f"arm '{self.name}' is part of the spacecraft's own URDF: `inertias` goes to the file's top"

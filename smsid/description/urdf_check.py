@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from smsid.description.urdf_reading import INERTIA, UrdfReading
 from smsid.errors import DescriptionError
 
+NUMBERS = {"value", "xyz", "rpy", "lower", "upper", "effort", "velocity", "damping", "friction", *INERTIA}
+XACRO = re.compile(rb"<xacro:|=\s*[\"']\$[({]")
+COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
 def read_urdf(path: Path) -> str:
-    """Return the text of a URDF; raises `DescriptionError` if missing, not XML, or not a tree of links."""
+    """Return the text of a URDF, decoded as it declares.
+
+    Raises `DescriptionError` if it is missing, not XML, still xacro, or not a tree of links.
+    """
     if not path.is_file():
         raise DescriptionError(
             f"The URDF '{path}' does not exist.", advice="Check the `urdf` key of the TOML.", path=str(path)
         )
+    content = path.read_bytes()
+    if path.suffix == ".xacro" or XACRO.search(COMMENT.sub(b"", content)):
+        raise DescriptionError(
+            f"'{path}' still has xacro in it.",
+            advice=f"Expand with xacro first: `xacro {path.name} > {path.name.split('.')[0]}_expanded.urdf`.",
+            path=str(path),
+        )
     try:
-        text = path.read_text(encoding="utf-8")
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise DescriptionError(
             f"'{path}' is not well-formed XML: {error}.",
             advice="Is the file cut short? Mend the line it names.",
@@ -32,7 +46,7 @@ def read_urdf(path: Path) -> str:
             f"'{path}' is no URDF: it needs a <robot> with links.", advice="Is it the right file?"
         )
     _check_tree(root, str(path))
-    return text
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _check_tree(root: ElementTree.Element, source: str) -> None:
@@ -68,73 +82,64 @@ def _check_tree(root: ElementTree.Element, source: str) -> None:
                 f"Joint '{name}' of {source} has no <limit>, which a {kind} joint needs.",
                 advice='Give one, or make a turning joint "continuous".',
             )
+    twice = sorted({c for c in children if c is not None and children.count(c) > 1})
+    if twice:
+        by = [str(j.get("name")) for j in joints if _child(j) == twice[0]]
+        raise DescriptionError(
+            f"Link '{twice[0]}' of {source} has {len(by)} parents, by the joints {', '.join(map(repr, by))}: "
+            "a closed loop.",
+            advice="A URDF is a tree: every link is the child of one joint. Remove one of them.",
+            link=twice[0],
+            joints=by,
+        )
     roots = [link for link in links if link not in children]
-    if len(roots) != 1 or len(set(children)) != len(children):
+    if len(roots) != 1:
         raise DescriptionError(
             f"The links of {source} are no tree: {len(roots)} have no parent ({', '.join(roots) or 'none'}).",
             advice="Every link but the root must be the child of exactly one joint.",
         )
 
 
-def check_inertias(text: str, source: str, *, trusted: bool = False, where: str = "the TOML") -> None:
-    """Raise `DescriptionError` for a negative mass or an inertia no rigid body can have.
+def _child(joint: ElementTree.Element) -> str | None:
+    tag = joint.find("child")
+    return None if tag is None else tag.get("link")
+
+
+def check_inertias(reading: UrdfReading, *, trusted: bool = False, where: str = "the TOML") -> None:
+    """Raise `DescriptionError` for an inertia no rigid body can have.
 
     A principal moment may be zero (a thin rod), but not negative, and no moment may exceed the sum of the
     other two (triangle inequality), to one part in 1e3 of the largest. ``trusted`` leaves out the test of
     the moments; ``where`` says in the advice where the key ``inertias`` belongs.
     """
-    for link in ElementTree.fromstring(text).iter("link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        name = link.get("name")
-        mass_tag, tag = inertial.find("mass"), inertial.find("inertia")
-        if mass_tag is None or tag is None:
-            raise DescriptionError(
-                f"Link '{name}' of {source} has an <inertial> without <mass> or <inertia>.",
-                advice="Give both.",
-                link=name,
-            )
-        mass = _number(mass_tag, "value", f"The mass of link '{name}' of {source}")
-        if mass < 0.0:
-            raise DescriptionError(
-                f"Link '{name}' of {source} has mass {mass:g} kg.",
-                advice="A mass must be zero or positive.",
-                link=name,
-                mass=mass,
-            )
-        place = f"The inertia of link '{name}' of {source}"
-        ixx, ixy, ixz, iyy, iyz, izz = (
-            _number(tag, key, place, "0") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
-        moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    if trusted:
+        return
+    for link in reading.links.values():
+        moments = np.linalg.eigvalsh(link.inertia)
         slack = 1e-3 * max(abs(moments[-1]), 1e-12)
-        if not trusted and (moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack):
+        if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
             raise DescriptionError(
-                f"{place} is impossible: principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2.",
+                f"The inertia of link '{link.name}' of {reading.source} is impossible: principal moments "
+                f"{', '.join(f'{m:.4g}' for m in moments)} kg m^2.",
                 advice="Moments must be positive, none larger than the sum of the other two; check the "
                 "signs of the products and whether it is taken about the centre of mass. To take the "
                 f'inertias as they are, set `inertias = "trusted"` in {where}.',
-                link=name,
+                link=link.name,
                 moments=moments,
             )
 
 
-def _number(tag: ElementTree.Element, key: str, place: str, default: str = "missing") -> float:
-    text = tag.get(key, default)
-    try:
-        number = float(text)
-    except ValueError:
-        number = float("nan")
-    if not np.isfinite(number):
-        raise DescriptionError(f"{place} has {key} = '{text}'.", advice="Give a finite number.")
-    return number
+def normalised(text: str) -> str:
+    """Return the URDF with its numbers as they were read, for a reader that is less careful.
 
-
-def mimicking(text: str) -> list[str]:
-    """Return the names of the moving joints of a URDF that mimic another."""
-    joints = [j for j in ElementTree.fromstring(text).findall("joint") if j.get("type") != "fixed"]
-    return [str(j.get("name")) for j in joints if j.find("mimic") is not None]
+    Blanks around a number, of which urdfdom makes a link without mass, are gone.
+    """
+    root = ElementTree.fromstring(text)
+    for tag in root.iter():
+        if tag.tag in ("mass", "inertia", "limit", "dynamics", "origin", "axis"):
+            for key in NUMBERS & set(tag.keys()):
+                tag.set(key, " ".join(str(tag.get(key)).split()))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def without_meshes(text: str) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 
 from smsid.errors import ExperimentError
 from smsid.experiments.fly import LimitUse, limit_use
+from smsid.experiments.scaling import SWING, THRUST, swings, wheel_strengths
 from smsid.experiments.schema import Experiment, FourierProfile, StepProfile
 from smsid.model.identifiable import base_parameters
+from smsid.model.joint_limits import outside_limits
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate import Tolerance, simulate
@@ -17,18 +19,21 @@ from smsid.simulate import Tolerance, simulate
 DRAFT = Tolerance(1e-6, 1e-8)  # to rank candidates and see limits, not to make data
 
 
-def thrust_experiment(axes: str = "xyz", *, force: float = 40.0, duration: float = 120.0) -> Experiment:
+def thrust_experiment(
+    axes: str = "xyz", *, force: float = THRUST, duration: float = 120.0, limited_by: str = ""
+) -> Experiment:
     """Return Exp. 1, equation (48): +force, -force, 0 over thirds of ``duration / 2``, attitude held.
 
-    ``axes`` are the body axes thrust acts along. Thrust is +f for t_f/6, -f until t_f/3, then zero. Raises
-    `ExperimentError` for other axes.
+    ``axes`` are the body axes thrust acts along. Thrust is +f for t_f/6, -f until t_f/3, then zero.
+    ``limited_by`` says in the note why ``force`` [N] is what it is. Raises `ExperimentError` for other axes.
     """
     if not axes or set(axes) - set("xyz"):
         raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")
     direction = tuple(force if a in axes else 0.0 for a in "xyz")
     return Experiment(
         name="exp1" if axes == "xyz" else f"exp1_{axes}",
-        note="Exp. 1: thrust (48), attitude held, joints and wheels locked",
+        note="Exp. 1: thrust (48), attitude held, joints and wheels locked"
+        + (f"; {force:.4g} N, limited by {limited_by}" if limited_by else ""),
         duration=duration,
         hold_attitude=True,
         lock_joints=True,
@@ -55,7 +60,7 @@ def fourier_experiment(
     *,
     duration: float = 80.0,
     harmonics: int = 5,
-    amplitude: float = 0.6,
+    amplitude: float = SWING,
     wheel_share: float = 0.5,
     candidates: int = 10,
     name: str = "exp2",
@@ -127,9 +132,10 @@ def _draw(
     frequency = 2.0 / duration
     order = np.arange(1, harmonics + 1)
     n, w = len(model.arm_joints), len(model.wheels)
-    motion = None
+    motion, notes, moved = None, [], []
     if n:
-        home = model.joint_angles(model.home)
+        home, moved = _start_angles(model)
+        notes += moved
         a, b = rng.normal(size=(2, n, harmonics)) / order
         b -= (b @ order)[:, None] * order / (order @ order)  # zero rate at the start
         t = np.linspace(0.0, duration / 2, 400)
@@ -137,7 +143,7 @@ def _draw(
         swing = a @ (np.cos(phase) - 1.0) + b @ np.sin(phase)
         rate = 2 * np.pi * frequency * (-(a * order) @ np.sin(phase) + (b * order) @ np.cos(phase))
         low, high = _range(model, home)
-        factor = np.full(n, amplitude) / np.abs(swing).max(axis=1)
+        factor = swings(model, amplitude) / np.abs(swing).max(axis=1)
         factor = np.minimum(factor, 0.9 * high / np.maximum(swing.max(axis=1), 1e-12))
         factor = np.minimum(factor, 0.9 * low / np.maximum(-swing.min(axis=1), 1e-12))
         speed = model.pin.velocityLimit[model.arm_joints.v]
@@ -155,19 +161,30 @@ def _draw(
         peak = np.abs(a @ np.cos(phase) + b @ np.sin(phase)).max(axis=1)
         spin = (a / order) @ np.sin(phase) - (b / order) @ (np.cos(phase) - 1.0)
         swing = np.abs(spin).max(axis=1) / (2 * np.pi * frequency)
-        limit = np.array([x.max_torque or 1.0 for x in model.description.wheel])
-        rates = np.array([(x.max_rate or 400.0) * (x.inertia or 0.1) for x in model.description.wheel])
-        factor = wheel_share * np.minimum(limit / peak, rates / swing)
+        limit, momentum, weak = wheel_strengths(model, wheel_share)
+        notes += weak
+        factor = np.minimum(limit / peak, momentum / swing)
         torque = FourierProfile(
             frequency=frequency, cos=_rows(a * factor[:, None]), sin=_rows(b * factor[:, None])
         )
     return Experiment(
         name=name,
-        note="Exp. 2: truncated Fourier series on wheels and arms, free floating",
+        note="; ".join(["Exp. 2: truncated Fourier series on wheels and arms, free floating", *notes]),
         duration=duration,
         wheel_torque=torque,
         joint_motion=motion,
+        joints=tuple(home.tolist()) if moved else None,
     )
+
+
+def _start_angles(model: SpacecraftModel) -> tuple[np.ndarray, list[str]]:
+    """Return the angles the arm starts from (joints,), home or, where that is beyond a limit, the middle."""
+    angles = model.joint_angles(model.home)
+    notes = []
+    for use in outside_limits(model.pin, model.arm_joints, angles):
+        angles[use.index] = use.middle
+        notes.append(f"{use.name} starts at {use.middle:.4g}, the middle of its limits: {use}")
+    return angles, notes
 
 
 def _range(model: SpacecraftModel, home: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,8 @@ import pinocchio as pin
 import smsid
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError
+from smsid.experiments.plausibility import check_plausible
+from smsid.experiments.scaling import bus_size
 from smsid.experiments.schema import Experiment
 from smsid.model.spacecraft import SpacecraftModel, group_angles
 from smsid.recording import Recording
@@ -67,7 +69,7 @@ def fly(
     """Simulate an experiment and record it with the description's sensors.
 
     ``rate`` [Hz] is that of the shared clock (default: the fastest sensor). Raises `ExperimentError` when the
-    experiment does not fit the spacecraft or the description has no sensors.
+    experiment does not fit the spacecraft, asks for what is not possible, or the description has no sensors.
     """
     sensors = model.description.effective_sensors()
     if not sensors:
@@ -76,6 +78,7 @@ def fly(
             advice="Add [[sensor]] tables to the description.",
         )
     _check_sensors(model)
+    check_plausible(model, experiment)
     inputs = experiment.inputs()
     # a clock that is ahead reports what happens after the end
     lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
@@ -163,7 +166,9 @@ def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) ->
             )
     for joint in model.slosh:
         stroke = np.linalg.norm(s.q[:, joint.q], axis=1).max()
-        found.append(LimitUse(f"stroke of {joint.name}", float(stroke), None, "m"))
+        # a slosh mass that leaves the bus is beyond its model
+        room = bus_size(model) if joint.joint and model.pin.parents[joint.joint] == 1 else None
+        found.append(LimitUse(f"stroke of {joint.name}", float(stroke), room, "m"))
     return tuple(found)
 
 

@@ -14,7 +14,7 @@ from smsid._files import atomic_folder, atomic_write, file_stem
 from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
-from smsid.effects import MotorCoupling
+from smsid.effects import JointFriction, MotorCoupling
 from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
@@ -97,6 +97,8 @@ def _written(
         bodies = identified_bodies(_equations_of(found), estimate)
         notes += bodies.notes
     stem = description.name
+    said = {e.name for e in found.effect}
+    found = found.with_effects(*(e for e in _equations_of(found).description.effect if e.name not in said))
     moved = _urdfs(found, folder, target, None if bodies is None else bodies.parameters)
     save_description(moved, folder / f"{stem}.toml")
     # from here on with what was written
@@ -131,10 +133,11 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
     """Write the URDFs and return the description that refers to them."""
     places = [d.folder, (d.folder / d.urdf).parent, *(d.folder / p for p in d.package_dirs)]
     free = d.root == "free"
+    losses = _losses(d)
     own = None if bodies is None else {n: x for n, x in bodies.items() if "/" not in n}
     path = d.folder / d.urdf
     root = bodies.get(ROOT) if bodies is not None and free else None
-    atomic_write(folder / f"{d.name}.urdf", rewritten_urdf(path, target, own, root=root))
+    atomic_write(folder / f"{d.name}.urdf", rewritten_urdf(path, target, own, root=root, losses=losses))
     arms = []
     for arm in d.arm:
         if not arm.mounted:
@@ -151,7 +154,12 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
         if bodies is not None:
             part = {n.removeprefix(prefix): x for n, x in bodies.items() if n.startswith(prefix)}
         text = rewritten_urdf(
-            path, target, part, welded=arm.fixed, rootless=bodies is not None and _on_moving_body(d, arm)
+            path,
+            target,
+            part,
+            welded=arm.fixed,
+            rootless=bodies is not None and _on_moving_body(d, arm),
+            losses={n.removeprefix(prefix): x for n, x in losses.items() if n.startswith(prefix)},
         )
         atomic_write(folder / f"{arm.name}.urdf", text)
         arms.append(arm.model_copy(update={"urdf": f"{arm.name}.urdf", "robot": None}))
@@ -165,6 +173,16 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
             "package_dirs": tuple(folders) if uses_packages else (),
         }
     )
+
+
+def _losses(d: Description) -> dict[str, tuple[float, float]]:
+    """Return viscous and Coulomb friction by joint, as far as a URDF can say it: what always acts."""
+    found: dict[str, tuple[float, float]] = {}
+    for effect in d.effect:
+        if isinstance(effect, JointFriction) and effect.start is None:
+            viscous, coulomb = found.get(effect.joint, (0.0, 0.0))
+            found[effect.joint] = viscous + effect.viscous, coulomb + effect.coulomb
+    return found
 
 
 def _on_moving_body(d: Description, arm: Arm) -> bool:

@@ -21,6 +21,7 @@ def rewritten_urdf(
     root: np.ndarray | None = None,
     welded: Collection[str] = (),
     rootless: bool = False,
+    losses: Mapping[str, tuple[float, float]] | None = None,
 ) -> str:
     """Return the text of a URDF for another folder, with inertias replaced.
 
@@ -33,6 +34,7 @@ def rewritten_urdf(
         root: parameters (10,) of the root link's body; None leaves them.
         welded: joints counted as fixed besides those of that type.
         rootless: take the root body's inertia away: another body has it.
+        losses: viscous and Coulomb friction by joint, written to ``<dynamics>``; None leaves what is there.
 
     Raises:
         DescriptionError: the file is missing or no URDF.
@@ -68,6 +70,9 @@ def rewritten_urdf(
         _replace(links[first], root)
         for other in carried(str(first)):
             _replace(links[other], None)
+    if losses is not None:
+        for joint in tree.findall("joint"):
+            _set_dynamics(joint, losses.get(joint.get("name", "")))
     ElementTree.indent(tree, "  ")
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(tree, encoding="unicode") + "\n"
 
@@ -75,6 +80,19 @@ def rewritten_urdf(
 def _end(joint: ElementTree.Element, which: str) -> str:
     tag = joint.find(which)
     return "" if tag is None else tag.get("link", "")
+
+
+def _set_dynamics(joint: ElementTree.Element, loss: tuple[float, float] | None) -> None:
+    tag = joint.find("dynamics")
+    if loss is None:
+        if tag is not None:
+            tag.set("damping", "0")
+            tag.set("friction", "0")
+        return
+    if tag is None:
+        tag = ElementTree.SubElement(joint, "dynamics")
+    tag.set("damping", repr(float(loss[0])))
+    tag.set("friction", repr(float(loss[1])))
 
 
 def _replace(link: ElementTree.Element, theta: np.ndarray | None) -> None:

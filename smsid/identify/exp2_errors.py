@@ -27,12 +27,6 @@ class Steps:
     b: Regression
     printed: Regression | None
 
-    @property
-    def names(self) -> tuple[tuple[str, ...], ...]:
-        """Names of what each step identifies."""
-        printed = self.printed.base.names if self.printed else ()
-        return self.a.moments.base.names, self.b.base.names, printed
-
 
 def slosh_mass(model: SpacecraftModel) -> float:
     """Return the mass of all slosh together [kg]."""
@@ -64,11 +58,11 @@ def widened(
         # weighed by the noise that the motion itself shows, as the results were
         again = replace(noisier(rng).thinned(THINNED), again=coarse.again)
         other = _steps(model, again, mass, modal, printed=False, like=like)
-        if other.names[:2] != basis.names[:2]:
+        if unlike := _unlike(other, basis):
             raise NotIdentifiableError(
-                "The identifiable combinations change with the sensors' noise.",
-                advice="Fly a richer Exp. 2: some combination is excited only marginally.",
-                names=basis.names,
+                f"The identifiable combinations change with the sensors' noise: {'; '.join(unlike)}.",
+                advice="Fly a richer Exp. 2: these are excited only marginally.",
+                names=unlike,
             )
         position = (other.a.position - basis.a.position) / found.a.position_sigma
         moments = (other.a.moments.values - basis.a.moments.values) / found.a.moments.sigma
@@ -107,12 +101,16 @@ def with_carried_errors(
 
     def check(other: Steps) -> Steps:
         nonlocal kept
-        kept = kept and other.names[2] == found.names[2]
-        if other.names[:2] != found.names[:2]:
+        if other.printed and found.printed:
+            kept = kept and not other.printed.base.unlike(found.printed.base)
+        else:
+            kept = kept and other.printed is found.printed
+        if unlike := _unlike(other, found):
             raise NotIdentifiableError(
-                "The identifiable combinations change within the uncertainty of Exp. 1.",
-                advice="Fly a richer Exp. 2: some combination is excited only marginally.",
-                names=found.names,
+                "The identifiable combinations change within the uncertainty of Exp. 1: "
+                f"{'; '.join(unlike)}.",
+                advice="Fly a richer Exp. 2: these are excited only marginally.",
+                names=unlike,
             )
         return other
 
@@ -159,6 +157,12 @@ def _steps(
         without = hidden.without_slosh()
         third = step_b_printed(model, motion, without, mass, slosh_mass(model), a.position)
     return Steps(a, b, third)
+
+
+def _unlike(one: Steps, other: Steps) -> tuple[str, ...]:
+    """Names of combinations that one of them tells and the other does not."""
+    pairs = ((one.a.moments.base, other.a.moments.base), (one.b.base, other.b.base))
+    return tuple(name for x, y in pairs for name in x.unlike(y))
 
 
 def _with_covariance(regression: Regression, covariance: np.ndarray) -> Regression:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,16 +15,30 @@ from smsid.description.schema import Arm, Description, Wheel
 from smsid.errors import DescriptionError
 from smsid.model.assembly import Assembly
 from smsid.model.inertial_forces import InertialForces
+from smsid.model.joint_limits import outside_limits
 from smsid.model.load import load_bus, mount_arm
-from smsid.model.spacecraft import JointGroup, SloshJoint, Source, SpacecraftModel, set_group_angles
+from smsid.model.spacecraft import (
+    JointGroup,
+    SloshJoint,
+    Source,
+    SpacecraftModel,
+    group_angles,
+    set_group_angles,
+)
+from smsid.model.urdf_friction import with_urdf_friction
+
+logger = logging.getLogger(__name__)
 
 
 def build_model(description: Description, *, visuals: bool = False) -> SpacecraftModel:
     """Assemble the one Pinocchio model of a spacecraft.
 
     ``visuals`` loads the URDFs' visual geometry as well. Joints of the spacecraft's URDF that no arm and no
-    wheel names stay in the model and move freely. Raises `DescriptionError` for an unphysical inertia, a
-    missing file, mesh, frame or joint, and `MissingDependencyError` for a robot without example-robot-data.
+    wheel names stay in the model and move freely. ``<dynamics>`` of a joint becomes an effect `JointFriction`
+    of the model's description, unless that has one for the joint already.
+
+    Raises `DescriptionError` for an unphysical inertia, a missing file, mesh, frame or joint, a model that
+    differs from the file, and `MissingDependencyError` for a robot without example-robot-data.
     """
     d = description
     loaded = load_bus(d, visuals)
@@ -34,7 +49,9 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
             with _placed("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
-    return _assembled(d, Source(loaded.model, own_joints, mounted), loaded.visual)
+    model = _assembled(d, Source(loaded.model, own_joints, mounted, losses=loaded.losses), loaded.visual)
+    _tell_home(model.pin, d, model.arm_joints, model.home)
+    return model
 
 
 def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel:
@@ -59,6 +76,7 @@ _LOADED = ("urdf", "folder", "root", "meshes", "inertias", "package_dirs", "arm"
 
 def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None) -> SpacecraftModel:
     free = d.root == "free"
+    d = with_urdf_friction(d, source.losses)
     trusted = {*source.own_joints, "root_joint"} if d.inertias == "trusted" else set()
     for arm in d.arm:
         if arm.mounted and arm.inertias == "trusted":
@@ -128,7 +146,7 @@ def _placed(table: str, name: str) -> Iterator[None]:
 
 def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     if wheel.joint is not None:
-        return assembly.joint_id(wheel.joint)
+        return _wheel_of_urdf(assembly, wheel, wheel.joint)
     axis = np.asarray(wheel.axis) / np.linalg.norm(wheel.axis)
     spin = wheel.inertia * np.outer(axis, axis)
     placement = pin.SE3(np.eye(3), np.asarray(wheel.position))
@@ -137,6 +155,27 @@ def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     if wheel.inertia_in_bus:
         less = [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
         assembly.add_remainder(None, np.array([0.0] * 4 + [-x for x in less]), pin.SE3.Identity())
+    return joint
+
+
+def _wheel_of_urdf(assembly: Assembly, wheel: Wheel, name: str) -> int:
+    """Return the joint of the URDF that is the wheel, with the spin inertia that the URDF leaves out."""
+    joint = assembly.joint_id(name)
+    if wheel.inertia > 0.0:
+        data = assembly.model.joints[joint].createData()
+        assembly.model.joints[joint].calc(data, pin.neutral(assembly.model))
+        motion = np.asarray(data.S)
+        if motion.size != 6 or not motion.reshape(6)[3:].any():
+            raise DescriptionError(f"Joint '{name}' does not turn about one axis: it is no wheel.")
+        axis = motion.reshape(6)[3:]
+        own = float(axis @ assembly.model.inertias[joint].matrix()[3:, 3:] @ axis)
+        if own > 0.0:
+            raise DescriptionError(
+                f"The URDF gives joint '{name}' a spin inertia of {own:.4g} kg m^2 already.",
+                advice="Remove `inertia` from the wheel, or the <inertial> from the link.",
+                joint=name,
+            )
+        assembly.add_inertia(joint, pin.Inertia(0.0, np.zeros(3), wheel.inertia * np.outer(axis, axis)))
     return joint
 
 
@@ -214,6 +253,19 @@ def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.n
             one = JointGroup.of(model, [model.getJointId(prefix + name)])
             q = set_group_angles(model, one, q, np.array([angle]))
     return q
+
+
+def _tell_home(model: pin.Model, d: Description, group: JointGroup, home: np.ndarray) -> None:
+    """Warn of joints whose home is beyond their limits, and offer the middle."""
+    found = outside_limits(model, group, group_angles(model, group, home))
+    if found:
+        offered = ", ".join(f'"{use.name.split("/")[-1]}" = {use.middle:.4g}' for use in found)
+        logger.warning(
+            "%s: %s. The middle of the limits would be: home = { %s }",
+            d.name,
+            "; ".join(f"'{use.name}': {use}" for use in found),
+            offered,
+        )
 
 
 def _check_roles(model: pin.Model, arm_joints: JointGroup, wheels: list[int]) -> None:

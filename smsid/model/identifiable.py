@@ -39,6 +39,23 @@ class BaseParameters:
         """Return beta (b,) for parameters theta (n,)."""
         return self.matrix @ theta
 
+    def unlike(self, other: BaseParameters) -> tuple[str, ...]:
+        """Return the combinations of either that the other does not tell.
+
+        Compared are the columns kept and the factors, to 1e-6: names are rounded, and a factor half way
+        between two roundings is no other combination.
+        """
+        mine, theirs = (
+            {int(i): (name, row) for i, name, row in zip(b.independent, b.names, b.matrix, strict=True)}
+            for b in (self, other)
+        )
+        lost = [{**mine, **theirs}[i][0] for i in sorted(mine.keys() ^ theirs.keys())]
+        both = sorted(mine.keys() & theirs.keys())
+        changed = [
+            mine[i][0] for i in both if not np.allclose(mine[i][1], theirs[i][1], rtol=1e-6, atol=1e-6)
+        ]
+        return tuple(lost + changed)
+
 
 def base_parameters(
     regressor: np.ndarray,
@@ -109,7 +126,7 @@ def _combination(row: np.ndarray, own: int, names: Sequence[str]) -> str:
     for i in np.flatnonzero(row).tolist():
         if i == own:
             continue
-        factor = row[i]
+        factor = float(f"{row[i]:.9g}")  # so that a half is rounded alike whatever the last bits are
         sign, size = ("+", factor) if factor > 0 else ("-", -factor)
         text += f" {sign} {names[i]}" if abs(size - 1.0) < 1e-6 else f" {sign} {size:.4g} {names[i]}"
     return text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -59,7 +59,8 @@ class SloshJoint:
 class Source:
     """What was loaded for a model, before effects: for `smsid.model.rebuild`.
 
-    ``wheeled`` is ``pin`` with the wheels of the description.
+    ``wheeled`` is ``pin`` with the wheels of the description; ``losses`` are viscous and Coulomb friction by
+    joint, as the URDFs have them.
     """
 
     pin: pin.Model
@@ -67,6 +68,7 @@ class Source:
     mounted: dict[str, tuple[str, ...]]
     wheeled: pin.Model | None = None
     wheels: tuple[int, ...] = ()
+    losses: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @short_repr

@@ -10,6 +10,7 @@ from smsid.model import build_model
 
 from .pieces import ARM, BUS, HEAD
 
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 URDF_CASES = {
     "negative mass": (('mass value="2"', 'mass value="-2"'), ["'upper'", "-2 kg", "positive"]),
     "NaN mass": (('mass value="2"', 'mass value="nan"'), ["mass of link 'upper'", "nan", "finite"]),
@@ -54,6 +55,41 @@ URDF_CASES = {
         ('<limit lower="-3" upper="3" velocity="1" effort="1"/>', ""),
         ["'shoulder'", "<limit>", "continuous"],
     ),
+    "decimal comma": (
+        ('<mass value="2"/>', '<origin xyz="0,5 0 0"/><mass value="2"/>'),
+        ["<origin>", "'upper'", "0,5 0 0", "three finite numbers"],
+    ),
+    "centre of two numbers": (
+        ('<mass value="2"/>', '<origin xyz="0.5 0"/><mass value="2"/>'),
+        ["<origin>", "'upper'", "three finite numbers"],
+    ),
+    "missing moment": (('izz="0.1" ', ""), ["'upper'", "izz", "'missing'"]),
+    "missing product": (('izz="0.1" ixy="0" ixz="0"', 'izz="0.1" ixy="0"'), ["'upper'", "ixz", "'missing'"]),
+    "two inertials": (
+        (
+            '<link name="arm_mount"/>',
+            '<link name="arm_mount">' + 2 * INERTIAL + "</link>",
+        ),
+        ["'arm_mount'", "2 <inertial>", "Keep one"],
+    ),
+    "axis of no length": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'), ["<axis>", "'shoulder'", "0 0 0"]),
+    "limits upside down": (('lower="-3" upper="3"', 'lower="3" upper="-3"'), ["'shoulder'", "upside down"]),
+    "limit in words": (('upper="3"', 'upper="three"'), ["'shoulder'", "upper", "'three'"]),
+    "negative velocity": (('velocity="1"', 'velocity="-1"'), ["'shoulder'", "velocity", "-1"]),
+    "friction that drives": (
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="-1"/>'),
+        ["'shoulder'", "damping", "-1"],
+    ),
+    "closed loop": (
+        (
+            "</robot>",
+            '<joint name="again" type="fixed"><parent link="arm_mount"/><child link="upper"/></joint>'
+            "</robot>",
+        ),
+        ["'upper'", "2 parents", "'shoulder', 'again'", "closed loop"],
+    ),
+    "xacro": (("<robot", '<robot xmlns:xacro="http://x"><xacro:arg/><x'), ["Expand with xacro first"]),
+    "substitution": (('value="2"', 'value="${m}"'), ["Expand with xacro first"]),
     "joint of no type": (('type="revolute"', 'type="hinge"'), ["'shoulder'", "'hinge'", "revolute"]),
     "floating arm": (('type="revolute"', 'type="floating"'), ["'shoulder'", "6 degrees of freedom"]),
 }

@@ -1,0 +1,21 @@
+"""``smsid check``: all that is wrong or doubtful in a description."""
+
+from __future__ import annotations
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import DescriptionPath
+from smsid.cli.output import console
+
+
+def check_command(description: DescriptionPath) -> Outcome:
+    """Tell all that is wrong or doubtful in a description, its URDFs and the model; exit code 1 if wrong."""
+    from smsid.description.review import review_description
+
+    found = review_description(description)
+    out = console()
+    for label, findings in (("wrong", found.wrong), ("doubtful", found.doubtful)):
+        for text in findings:
+            out.print(f"{label}: {text}", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"{len(found.wrong)} wrong, {len(found.doubtful)} doubtful", highlight=False)
+    document = {"wrong": list(found.wrong), "doubtful": list(found.doubtful)}
+    return Outcome(document, exit_code=1 if found.wrong else 0)

@@ -1,0 +1,123 @@
+"""All that is wrong or doubtful in a description, at once."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from smsid.description.files import load_description
+from smsid.description.schema import Description
+from smsid.description.urdf_check import check_inertias, check_meshes, read_urdf
+from smsid.description.urdf_reading import parse_urdf
+from smsid.errors import DescriptionError, SmsidError
+
+
+@dataclass(frozen=True)
+class Review:
+    """What is ``wrong`` (it does not load or build) and what is ``doubtful``; ``description`` if it loads."""
+
+    wrong: tuple[str, ...]
+    doubtful: tuple[str, ...]
+    description: Description | None = None
+
+
+def review_description(path: str | os.PathLike[str]) -> Review:
+    """Return all findings about a description: its TOML, every URDF it names, the model, limits and sensors.
+
+    A fault in one part does not hide those of the others. Raises nothing that a description can cause.
+    """
+    from smsid.model.build import build_model
+    from smsid.model.robots import robot_urdf
+
+    wrong: list[str] = []
+    doubtful: list[str] = []
+    try:
+        d = load_description(path)
+    except SmsidError as error:
+        return Review((str(error),), ())
+    files = [(d.folder / d.urdf, d.inertias == "trusted", "the TOML (before its tables)")]
+    for arm in d.arm:
+        try:
+            if arm.robot is not None:
+                files.append((robot_urdf(arm.robot)[0], arm.inertias == "trusted", f"[[arm]] '{arm.name}'"))
+        except SmsidError as error:
+            wrong.append(f"[[arm]] '{arm.name}': {error}")
+        if arm.urdf is not None:
+            files.append((d.folder / arm.urdf, arm.inertias == "trusted", f"[[arm]] '{arm.name}'"))
+    for file, trusted, where in files:
+        wrong += _wrong_in_urdf(d, file, trusted, where)
+    with _warnings() as told:
+        try:
+            build_model(d)
+        except SmsidError as error:
+            if not wrong:  # otherwise it says one of them again
+                wrong.append(str(error))
+    doubtful += told
+    doubtful += _unsaid(d)
+    return Review(tuple(dict.fromkeys(wrong)), tuple(dict.fromkeys(doubtful)), d)
+
+
+def _wrong_in_urdf(d: Description, file: Path, trusted: bool, where: str) -> list[str]:
+    try:
+        text = read_urdf(file)
+        reading = parse_urdf(text, str(file))
+    except DescriptionError as error:
+        return [str(error)]
+    found = []
+    try:
+        check_inertias(reading, trusted=trusted, where=where)
+    except DescriptionError as error:
+        found.append(str(error))
+    if d.meshes == "required":
+        try:
+            check_meshes(text, str(file), [file.parent, d.folder, *(d.folder / p for p in d.package_dirs)])
+        except DescriptionError as error:
+            found.append(str(error))
+    return found
+
+
+def _unsaid(d: Description) -> list[str]:
+    """What is not stated and makes experiments, limits or results a guess."""
+    found = []
+    if d.root == "free" and d.thrust.max_force is None:
+        found.append("[thrust] max_force is not given: no experiment keeps to it")
+    for wheel in d.wheel:
+        for key in ("max_torque", "max_rate"):
+            if getattr(wheel, key) is None:
+                found.append(f"[[wheel]] '{wheel.name}': {key} is not given")
+    kinds = {s.kind for s in d.sensor}
+    if not d.sensor:
+        found.append("there is no [[sensor]]: nothing would be recorded")
+    elif d.root == "free" and "pose" not in kinds:
+        found.append("there is no [[sensor]] of kind 'pose', which Exp. 2 needs")
+    if d.sensor and d.wheel and "tachometer" not in kinds:
+        found.append("there are wheels and no [[sensor]] of kind 'tachometer'")
+    watched = {s.appendage for s in d.sensor}
+    for effect in d.effect:
+        if effect.kind in ("beam_appendage", "modal_appendage") and effect.name not in watched:
+            found.append(f"[[effect]] '{effect.name}' has no accelerometers: its bending is not measured")
+    return found
+
+
+@contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """Collect what the library warns of meanwhile."""
+    told: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    logger, handler = logging.getLogger("smsid"), Collector(logging.WARNING)
+    propagate = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield told
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagate

@@ -1,0 +1,244 @@
+"""Our own strict reading of a URDF: what a model built from it must have, number by number."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.errors import DescriptionError
+
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+@dataclass(frozen=True)
+class LinkReading:
+    """A link: mass [kg], centre (3,) [m] and inertia (3, 3) about the centre, link axes [kg m^2]."""
+
+    name: str
+    mass: float
+    centre: np.ndarray
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True)
+class JointReading:
+    """A joint: ``position`` (3,) [m] and ``rotation`` (3, 3) of its frame in the parent link's, ``axis`` (3,)
+    of unit length, limits (None: not stated) [rad | m], [N m | N], [rad/s | m/s], and ``<dynamics>``.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    position: np.ndarray
+    rotation: np.ndarray
+    axis: np.ndarray
+    lower: float | None
+    upper: float | None
+    effort: float | None
+    velocity: float | None
+    damping: float
+    friction: float
+    mimic: str | None
+
+
+@dataclass(frozen=True)
+class UrdfReading:
+    """The links and joints of a URDF by name; ``unused`` names what has a meaning smsid does not use."""
+
+    source: str
+    links: dict[str, LinkReading]
+    joints: dict[str, JointReading]
+    unused: tuple[str, ...]
+
+    @property
+    def root(self) -> str:
+        """Name of the link without parent."""
+        children = {j.child for j in self.joints.values()}
+        return next(name for name in self.links if name not in children)
+
+
+def parse_urdf(text: str, source: str) -> UrdfReading:
+    """Return the links and joints of a URDF's text, every number read strictly.
+
+    ``source`` is the file's name for messages. The tree of links is taken as checked (`read_urdf`).
+
+    Raises:
+        DescriptionError: a number, vector or element that is no such thing, naming link or joint and element;
+            an axis 0 0 0; limits upside down; two <inertial> in a link.
+    """
+    root = ElementTree.fromstring(text)
+    links = {str(tag.get("name")): _link(tag, source) for tag in root.findall("link")}
+    joints = {str(tag.get("name")): _joint(tag, source) for tag in root.findall("joint")}
+    return UrdfReading(source, links, joints, _unused(root))
+
+
+def _link(tag: ElementTree.Element, source: str) -> LinkReading:
+    place = f"link '{tag.get('name')}' of {source}"
+    inertials = tag.findall("inertial")
+    if len(inertials) > 1:
+        raise DescriptionError(
+            f"{_upper(place)} has {len(inertials)} <inertial>.", advice="Keep one.", link=tag.get("name")
+        )
+    if not inertials:
+        return LinkReading(str(tag.get("name")), 0.0, np.zeros(3), np.zeros((3, 3)))
+    inertial = inertials[0]
+    mass_tag, inertia_tag = inertial.find("mass"), inertial.find("inertia")
+    if mass_tag is None or inertia_tag is None:
+        raise DescriptionError(
+            f"{_upper(place)} has an <inertial> without <mass> or <inertia>.",
+            advice="Give both.",
+            link=tag.get("name"),
+        )
+    mass = _number(mass_tag, "value", f"The mass of {place}")
+    if mass < 0.0:
+        raise DescriptionError(
+            f"{_upper(place)} has mass {mass:g} kg.",
+            advice="A mass must be zero or positive.",
+            link=tag.get("name"),
+            mass=mass,
+        )
+    xx, xy, xz, yy, yz, zz = (_number(inertia_tag, key, f"The inertia of {place}") for key in INERTIA)
+    position, rotation = _origin(inertial, f"<inertial> of {place}")
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return LinkReading(str(tag.get("name")), mass, position, rotation @ about @ rotation.T)
+
+
+def _joint(tag: ElementTree.Element, source: str) -> JointReading:
+    kind = str(tag.get("type"))
+    place = f"joint '{tag.get('name')}' of {source}"
+    position, rotation = _origin(tag, place)
+    axis = np.array([1.0, 0.0, 0.0])
+    axis_tag = tag.find("axis")
+    if axis_tag is not None and kind not in ("fixed", "floating"):
+        axis = _vector(axis_tag, "xyz", f"<axis> of {place}", "1 0 0")
+        if not np.linalg.norm(axis) > 1e-9:
+            raise DescriptionError(
+                f"The <axis> of {place} is {axis_tag.get('xyz')}: it has no direction.",
+                advice="Give the axis the joint turns about or slides along.",
+                joint=tag.get("name"),
+            )
+    limit = tag.find("limit")
+    read: dict[str, float | None] = dict.fromkeys(("lower", "upper", "effort", "velocity"))
+    if limit is not None and kind not in ("fixed", "floating"):
+        for key in read:
+            if limit.get(key) is not None:
+                read[key] = _number(limit, key, f"<limit> of {place}", infinite=True)
+        if kind in ("revolute", "prismatic"):
+            low, high = read["lower"] or 0.0, read["upper"] or 0.0
+            if low > high:
+                raise DescriptionError(
+                    f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}.",
+                    advice="Swap them.",
+                    joint=tag.get("name"),
+                )
+        for key in ("effort", "velocity"):
+            if (read[key] or 0.0) < 0.0:
+                raise DescriptionError(
+                    f"<limit> of {place} has {key} = {read[key]:g}.",
+                    advice="Give its size, not a negative number.",
+                    joint=tag.get("name"),
+                )
+    losses = []
+    dynamics = tag.find("dynamics")
+    for key in ("damping", "friction"):
+        losses.append(0.0 if dynamics is None else _number(dynamics, key, f"<dynamics> of {place}", "0"))
+        if losses[-1] < 0.0:
+            raise DescriptionError(
+                f"<dynamics> of {place} has {key} = {losses[-1]:g}.",
+                advice="Friction takes energy out: give zero or a positive number.",
+                joint=tag.get("name"),
+            )
+    mimic = tag.find("mimic")
+    return JointReading(
+        str(tag.get("name")),
+        kind,
+        _end(tag, "parent"),
+        _end(tag, "child"),
+        position,
+        rotation,
+        axis / np.linalg.norm(axis),
+        **read,
+        damping=losses[0],
+        friction=losses[1],
+        mimic=None if mimic is None else mimic.get("joint", ""),
+    )
+
+
+def _unused(root: ElementTree.Element) -> tuple[str, ...]:
+    """Say which elements with a physical meaning smsid does not use."""
+    found = []
+    geared = []
+    for transmission in root.findall("transmission"):
+        for tag in transmission.iter():
+            if tag.tag in ("mechanicalReduction", "motorInertia") and (tag.text or "").strip() not in (
+                "",
+                "1",
+                "1.0",
+            ):
+                geared.append(f"{transmission.get('name')} ({tag.tag} {(tag.text or '').strip()})")
+    if geared:
+        found.append(f"<transmission> {', '.join(geared)}: use the effects `gear` and `motor_inertia`")
+    loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
+    if loops:
+        found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")
+    return tuple(found)
+
+
+def _origin(tag: ElementTree.Element, place: str) -> tuple[np.ndarray, np.ndarray]:
+    origin = tag.find("origin")
+    if origin is None:
+        return np.zeros(3), np.eye(3)
+    xyz = _vector(origin, "xyz", f"<origin> in {place}", "0 0 0")
+    roll, pitch, yaw = _vector(origin, "rpy", f"<origin> in {place}", "0 0 0")
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return xyz, about_z @ about_y @ about_x
+
+
+def _vector(tag: ElementTree.Element, key: str, place: str, default: str) -> np.ndarray:
+    text = tag.get(key, default)
+    try:
+        numbers = np.array([_strict(x) for x in text.split()])
+    except ValueError:
+        numbers = np.zeros(0)
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise DescriptionError(
+            f'{place}: {key}="{text}" is not three finite numbers.',
+            advice="Separate them with blanks, with points for decimals.",
+            element=tag.tag,
+        )
+    return numbers
+
+
+def _number(
+    tag: ElementTree.Element, key: str, place: str, default: str = "missing", *, infinite: bool = False
+) -> float:
+    text = tag.get(key, default)
+    try:
+        number = _strict(text.strip())
+    except ValueError:
+        number = float("nan")
+    if np.isnan(number) or (np.isinf(number) and not infinite):
+        raise DescriptionError(f"{place} has {key} = '{text}'.", advice="Give a finite number.")
+    return number
+
+
+def _strict(text: str) -> float:
+    """Return a number written as in C: no ``1_000``, which Python would take."""
+    if "_" in text:
+        raise ValueError(text)
+    return float(text)
+
+
+def _end(tag: ElementTree.Element, which: str) -> str:
+    end = tag.find(which)
+    return "" if end is None else str(end.get("link"))
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,73 @@
+"""`smsid new`, `smsid check`, `smsid regressor`, and bundled crafts by name."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from smsid.cli.app import app
+from smsid.description import load_description
+from smsid.model import build_model
+from smsid.paths import urdf_folder
+
+ARM = str(urdf_folder() / "arm3.urdf")
+
+
+def run(*arguments, code=0):
+    result = CliRunner().invoke(app, [*arguments, "--json"])
+    assert result.exit_code == code, result.output + str(result.exception)
+    return json.loads(result.stdout)
+
+
+@pytest.mark.parametrize(
+    ("options", "joints", "wheels", "effects"),
+    [
+        ([], 0, 3, set()),
+        (["--arm", ARM, "--wheels", "4", "--tank", "--panel", "6x3"], 3, 4, {"tank", "panel"}),
+        (["--arm", ARM, "--arm", ARM, "--wheels", "0", "--mass", "20", "--size", "0.4"], 6, 0, set()),
+    ],
+)
+def test_a_new_craft_is_complete_and_loads(tmp_path, monkeypatch, options, joints, wheels, effects):
+    monkeypatch.chdir(tmp_path)
+    run("new", "craft", *options)
+    model = build_model(load_description("craft.toml"))
+    assert len(model.arm_joints) == joints and len(model.wheels) == wheels
+    assert {e.name for e in model.description.effect} == effects
+    assert model.description.thrust.max_force is not None
+    assert run("check", "craft.toml") == {"exit_code": 0, "written": [], "wrong": [], "doubtful": []}
+    assert "# GUESS" in (tmp_path / "craft.toml").read_text()
+
+
+def test_new_replaces_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "craft_bus.urdf").write_text("mine")
+    result = CliRunner().invoke(app, ["new", "craft"])
+    assert result.exit_code == 1 and "exists" in str(result.exception) + result.output
+    assert (tmp_path / "craft_bus.urdf").read_text() == "mine"
+    assert not (tmp_path / "craft.toml").exists()
+
+
+def test_check_tells_all_faults_at_once(tmp_path):
+    run_in = tmp_path / "x.toml"
+    text = (urdf_folder() / "arm3.urdf").read_text()
+    bus = (urdf_folder() / "bus.urdf").read_text()
+    (tmp_path / "bus.urdf").write_text(bus.replace('mass value="', 'mass value="x'))
+    (tmp_path / "arm.urdf").write_text(text.replace('<axis xyz="', '<axis xyz="0,5 ', 1))
+    run_in.write_text(
+        'schema = 1\nname = "x"\nurdf = "bus.urdf"\n[[arm]]\nname = "a"\nurdf = "arm.urdf"\n'
+        '[[arm]]\nname = "b"\nurdf = "none.urdf"\n[[wheel]]\nname = "w"\ninertia = 1.0\n'
+    )
+    found = run("check", str(run_in), code=1)
+    assert len(found["wrong"]) == 3
+    assert all(any(piece in w for w in found["wrong"]) for piece in ("mass of link", "<axis>", "none.urdf"))
+    doubts = " ".join(found["doubtful"])
+    assert all(key in doubts for key in ("max_torque", "max_rate", "max_force", "[[sensor]]"))
+
+
+def test_regressors_of_the_bundled_craft_are_exact():
+    found = run("regressor", "paper_sms", "--states", "5")
+    assert {"torque, Pinocchio rnea", "momentum, Pinocchio centroidal"} <= found["errors"].keys()
+    assert max(found["errors"].values()) < 1e-13
+    assert len(found["base_parameters"]) == 68 and found["condition"] > 1.0
