@@ -298,6 +298,11 @@ def _text(columns: Columns, clocks: Mapping[str, ClockReport], entries: list[_En
             lines += [f"[clock.{source}]", *_clock_lines(clocks[clock]), ""]
     for entry in entries:
         lines += [*_with_labels(entry, active).lines(), ""]
+    if not entries:
+        lines.append("# Nothing in the file can be drafted: name the columns yourself.")
+    large = [f"{quoted(name)} {values.shape}" for name, values in columns.items() if values.ndim > 2]
+    if large:
+        lines.append(_one_line(f"# Not drafted, of more than two dimensions: {', '.join(large)}"))
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -19,7 +19,8 @@ from smsid.recording.mapping import parse_mapping
 
 N = 24
 WORDS = ("q", "pos_", "joint_position_", "velocity", "quat_", "tau", "gyro_", "acc", "effort", "force_", "x",
-         "seq", "angle", "current", "temp", "- arm_1_joint_", 'a "quoted" \\ name', "Größe ", "orientation.")  # fmt: skip
+         "seq", "angle", "current", "temp", "- arm_1_joint_", 'a "quoted" \\ name', "Größe ", 
+         "orientation.")  # fmt: skip
 ENDINGS = (
     "",
     "x",
@@ -75,8 +76,9 @@ def written(folder: Path, suffix: str, arrays: dict[str, np.ndarray]) -> Path:
     if suffix == ".npz":
         np.savez(path, **{name.replace("/", "_"): values for name, values in arrays.items()})
     elif suffix == ".mat":
-        savemat(path, {f"v{k}": {"data": values} for k, values in enumerate(arrays.values())} | {"t": arrays["t"]}
-                if "t" in arrays else {f"v{k}": v for k, v in enumerate(arrays.values())})  # fmt: skip
+        # MATLAB takes no other names; the clocks keep theirs.
+        tree = {f"v{k}": {"data": values} for k, values in enumerate(arrays.values())}
+        savemat(path, tree | {"t": arrays["t"]} if "t" in arrays else tree)
     elif suffix == ".h5":
         with h5py.File(path, "w") as file:
             for k, (name, values) in enumerate(arrays.items()):
@@ -84,7 +86,7 @@ def written(folder: Path, suffix: str, arrays: dict[str, np.ndarray]) -> Path:
     return path
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(columns_of_logs, clocks_of_logs, st.sampled_from([".npz", ".mat", ".h5"]))
 def test_the_draft_of_arrays_imports(columns, clocks, suffix):
     arrays = {name: signal(*how) for name, how in columns.items()}
@@ -93,7 +95,7 @@ def test_the_draft_of_arrays_imports(columns, clocks, suffix):
         imports(written(Path(folder), suffix, arrays))
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(
     columns_of_logs, clocks_of_logs, st.sampled_from([(",", "."), (";", ","), ("\t", ".")]), st.integers(0, 3)
 )

@@ -1,5 +1,6 @@
 """Logs as people publish them: each is read, drafted and imported, or refused with what to do."""
 
+# ruff: noqa: E501 - the tables are read by row
 from __future__ import annotations
 
 import tomllib
