@@ -27,8 +27,8 @@ def modal(
     import numpy as np
 
     from smsid.identify.estimate import save_estimate
-    from smsid.lab.modal import MOST_ROWS, ambient_modes
-    from smsid.recording import complete_pieces, load_recording
+    from smsid.lab.modal import ambient_modes
+    from smsid.recording import load_recording
 
     log = load_recording(recording)
     if channel is None and len(log.channels) != 1:
@@ -38,21 +38,10 @@ def modal(
         )
     name = channel or log.channels[0]
     log.require(name)
-    alone = log.without(*(other for other in log.channels if other != name))
     times = log.time(name)
-    rate = float(1.0 / np.median(np.diff(times)))
-    if alone.gaps() or not np.isfinite(log[name]).all():
-        pieces = [piece for piece in complete_pieces(alone) if piece.time(name).size >= MOST_ROWS]
-        if not pieces:
-            raise RecordingError(
-                f"'{name}' has no stretch of {MOST_ROWS} samples without a gap.", advice="Record longer."
-            )
-    else:
-        rate = (times.size - 1) / (times[-1] - times[0])
-        pieces = [alone]
-    parts = [piece.resampled(rate)[name] for piece in pieces]
-    outputs = [part.reshape(len(part), -1) for part in parts]
-    longest = max(outputs, key=len)
+    rate = (times.size - 1) / (times[-1] - times[0])
+    even = log.resampled(rate)[name]
+    outputs = even.reshape(len(even), -1)
     with working("looking for modes"):
         found = ambient_modes(outputs, rate, highest_frequency=highest, rng=np.random.default_rng(seed))
     estimate = found.estimate(log.name)
@@ -64,14 +53,9 @@ def modal(
 
         with working("writing the report"):
             origin = provenance([recording], seed=seed)
-            made = modal_report(log.name, name, longest, rate, highest, found, origin)
+            made = modal_report(log.name, name, outputs, rate, highest, found, origin)
             written.append(write_report(made, report))
-    if len(outputs) > 1:
-        used = sum(map(len, outputs))
-        out.print(f"{len(outputs)} pieces between gaps, {used} of {times.size} samples", highlight=False)
     print_estimate(out, estimate)
-    if not found.modes:
-        out.print(_why_none(found.window, highest, len(found.harmonics)), style="yellow", soft_wrap=True)
     for k, mode in enumerate(found.modes, start=1):
         if mode.impulsive:
             out.print(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
@@ -80,13 +64,3 @@ def modal(
     out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": harmonics}, written)
-
-
-def _why_none(window: float, highest: float, harmonics: int) -> str:
-    """Say what was looked for where no mode was found."""
-    lines = f"; {harmonics} harmonics were" if harmonics else ""
-    return (
-        f"no mode below {highest:g} Hz stays the same over model orders and correlation windows{lines}. "
-        f"Correlations stand out for {window:.3g} s. Drift that is not linear, too short a record or a structure "
-        "that nothing excites look like this: take the drift out, or record longer."
-    )

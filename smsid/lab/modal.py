@@ -5,12 +5,12 @@ flagged.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.signal import butter, detrend, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 from scipy.stats import kurtosis
 
 from smsid.errors import NotIdentifiableError
@@ -121,7 +121,7 @@ class AmbientModes:
 
 
 def ambient_modes(
-    y: np.ndarray | Sequence[np.ndarray],
+    y: np.ndarray,
     rate: float,
     *,
     highest_frequency: float,
@@ -139,8 +139,7 @@ def ambient_modes(
     identifying again with blocks of the record drawn at random.
 
     Args:
-        y: (N,) or (N, l) outputs [any unit, and each its own]; or the pieces of a record with gaps, each
-            (N_i, l): no correlation is taken across a gap. Each piece loses its mean and its linear drift.
+        y: (N,) or (N, l) outputs [any unit].
         rate: [Hz].
         highest_frequency: modes above are not sought [Hz]; the record is decimated accordingly.
         orders: model orders; none is picked.
@@ -154,29 +153,22 @@ def ambient_modes(
     Source: Peeters and De Roeck (1999) for SSI-COV; Jacobsen, Andersen and Brincker (2007) for harmonics by
     kurtosis.
     """
-    parts = [signal_matrix(part, "y") for part in ([y] if isinstance(y, np.ndarray) else y)]
-    # A drift is no vibration, and would be the strongest correlation of all.
-    parts = [detrend(part, axis=0) for part in parts]
-    longest = max(range(len(parts)), key=lambda k: len(parts[k]))
-    scale = np.sqrt(sum(np.sum(part**2, axis=0) for part in parts) / sum(map(len, parts)))
-    scale[scale <= 1e-12 * scale.max()] = 1.0  # a dead channel stays dead
-    parts = [part / scale for part in parts]  # else the channel in the largest unit decides
-    x = parts[longest]
+    x = signal_matrix(y, "y")
+    x = x - x.mean(axis=0)
     factor = max(1, int(rate / (4.0 * highest_frequency)))
-    slow_parts = [decimate(part, rate, factor)[0] for part in parts]
     slow, slow_rate = decimate(x, rate, factor)
     # correlations of a machine's harmonic never die away
     window = min(correlation_window(slow, slow_rate), MOST_ROWS / slow_rate)
     least = max(orders) // slow.shape[1] + 2
     rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
-    blocks = min(max(10, int(sum(map(len, slow_parts)) / (8 * max(rows)))), 30)
+    blocks = min(max(10, int(len(slow) / (8 * max(rows)))), 30)
     generator = rng or np.random.default_rng(0)
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
     found: list[list[Mode]] = []
     again: list[list[tuple[Poles, ...]]] = []
     every: list[tuple[Poles, ...]] = []
     for count in rows:
-        covariances = _block_covariances(slow_parts, count, blocks)
+        covariances = _block_covariances(slow, count, blocks)
         chosen = checked_orders(orders, count, slow.shape[1], count * slow.shape[1])
         left, singular, right = np.linalg.svd(covariances.mean(axis=0), full_matrices=False)
         poles = observability_poles(left, singular, right, slow.shape[1], slow_rate, chosen)
@@ -198,9 +190,7 @@ def ambient_modes(
     groups = [g for g in groups if not any(_is_line(g, line) for line in lines)]
     groups = sorted(groups, key=lambda g: np.median([m.frequency for m in g]))
     scatter = _scatter(groups, [again[k] for k in used]) if groups else np.zeros((0, 0, 0, 2))
-    modes = tuple(
-        _in_units(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate), scale) for k, g in enumerate(groups)
-    )
+    modes = tuple(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate) for k, g in enumerate(groups))
     gaps = tuple(
         (high.frequency - low.frequency, float(_sigma(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]))
         for k, (low, high) in enumerate(pairwise(modes))
@@ -274,36 +264,20 @@ def band_kurtosis(y: np.ndarray, rate: float, frequency: float, width: float) ->
     return float(kurtosis(strongest, fisher=False))
 
 
-def _block_covariances(parts: Sequence[np.ndarray], rows: int, blocks: int) -> np.ndarray:
-    """Covariances (blocks, rows l, rows l) between future and past, of as many blocks of the record.
-
-    A block that reaches over a gap is the mean over its columns on both sides; none spans the gap.
-    """
-    columns = [max(len(part) - 2 * rows + 1, 0) for part in parts]
-    if sum(columns) < 2 * blocks:
-        samples = sum(map(len, parts))
+def _block_covariances(y: np.ndarray, rows: int, blocks: int) -> np.ndarray:
+    """Covariances (blocks, rows l, rows l) between future and past, of as many blocks of the record."""
+    columns = len(y) - 2 * rows + 1
+    if columns < 2 * blocks:
         raise NotIdentifiableError(
-            f"{samples} samples in {len(parts)} pieces are too few for {rows} block rows.",
-            advice="Record longer.",
-            samples=samples,
+            f"{len(y)} samples are too few for {rows} block rows.", advice="Record longer.", samples=len(y)
         )
-    edges = np.linspace(0, sum(columns), blocks + 1).astype(int).tolist()
-    starts = np.concatenate([[0], np.cumsum(columns)]).tolist()
-    found = []
-    for first, last in pairwise(edges):
-        total = 0.0
-        for part, start, count in zip(parts, starts, columns, strict=False):
-            a, b = max(first - start, 0), min(last - start, count)
-            if b > a:
-                total += block_hankel(part, a + rows, rows, b - a) @ block_hankel(part, a, rows, b - a).T
-        found.append(total / (last - first))
-    return np.array(found)
-
-
-def _in_units(mode: AmbientMode, scale: np.ndarray) -> AmbientMode:
-    """Give a mode's shape, found with outputs divided by ``scale`` (l,), in the units of the outputs."""
-    shape = mode.shape * scale
-    return replace(mode, shape=shape / shape[int(np.argmax(np.abs(shape)))])
+    edges = np.linspace(0, columns, blocks + 1).astype(int)
+    return np.array(
+        [
+            block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / (b - a)
+            for a, b in pairwise(edges.tolist())
+        ]
+    )
 
 
 def _resampled(

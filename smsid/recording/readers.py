@@ -88,7 +88,7 @@ def read_mat(path: Path, csv_format: CsvFormat) -> Columns:
     except Exception as error:  # MatReadError, ValueError, TypeError, zlib.error, ...
         raise unreadable(path, "MATLAB", error) from error
     kept = {name: value for name, value in tree.items() if not name.startswith("__")}
-    columns = Columns(_leaves("", kept))
+    columns = Columns(dict(_leaves("", kept)))
     if not columns and tree:
         raise RecordingError(
             f"{path} holds no arrays of numbers; objects such as timeseries and datasets are not written in "

@@ -19,7 +19,7 @@ from smsid.recording.mapping import parse_mapping
 
 N = 24
 WORDS = ("q", "pos_", "joint_position_", "velocity", "quat_", "tau", "gyro_", "acc", "effort", "force_", "x",
-         "seq", "angle", "current", "temp", "- arm_1_joint_", 'a "quoted" \\ name', "Größe ", 
+         "seq", "angle", "current", "temp", "- arm_1_joint_", 'a "quoted" \\ name', "Größe ",
          "orientation.")  # fmt: skip
 ENDINGS = (
     "",
