@@ -22,6 +22,9 @@ COMMANDS = {
         "smsid.cli.simulate:simulate_command", "Fly an experiment in simulation and record it."
     ),
     "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
+    "cut": Entry("smsid.cli.cutting:cut_command", "Cut a window or pieces without gaps out of a recording."),
+    "resample": Entry("smsid.cli.cutting:resample_command", "Bring a recording to one even clock."),
+    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as a CSV or Parquet table."),
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),

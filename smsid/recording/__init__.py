@@ -9,9 +9,11 @@ from smsid.recording._clock import Gap
 from smsid.recording.channels import QUANTITIES, Quantity, quantity_of
 from smsid.recording.importing import import_recording
 from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
+from smsid.recording.pieces import complete_pieces, complete_spans
 from smsid.recording.readers import CsvFormat, read_columns
 from smsid.recording.recording import Recording, Role
 from smsid.recording.storage import load_recording, save_recording
+from smsid.recording.tables import save_table, table_mapping
 
 __all__ = [
     "QUANTITIES",
@@ -22,10 +24,14 @@ __all__ = [
     "Recording",
     "Role",
     "bundled_mappings",
+    "complete_pieces",
+    "complete_spans",
     "import_recording",
     "load_mapping",
     "load_recording",
     "quantity_of",
     "read_columns",
     "save_recording",
+    "save_table",
+    "table_mapping",
 ]

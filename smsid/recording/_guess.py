@@ -10,33 +10,44 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-UNIT_IN_NAME = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]")
-CLOCK = re.compile(
-    r"(^|[^a-z])(t|time|times|timestamp|stamp|zeit|temps|tiempo|tempo|tid|secs?|seconds)($|[^a-z])"
-)
+from smsid.errors import RecordingError
+from smsid.recording._names import bare, written_unit
+from smsid.recording._units import convert
+from smsid.recording.channels import QUANTITIES
 
-QUANTITIES: tuple[tuple[str, str, str], ...] = (
+CLOCK = re.compile(
+    r"(^|[^a-z])(t|time|times|timestamps?|stamp|zeit|zeitstempel|temps|tiempo|tempo|tid|tow|epoch|elapsed|"
+    r"uptime|utc|secs?|seconds|millis|micros|datetime|s|ms|us|ns|msec|usec|nsec|milliseconds)($|[^a-z])|"
+    r"time(stamp)?(_?[munµ]?s(ecs?)?)?$"
+)
+COUNTER = re.compile(
+    r"(^|[^a-z])(seq|sequence|count|counter|cnt|index|idx|id|frames?|packets?|row|sample|samples|nr|no|"
+    r"unnamed|apid|ssc)($|[^a-z])|counter$|count$|seq$"
+)
+NO_SIGNAL = re.compile(r"covarianc|checksum|(^|[^a-z])crc")
+
+NAMES: tuple[tuple[str, str, str], ...] = (
     (r"quat|orientation|attitude|lage", "attitude", "1"),
-    (r"current|strom|corriente|corrente|courant|\bcurr", "current", "A"),
-    (r"torque|effort|tau|drehmoment|couple|coppia|\btrq", "joint_torque", "N m"),
-    (r"joint.*(vel|speed)|(^|[^a-z])(dq|qd)[^a-z]*$", "joint_velocity", "rad/s"),
+    (r"current|strom|corriente|corrente|courant|\bcurr|(^|[^a-z])i_?motor", "current", "A"),
+    (r"torque|effort|tau|drehmoment|couple|coppia|moment|(^|[^a-z])trq", "joint_torque", "N m"),
+    (r"joint.*(vel|speed)|(^|[^a-z])(dq|qd|qdot)[^a-z]*$", "joint_velocity", "rad/s"),
     (r"joint.*(pos|angle)|winkel|angle|encoder|(^|[^a-z])q[^a-z]*$", "joint_position", "rad"),
     (r"gyr|angular.?vel|angular.?rate|omega|drehrate", "angular_rate", "rad/s"),
     (r"acc|beschl|axis.*m/s2|linear.?acc", "acceleration", "m/s^2"),
     (r"force|kraft|forza|fuerza", "force", "N"),
     (r"vel|speed|geschw|vitesse", "velocity", "m/s"),
-    (r"pos", "position", "m"),
+    (r"pos|(^|[^a-z])translation", "position", "m"),
 )
 """Pattern in the name, quantity, unit expected. A current is no quantity of a recording: it needs a gear's
 gain.
 """
 
-WRITTEN_UNITS = {
-    "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s^2": "m/s^2", "m": "m", "mm": "mm", "m/s": "m/s",
-    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "rad": "rad", "rad/s": "rad/s", "rpm": "rpm",
-    "deg": "degree", "°": "degree", "deg/s": "degree/s", "°/s": "degree/s", "g": "standard_gravity",
-    "nm": "N m", "n m": "N m", "n": "N", "a": "A", "v": "V",
-}  # fmt: skip
+LETTERS = {"a": "acceleration", "g": "angular_rate", "w": "angular_rate", "v": "velocity", "p": "position",
+           "f": "force"}  # fmt: skip
+"""What a letter before x, y, z usually stands for."""
+OF_AXES = {"joint_torque": "torque", "joint_velocity": "angular_rate"}
+OF_JOINTS = {"position": "joint_position", "velocity": "joint_velocity"}
+NUMERIC = "fiu"
 
 
 @dataclass(frozen=True)
@@ -44,6 +55,8 @@ class Group:
     """Columns that make one channel.
 
     ``quantity`` is None when the name says nothing; ``unit`` is as written in the name, or the usual one.
+    ``order`` is the order of a quaternion's columns, None where it is guessed. ``rows`` are the samples that
+    are not blank, None for all.
     """
 
     stem: str
@@ -51,53 +64,163 @@ class Group:
     quantity: str | None
     unit: str
     unit_written: bool
+    order: str | None = None
+    rows: NDArray[np.bool_] | None = None
 
 
-def written_unit(name: str) -> str | None:
-    """Return the unit in brackets of a column's name, in the words of a mapping file, or None."""
-    found = UNIT_IN_NAME.search(name)
-    text = found.group(1).lower() if found else ""
-    return WRITTEN_UNITS.get(text)
+def stated_unit(columns: Mapping[str, NDArray[Any]], name: str) -> str | None:
+    """Return the unit of a column from a row of units or from its name, in the words of a mapping file."""
+    return getattr(columns, "units", {}).get(name) or written_unit(name)
 
 
 def is_clock(name: str, values: NDArray[Any]) -> bool:
-    """Tell whether a column looks like times: so named, or nearly always increasing by nearly the same."""
-    if values.ndim != 1 or values.dtype.kind != "f" or values.size < 3:
+    """Tell whether a column is a clock: so named, and mostly increasing.
+
+    A counter, an angle or anything else that rises steadily is none: what it counts in is not known.
+    """
+    if values.ndim != 1 or values.dtype.kind not in NUMERIC or values.size < 3:
         return False
-    steps = np.diff(values[np.isfinite(values)])
-    if steps.size < 2:
+    steps = np.diff(values[np.isfinite(values)].astype(np.float64))
+    if steps.size < 2 or not np.any(steps > 0.0):
         return False
-    rising = float(np.mean(steps > 0.0))
-    bare = UNIT_IN_NAME.sub("", name).lower()
-    if CLOCK.search(bare):
-        return rising > 0.5
+    text = bare(name)
+    tail = re.split(r"[./]", text.strip("./"))[-1]
+    lowered = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", tail).lower()
+    return bool(CLOCK.search(lowered) and not COUNTER.search(lowered)) and float(np.mean(steps > 0.0)) > 0.5
+
+
+def rises_evenly(values: NDArray[Any]) -> bool:
+    """Tell whether numbers (N,) nearly always increase by nearly the same, as times and counters do."""
+    if values.ndim != 1 or values.dtype.kind not in NUMERIC or values.size < 4:
+        return False
+    steps = np.diff(values[np.isfinite(values)].astype(np.float64))
+    if steps.size < 3:
+        return False
     middle = float(np.median(steps))
-    return (
-        rising > 0.999 and middle > 0.0 and float(np.percentile(np.abs(steps - middle), 90)) < 0.01 * middle
-    )
+    even = float(np.percentile(np.abs(steps - middle), 90)) < 0.01 * middle
+    return middle > 0.0 and float(np.mean(steps > 0.0)) > 0.999 and even
+
+
+def is_counter(name: str, values: NDArray[Any]) -> bool:
+    """Tell whether a column counts rows or messages."""
+    text = bare(name).lower()
+    return bool(COUNTER.search(text)) and rises_evenly(values)
 
 
 def groups(columns: Mapping[str, NDArray[Any]], skip: set[str]) -> list[Group]:
     """Put columns whose names differ in an axis or a number only together, in order of the file."""
-    stems: dict[str, list[str]] = {}
-    for name, values in columns.items():
-        if name in skip or values.dtype.kind != "f" or values.ndim not in (1, 2):
-            continue
-        bare = UNIT_IN_NAME.sub("", name).strip()
-        axis = r"(?i)(?<![a-z])([wxyz])(?=$|[^a-z])|[ _.-]?\d+$"
-        stem = re.sub(axis, "#", bare) if values.ndim == 1 else bare
-        stems.setdefault(stem, []).append(name)
-    found = []
-    for stem, names in stems.items():
-        text = " ".join(names).lower()
-        quantity, usual = next(
-            ((q, u) for pattern, q, u in QUANTITIES if re.search(pattern, text)), (None, "1")
-        )
-        if len(names) == 4 and re.search(r"(?i)q", stem) and _unit_norm(columns, names):
-            quantity, usual = "attitude", "1"
-        unit = written_unit(names[0])
-        found.append(Group(stem, tuple(names), quantity, unit or usual, unit is not None))
-    return found
+    blank: Mapping[str, NDArray[np.bool_]] = getattr(columns, "blank", {})
+    names = [
+        name
+        for name, values in columns.items()
+        if name not in skip
+        and values.dtype.kind in NUMERIC
+        and values.ndim in (1, 2)
+        and values.shape[0] > 0
+        and not NO_SIGNAL.search(name.lower())
+        and not is_counter(name, values)
+    ]
+    stems: dict[tuple[Any, ...], list[str]] = {}
+    single = {bare(name): name for name in names if columns[name].ndim == 1}
+    for name in names:
+        values = columns[name]
+        stem, kind = _stem(bare(name), single) if values.ndim == 1 else (bare(name), "array")
+        rows = blank[name].tobytes() if name in blank else b""
+        # Columns of other units, lengths or blank rows are no components of one channel.
+        unit = stated_unit(columns, name) if kind != "axis" else ""
+        stems.setdefault((stem, kind, values.shape, unit, rows), []).append(name)
+    return [_group(columns, stem, kind, members) for (stem, kind, *_), members in stems.items()]
+
+
+def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
+    """Give the name with '#' for its axis or number, and which of both it is."""
+    for found in reversed(list(re.finditer(r"[xyzwXYZW]", name))):
+        before, letter, after = name[: found.start()], found.group(), name[found.end() :]
+        axes = "xyz" if letter.islower() else "XYZ"
+        if all(f"{before}{axis}{after}" in single for axis in axes):
+            if letter in "wW" and not _has_quaternion(before):
+                continue
+            return f"{before}#{after}", "axis"
+    runs = list(re.finditer(r"\d+", name))
+    best, most = None, 1
+    for run in reversed(runs):
+        pattern = re.compile(re.escape(name[: run.start()]) + r"\d+" + re.escape(name[run.end() :]))
+        siblings = sum(1 for other in single if pattern.fullmatch(other))
+        if siblings > most:
+            best, most = run, siblings
+    best = best or (runs[-1] if runs and runs[-1].end() == len(name) and runs[-1].start() else None)
+    if best is None:
+        return name, "single"
+    before = name[: best.start()]
+    return (
+        f"{before if name[best.end() :] else re.sub(r'[ _.-]$', '', before)}#{name[best.end() :]}",
+        "number",
+    )
+
+
+def _has_quaternion(before: str) -> bool:
+    return bool(re.search(r"(?i)q|orientation|attitude|rot|lage|(^|[._/ ])$", before))
+
+
+def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: list[str]) -> Group:
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", " ".join(map(bare, members))).lower()
+    quantity = next((q for pattern, q, _ in NAMES if re.search(pattern, text)), None)
+    order = None
+    if kind == "axis":
+        letter = re.search(r"(?i)(?:^|[^a-z])([a-z])[ _.]?#", stem)
+        if quantity in (None, "joint_position") and letter:
+            quantity = LETTERS.get(letter.group(1).lower())
+        elif quantity is None and re.fullmatch(r"#", stem):
+            quantity = "position"
+        quantity = OF_AXES.get(quantity or "", quantity)
+        if len(members) == 4:
+            axes = [_axis(stem, bare(name)) for name in members]
+            members = [name for _, name in sorted(zip(map("xyzw".index, axes), members, strict=True))]
+            quantity, order = "attitude", "xyzw"
+        elif quantity == "attitude" or quantity == "joint_position":
+            quantity = None
+    elif kind in ("number", "single") and quantity != "current":
+        quantity = _of_numbered(quantity, kind, len(members), text)
+    quaternion = len(members) == 4 and re.search(r"(?i)q|att|rot", stem)
+    if kind != "array" and quaternion and _unit(columns, members):
+        quantity = "attitude"
+    elif quantity == "attitude" and kind != "array" and len(members) != 4:
+        quantity = None
+    usual = "A" if quantity == "current" else QUANTITIES[quantity].unit if quantity else "1"
+    unit = stated_unit(columns, members[0])
+    if unit is not None and quantity in QUANTITIES and quantity != "attitude" and not fits(unit, usual):
+        quantity = None  # what the unit says counts, not the name
+    short = unit is not None and len(unit) == 1 and f"[{unit}" not in members[0] and quantity is None
+    if short and members[0] not in getattr(columns, "units", {}):
+        unit = None  # a letter at the end of a name is a unit only where one is expected
+    if quantity is None:
+        usual = "1"
+    blank = getattr(columns, "blank", {}).get(members[0])
+    rows = None if blank is None else ~blank
+    return Group(stem, tuple(members), quantity, unit or usual, unit is not None, order, rows)
+
+
+def _of_numbered(quantity: str | None, kind: str, count: int, text: str) -> str | None:
+    """Choose the quantity of columns that are numbered, or of a single one: joints rather than axes."""
+    jointed = bool(re.search(r"joint|arm|axis|motor|servo|actuator", text))
+    if quantity in ("position", "velocity") and (kind == "number" or jointed):
+        return OF_JOINTS[quantity]
+    if quantity is None or quantity.startswith("joint_") or quantity == "attitude":
+        return quantity
+    return quantity if count == 3 else None
+
+
+def _axis(stem: str, name: str) -> str:
+    return name[stem.index("#")].lower()
+
+
+def fits(unit: str, usual: str) -> bool:
+    """Tell whether a unit can become another."""
+    try:
+        convert(np.zeros(1), unit, usual, "")
+    except RecordingError:
+        return False
+    return True
 
 
 def suspicion(group: Group, values: NDArray[Any]) -> str | None:
@@ -125,6 +248,7 @@ def suspicion(group: Group, values: NDArray[Any]) -> str | None:
     return None
 
 
-def _unit_norm(columns: Mapping[str, NDArray[Any]], names: list[str]) -> bool:
-    norm = np.linalg.norm(np.stack([columns[n] for n in names], axis=1), axis=1)
-    return bool(np.nanmax(np.abs(norm - 1.0)) < 0.05)
+def _unit(columns: Mapping[str, NDArray[Any]], names: list[str]) -> bool:
+    norm = np.linalg.norm(np.stack([columns[n] for n in names], axis=1).astype(np.float64), axis=1)
+    known = norm[np.isfinite(norm)]
+    return bool(known.size and np.abs(known - 1.0).max() < 0.05)

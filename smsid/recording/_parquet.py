@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError, require
+from smsid.recording.columns import Columns
 
 
-def read_parquet(path: Path) -> dict[str, NDArray[Any]]:
+def read_parquet(path: Path) -> Columns:
     """Read the columns of a Parquet file by name; fields of structures are called ``imu.acc.x``.
 
     Numbers and truth values become float64 (N,), missing ones NaN; lists of one length (N, length); times of
@@ -34,7 +35,12 @@ def read_parquet(path: Path) -> dict[str, NDArray[Any]]:
         ) from error
     if table.num_rows == 0:
         raise RecordingError(f"{path} has no rows.", advice="Is it the right file?", path=str(path))
-    return {name: _array(table.column(name)) for name in table.column_names}
+    columns = Columns({name: _array(table.column(name)) for name in table.column_names})
+    for name in table.column_names:
+        missing = np.asarray(table.column(name).is_null().to_numpy(zero_copy_only=False), dtype=bool)
+        if missing.any():
+            columns.blank[name] = missing
+    return columns
 
 
 def _array(column: Any) -> NDArray[Any]:

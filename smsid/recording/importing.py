@@ -68,6 +68,15 @@ def import_recording(
     return recording
 
 
+def columns_to_recording(path: Path, rules: ImportMapping, columns: Columns) -> Recording:
+    """Make a recording of columns that are read already, without provenance or checks.
+
+    Raises:
+        RecordingError: as `import_recording`, but for what `Recording.check` finds.
+    """
+    return _Import(path, rules, columns).run({})
+
+
 class _Import:
     """One file on its way in."""
 
@@ -82,14 +91,19 @@ class _Import:
                 f"{self.file} has none of the mapped channels.", advice="Is it the right mapping?"
             )
         channels: dict[str, Any] = {}
+        plain: list[str] = []
         for name, table in present.items():
             source = name.partition(".")[0]
             values = self._channel(name, table)
-            channels[name] = (self._clock(name), values) if source in self.rules.clock else values
-        shared = None
-        if self.rules.time is not None:
-            plain = [name for name in present if name.partition(".")[0] not in self.rules.clock]
-            shared = self._clock(plain[0]) if plain else None
+            kept = self._sampled_rows(source, present)
+            if not kept.all():
+                channels[name] = (self._clock(name)[kept], values[kept])
+            elif source in self.rules.clock:
+                channels[name] = (self._clock(name), values)
+            else:
+                channels[name] = values
+                plain.append(name)
+        shared = self._clock(plain[0]) if plain else None
         try:
             return Recording.from_arrays(
                 shared,
@@ -111,6 +125,40 @@ class _Import:
         """Tell whether an optional channel has none of its columns; having some is an error, found later."""
         table = self.rules.channel[name]
         return table.optional and not any(column in self.columns for column in table.columns)
+
+    def _rows(self, table: ChannelTable) -> NDArray[np.bool_]:
+        """Tell the rows in which a channel has a sample: those where not all of its cells are blank."""
+        kept = [~self.columns.missing(column) for column in table.columns if column in self.columns.blank]
+        if len(kept) < len(table.columns):
+            return np.ones(1, dtype=bool)  # broadcasts: a column without blank cells
+        rows = np.any(kept, axis=0)
+        return np.ones(1, dtype=bool) if rows.all() else rows
+
+    def _sampled_rows(self, source: str, present: dict[str, ChannelTable]) -> NDArray[np.bool_]:
+        """Tell the rows in which a source has samples, or raise `RecordingError` if its channels differ."""
+        first, rows = "", np.ones(1, dtype=bool)
+        for name, table in present.items():
+            if name.partition(".")[0] != source:
+                continue
+            own = self._rows(table)
+            if not first:
+                first, rows = name, own
+                continue
+            if own.size != rows.size or not np.array_equal(own, rows):
+                raise RecordingError(
+                    f"{self.file}: '{first}' and '{name}' have their samples in different rows; elsewhere "
+                    "their cells are blank.",
+                    advice=f"Name two sources, so that each gets its own clock: not '{name}' but "
+                    f"'{source}2.{name.partition('.')[2]}'.",
+                    channel=name,
+                )
+        if not rows.any():
+            raise RecordingError(
+                f"{self.file}: the cells of '{first}' are all blank.",
+                advice="Leave the channel out of the mapping.",
+                channel=first,
+            )
+        return rows
 
     def _channel(self, name: str, table: ChannelTable) -> FloatArray:
         quantity = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None)
@@ -219,8 +267,13 @@ class _Import:
                 channel=name,
             )
         # Gathering first: a clock of fixed rate is as long as its first channel.
-        q = self._channel(table.attitude, self.rules.channel[table.attitude])
+        attitude = self.rules.channel[table.attitude]
+        q = self._channel(table.attitude, attitude)
         own, times = self._clock(table.attitude), self._clock(name)
+        with_attitude = np.broadcast_to(self._rows(attitude), own.shape)
+        with_values = np.broadcast_to(self._rows(table), times.shape)
+        q, own = q[with_attitude], own[with_attitude]
+        times = times[with_values]
         norms = np.linalg.norm(q, axis=1)
         if not (np.isfinite(norms).all() and norms.min() > 0.5):
             index = int(np.flatnonzero(~(norms > 0.5) | ~np.isfinite(norms))[0])
@@ -241,7 +294,9 @@ class _Import:
                     channel=name,
                 )
             q = slerp(own, q, times)
-        return rotate(q if table.frame == "body" else conjugate(q), values)
+        turned = np.full(values.shape, np.nan)
+        turned[with_values] = rotate(q if table.frame == "body" else conjugate(q), values[with_values])
+        return turned
 
     def _clock(self, name: str, samples: int | None = None) -> FloatArray:
         """Give the times (N,) [s] of a channel; a fixed rate takes N from the first channel that uses it."""
@@ -281,16 +336,15 @@ class _Import:
             return values.astype(np.float64)
         if values.dtype.kind == "U" and values.ndim == 1:
             for row, cell in enumerate(values):
-                try:
-                    parse_number(str(cell))
-                except ValueError:
-                    what = f"'{cell}' is not a number" if str(cell).strip() else "the cell is empty"
-                    raise RecordingError(
-                        f"{self.file}, column '{column}', row {row + 1} after the header: {what}.",
-                        advice="Correct it; for a missing sample write nan and use check=False.",
-                        column=column,
-                        row=row + 1,
-                    ) from None
+                if self.columns.missing(column)[row] or _is_number(str(cell)):
+                    continue
+                raise RecordingError(
+                    f"{self.file}, column '{column}', row {row + 1} after the header: '{cell}' is not a "
+                    "number.",
+                    advice="Correct it; for a missing sample leave the cell blank.",
+                    column=column,
+                    row=row + 1,
+                )
         raise RecordingError(
             f"{self.file}: '{column}' holds {values.dtype}, not numbers.",
             advice="Map a numeric column.",
@@ -310,7 +364,11 @@ class _Import:
                     advice=f"Labels go to {', '.join(LABELLED_DIMS)}.",
                     channel=name,
                 )
-            key = f"{name.partition('.')[0]}.station" if named[0] == "station" else named[0]
+            source = name.partition(".")[0]
+            key = f"{source}.station" if named[0] == "station" else named[0]
+            known = labels.get(key, table.labels)
+            if len(known) != len(table.labels) or not set(known) & set(table.labels):
+                key = f"{source}.{named[0]}"  # another set of joints, wheels or modes
             if labels.setdefault(key, table.labels) != table.labels:
                 raise RecordingError(
                     f"Channel '{name}' labels '{key}' {list(table.labels)}, another {list(labels[key])}.",
@@ -318,6 +376,16 @@ class _Import:
                     channel=name,
                 )
         return labels
+
+
+def _is_number(cell: str) -> bool:
+    for decimal in (".", ","):
+        try:
+            parse_number(cell, decimal)
+        except ValueError:
+            continue
+        return True
+    return False
 
 
 def _sum(path: Path) -> str:

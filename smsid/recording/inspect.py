@@ -6,10 +6,8 @@ from __future__ import annotations
 
 import logging
 import os
-import re
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,22 +15,29 @@ from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
-from smsid.recording._guess import Group, groups, is_clock, suspicion, written_unit
+from smsid.recording._draft import draft_mapping
+from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
+from smsid.recording.columns import Columns
 from smsid.recording.importing import import_recording
-from smsid.recording.mapping import ImportMapping, load_mapping, parse_mapping
+from smsid.recording.mapping import ImportMapping, load_mapping
 from smsid.recording.readers import read_columns
 
 logger = logging.getLogger(__name__)
 
-Columns = Mapping[str, NDArray[Any]]
+MIN_CHANGES = 20
+"""Fewer changes of a signal do not tell whether it is held."""
+
+EPOCHS = (("ns", 5e17, 4e18), ("us", 5e14, 4e15), ("ms", 5e11, 4e12))
+"""Times since 1970 in each unit, from 1985 to 2096."""
+
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-PER_TOPIC = (".stamp", ".time")
 
 
 @dataclass(frozen=True)
 class ClockReport:
     """A column of times: ``unit`` guessed, ``rate`` [Hz] of the median step, ``jitter`` the standard
-    deviation of the steps relative to it, ``duplicates`` and ``backwards`` steps, ``gaps`` as sentences.
+    deviation of the steps relative to it, ``duplicates`` and ``backwards`` steps, ``gaps`` as sentences,
+    the longest of them; ``unit_written`` whether the file states the unit.
     """
 
     name: str
@@ -45,6 +50,8 @@ class ClockReport:
     duplicates: int
     backwards: int
     gaps: tuple[str, ...]
+    unit_written: bool = False
+    longest_gap: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,139 +98,131 @@ def inspect_file(
     """
     rules = None if mapping is None else load_mapping(mapping)
     columns = read_columns(path, None if rules is None else rules.csv.format())
-    clocks = {name: _clock(name, values) for name, values in columns.items() if is_clock(name, values)}
-    found = groups(columns, set(clocks))
-    doubts: list[str] = []
-    for clock in clocks.values():
-        if clock.backwards:
-            doubts.append(
-                f"'{clock.name}' goes back {clock.backwards} times: rows are reordered, or a new run starts."
-            )
-        if clock.duplicates:
-            doubts.append(f"'{clock.name}' repeats {clock.duplicates} times: duplicated rows?")
-        doubts += [f"'{clock.name}' has a gap of {gap}." for gap in clock.gaps]
-        if clock.jitter > 0.05 and not clock.backwards:
-            doubts.append(
-                f"'{clock.name}' jitters: its steps vary by {100 * clock.jitter:.0f} %; resample it."
-            )
+    joined = {part for name in columns if " + " in name for part in name.split(" + ") if part in columns}
+    clocks = {
+        name: _clock(columns, name)
+        for name, values in columns.items()
+        if name not in joined and is_clock(name, values)
+    }
+    found = groups(columns, set(clocks) | joined)
+    doubts = [sentence for clock in clocks.values() for sentence in _clock_doubts(clock)]
     if not clocks:
         doubts.append("No column looks like times: state the rate.")
     for group in found:
-        doubt = suspicion(group, _stacked(columns, group))
-        doubts += [doubt] if doubt else []
-    reports = tuple(_column(name, values) for name, values in columns.items())
+        values = _stacked(columns, group)
+        doubts += [doubt] if (doubt := suspicion(group, values)) else []
+        doubts += [doubt] if (doubt := _held(columns, clocks, group)) else []
+    reports = tuple(_column(columns, name) for name in columns)
     doubts += [f"'{c.name}' has {c.not_finite} samples that are not finite." for c in reports if c.not_finite]
-    doubts += [f"'{name}' is text." for name, values in columns.items() if values.dtype.kind not in "fiub"]
-    drafted = draft(columns, clocks, found)
-    doubts += _contradictions(path, rules, drafted, doubts)
-    return FileReport(str(path), tuple(clocks.values()), reports, tuple(doubts), drafted)
+    texts = [name for name, values in columns.items() if values.dtype.kind not in "fiub"]
+    if texts:
+        doubts.append(f"Text, not numbers: {', '.join(texts)}.")
+    drafted = draft_mapping(Path(path), columns, clocks, found)
+    if rules is None:
+        doubts += drafted.contradictions
+    else:
+        doubts += _contradictions(path, rules, doubts)
+    return FileReport(str(path), tuple(clocks.values()), reports, tuple(doubts), drafted.text)
 
 
-def _contradictions(
-    path: str | os.PathLike[str], rules: ImportMapping | None, drafted: str, doubts: list[str]
-) -> list[str]:
+def _contradictions(path: str | os.PathLike[str], rules: ImportMapping, doubts: list[str]) -> list[str]:
     """Say which channels contradict each other, once imported; how a log with doubts fails is no news."""
     try:
-        known = rules or parse_mapping(tomllib.loads(drafted))
-        return import_recording(path, known, check=False).suspicious()
+        return import_recording(path, rules, check=False).suspicious()
     except RecordingError as error:
-        if rules is not None and not doubts:
+        if not doubts:
             raise
         logger.info("%s is not compared channel by channel: %s", path, error)
-        return [] if doubts or rules is None else [str(error)]
+        return []
 
 
-def draft(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group]) -> str:
-    """Return a mapping file in TOML from guesses; what needs a decision is in comments."""
-    lines = ["# Drafted by `smsid inspect`: check every line.", ""]
-    sources: dict[str, str] = {}
-    shared = next((c for c in clocks.values() if not c.name.endswith(PER_TOPIC)), None)
-    if shared is not None:
-        lines += ["[time]", f"column = {_quoted(shared.name)}", f'unit = "{shared.unit}"', ""]
-    elif not clocks:
-        lines += ["[time]", "rate = 100.0 # [Hz] no column of times was found", ""]
-    taken: set[str] = set()
-    body: list[str] = []
-    for group in found:
-        if _part_of_array(group, columns):
-            continue
-        topic = next((c[: -len(s)] for c in clocks for s in PER_TOPIC if _belongs(group, c, s)), None)
-        source = sources.setdefault(topic or "", _source(topic) if topic else "log")
-        if group.quantity in (None, "current"):
-            name = re.sub(r"\W+", "_", group.stem).strip("_").lower() or "column"
-            channel = f"extra.{name}"
-        else:
-            channel = f"{source}.{group.quantity}"
-        commented = "# " if channel in taken else ""
-        taken |= set() if commented else {channel}
-        table = [f'[channel."{channel}"]', f"columns = [{', '.join(map(_quoted, group.columns))}]"]
-        if group.quantity == "attitude":
-            table += [
-                'quaternion = "xyzw" # or "wxyz"',
-                'direction = "body_to_inertial" # or "inertial_to_body"',
-            ]
-        else:
-            guess = " # unknown" if group.quantity is None else " # usual for the name; the file does not say"
-            known = "" if group.unit_written else guess
-            table += [f'unit = "{group.unit}"{known}']
-        body += [*(f"{commented}{line}" for line in table), ""]
-    for topic, source in sources.items():
-        if topic:
-            clock = next(c for s in PER_TOPIC for c in clocks if c == f"{topic}{s}")
-            if any(name.startswith(f"{source}.") for name in taken):
-                lines += [f"[clock.{source}]", f"column = {_quoted(clock)}", 'unit = "s"', ""]
-    return "\n".join([*lines, *body]).rstrip() + "\n"
+def _clock_doubts(clock: ClockReport) -> list[str]:
+    """Say what is wrong with a clock, each kind of fault in one sentence."""
+    doubts = []
+    if clock.backwards:
+        doubts.append(
+            f"'{clock.name}' goes back {clock.backwards} times: rows are reordered, or a new run starts."
+        )
+    if clock.duplicates:
+        doubts.append(f"'{clock.name}' repeats {clock.duplicates} times: duplicated rows?")
+    if len(clock.gaps) == 1:
+        doubts.append(f"'{clock.name}' has a gap of {clock.gaps[0]}.")
+    elif clock.gaps:
+        doubts.append(f"'{clock.name}' has {len(clock.gaps)} gaps; the longest is {clock.longest_gap}.")
+    if clock.jitter > 0.05 and not clock.backwards:
+        doubts.append(f"'{clock.name}' jitters: its steps vary by {100 * clock.jitter:.0f} %; resample it.")
+    return doubts
 
 
-def _clock(name: str, values: NDArray[Any]) -> ClockReport:
-    times = values[np.isfinite(values)]
+def _held(columns: Columns, clocks: dict[str, ClockReport], group: Group) -> str | None:
+    """Say that a sensor is slower than its log: its samples change at every k-th row only, evenly."""
+    values = columns[group.columns[0]]
+    if values.ndim != 1 or group.rows is not None:
+        return None
+    held = held_samples(_stacked(columns, group))
+    if held is None:
+        return None
+    rate = next((c.rate for c in clocks.values() if c.samples == values.size), None)
+    told = f"{rate / held:.4g} Hz data in a {rate:.4g} Hz log" if rate else "a slow sensor in a fast log"
+    return f"'{group.stem}' changes only every {held} samples: {told}; resample it to that rate."
+
+
+def held_samples(values: NDArray[Any]) -> int | None:
+    """Count the rows that each sample is held for, or None where the values are not held evenly.
+
+    Args:
+        values: (N, k).
+    """
+    changed = np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1))
+    if changed.size < MIN_CHANGES:
+        return None
+    runs = np.diff(changed)
+    middle = int(np.median(runs))
+    even = float(np.mean(np.abs(runs - middle) <= max(1, middle // 10))) > 0.95 and float(runs.min()) > 1
+    # A square wave changes evenly, too, but between few values.
+    many = np.unique(values[changed + 1], axis=0).shape[0] > changed.size // 4
+    return middle if middle > 1 and even and many else None
+
+
+def _clock(columns: Columns, name: str) -> ClockReport:
+    values = columns[name]
+    times = values[np.isfinite(values)].astype(np.float64)
     steps = np.diff(times)
     forward = steps[steps > 0.0]
     step = float(np.median(forward))
-    unit = written_unit(name)
+    unit = stated_unit(columns, name)
+    written = unit in SECONDS
     if unit not in SECONDS:
+        epoch = [word for word, low, high in EPOCHS if low < abs(float(np.median(times))) < high]
         # A log of less than 2 Hz or more than 1 MHz is rarer than one whose clock counts in another unit.
-        unit = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
+        by_step = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
+        unit = epoch[0] if epoch else by_step
     scale = SECONDS[unit]
     gaps = find_gaps(np.unique(times) * scale, name)
     regular = forward[forward < 5.0 * step]
+    longest = str(max(gaps, key=lambda gap: gap.duration)) if gaps else ""
     return ClockReport(
         name, unit, int(times.size), float(times[0]), float(times[-1]), 1.0 / (step * scale),
         float(np.std(regular) / step), int(np.sum(steps == 0.0)), int(np.sum(steps < 0.0)),
-        tuple(str(gap) for gap in gaps),
+        tuple(str(gap) for gap in gaps), written, longest,
     )  # fmt: skip
 
 
-def _column(name: str, values: NDArray[Any]) -> ColumnReport:
+def _column(columns: Columns, name: str) -> ColumnReport:
+    values = columns[name]
     if values.dtype.kind not in "fiub" or values.size == 0:
         return ColumnReport(name, values.shape, float("nan"), float("nan"), 0, False)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (float("nan"), float("nan"))
-    return ColumnReport(name, values.shape, low, high, int(values.size - finite.size), low == high)
+    blank = int(columns.missing(name).sum()) if values.ndim else 0
+    return ColumnReport(name, values.shape, low, high, int(values.size - finite.size) - blank, low == high)
 
 
 def _stacked(columns: Columns, group: Group) -> NDArray[Any]:
+    """Give the samples of a group, (N, k), without rows that are blank."""
     first = columns[group.columns[0]]
     if first.ndim == 2:
         return first
     same = [columns[name] for name in group.columns if columns[name].shape == first.shape]
-    return np.stack(same, axis=1)
-
-
-def _belongs(group: Group, clock: str, suffix: str) -> bool:
-    return clock.endswith(suffix) and group.columns[0].startswith(f"{clock[: -len(suffix)]}.")
-
-
-def _part_of_array(group: Group, columns: Columns) -> bool:
-    """A joint that a bag gives by name as well is in the array of all joints already."""
-    names = [group.columns[0][: k.start()] for k in re.finditer(r"\.", group.columns[0])]
-    return any(name in columns and columns[name].ndim == 2 for name in names)
-
-
-def _source(topic: str) -> str:
-    return re.sub(r"\W+", "_", topic).strip("_").lower() or "log"
-
-
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    stacked = np.stack(same, axis=1).astype(np.float64)
+    return stacked if group.rows is None else stacked[group.rows]

@@ -241,6 +241,8 @@ def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] |
 
 def _problem(item: dict[str, Any]) -> str:
     place = ".".join(str(part) for part in item["loc"])
+    if place == "channel" and item["type"] in ("missing", "too_short"):
+        return "no channel is mapped: in a draft, take away the '# ' of the tables you have checked"
     if item["type"] == "extra_forbidden":
         key = str(item["loc"][-1])
         close = difflib.get_close_matches(key, _KEYS, n=1)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 
 import numpy as np
 import pytest
 
 from smsid.errors import MissingDependencyError, RecordingError
 from smsid.recording import import_recording, read_columns
+from smsid.recording.inspect import inspect_file
 from smsid.recording.mapping import parse_mapping
 
 rosbags = pytest.importorskip("rosbags", reason="needs the extra bags")
@@ -112,12 +114,30 @@ def test_a_bag_cut_short_is_refused(tmp_path):
         read_columns(tmp_path / "cut.bag")
 
 
-def test_joints_that_change_order_are_refused(tmp_path):
+def test_joints_that_change_order_are_read_by_name(tmp_path):
     path = tmp_path / "a.bag"
     names = lambda k: ["elbow", "wrist"] if k < 9 else ["wrist", "elbow"]  # noqa: E731
     write(path, Stores.ROS1_NOETIC, Writer1(path), lambda s: s.serialize_ros1, names)
-    with pytest.raises(RecordingError, match=r"names wrist, elbow at 0\.018 s, and elbow, wrist before"):
-        read_columns(path)
+    k = np.arange(N)
+    elbow = np.where(k < 9, 0.1 * k, -0.2 * k)
+    columns = read_columns(path)
+    np.testing.assert_allclose(columns["/joint_states.position.elbow"], elbow)
+    np.testing.assert_allclose(columns["/joint_states.position"][:, 0], elbow)
+
+
+def test_publishers_that_share_a_topic_have_times_of_their_own(tmp_path):
+    path = tmp_path / "a.bag"
+    names = lambda k: ["left", "right"] if k % 5 == 0 else ["elbow", "wrist"]  # noqa: E731
+    write(path, Stores.ROS1_NOETIC, Writer1(path), lambda s: s.serialize_ros1, names)
+    k = np.arange(N)
+    arm, hand = k[k % 5 > 0], k[k % 5 == 0]
+    columns = read_columns(path)
+    np.testing.assert_allclose(columns["/joint_states.elbow.position.wrist"], -0.2 * arm)
+    np.testing.assert_allclose(columns["/joint_states.elbow.stamp"], 0.002 * arm - 0.0005, atol=1e-9)
+    np.testing.assert_allclose(columns["/joint_states.left.position"][:, 0], 0.1 * hand)
+    np.testing.assert_allclose(columns["/joint_states.left.time"], 0.002 * hand, atol=1e-9)
+    recording = import_recording(path, parse_mapping(tomllib.loads(inspect_file(path).mapping)))
+    assert len(recording.clocks) == 3  # and the wrench's
 
 
 @pytest.mark.parametrize(

@@ -286,7 +286,7 @@ def csv_import(tmp_path, text):
     ("cell", "message"),
     [
         ("oops", "column 'y', row 2 after the header: 'oops' is not a number"),
-        ("", "column 'y', row 2 after the header: the cell is empty"),
+        ("", "'imu.angular_rate' is nan at index 1"),
         ("1_000", "'1_000' is not a number"),
         ("nan", "'imu.angular_rate' is nan at index 1"),
     ],

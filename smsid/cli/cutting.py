@@ -1,0 +1,88 @@
+"""``smsid cut``, ``smsid resample`` and ``smsid convert``: a recording becomes another, or a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import Output, writable
+from smsid.cli.output import console, working
+from smsid.errors import RecordingError
+
+Source = Annotated[Path, typer.Argument(help="recording (netCDF, as `smsid import` writes it)")]
+
+
+def cut_command(
+    recording: Source,
+    output: Output = Path("cut.nc"),
+    start: Annotated[float | None, typer.Option("--from", help="first time kept [s]")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="last time kept [s]")] = None,
+    pieces: Annotated[
+        bool,
+        typer.Option(
+            "--pieces", help="also cut at gaps and missing samples: cut_1.nc, cut_2.nc, ... without either"
+        ),
+    ] = False,
+) -> Outcome:
+    """Cut a window out of a recording, or cut it into pieces without gaps."""
+    from smsid.cli.tables import recording_table
+    from smsid.recording import load_recording, save_recording
+    from smsid.recording.pieces import complete_pieces
+
+    if start is None and end is None and not pieces:
+        raise RecordingError("Nothing is to be cut.", advice="State --from, --to or --pieces.")
+    log = load_recording(recording)
+    if start is not None or end is not None:
+        log = log.window(float("-inf") if start is None else start, float("inf") if end is None else end)
+    found = complete_pieces(log) if pieces else (log,)
+    files = [output.with_stem(f"{output.stem}_{k}") for k in range(1, len(found) + 1)] if pieces else [output]
+    out = console()
+    with working("writing"):
+        for piece, file in zip(found, files, strict=True):
+            save_recording(piece, file)
+    for piece in found[:3]:
+        out.print(recording_table(piece))
+    out.print(f"wrote {', '.join(map(str, files))}", markup=False, highlight=False, soft_wrap=True)
+    spans = [[float(p.time(p.channels[0])[0]), float(p.time(p.channels[0])[-1])] for p in found]
+    return Outcome({"pieces": spans}, files)
+
+
+def resample_command(
+    recording: Source,
+    rate: Annotated[float, typer.Option(help="of the new clock [Hz]")],
+    output: Output = Path("resampled.nc"),
+) -> Outcome:
+    """Bring all channels of a recording to one clock of even steps; nothing is filtered or extrapolated."""
+    from smsid.cli.show import recording_document
+    from smsid.cli.tables import recording_table
+    from smsid.recording import load_recording, save_recording
+
+    with working("resampling"):
+        made = load_recording(recording).resampled(rate)
+        save_recording(made, output)
+    console().print(recording_table(made))
+    console().print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"recording": recording_document(made)}, [output])
+
+
+def convert_command(
+    recording: Source,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", callback=writable, help="table to write: .csv or .parquet")
+    ],
+) -> Outcome:
+    """Write a recording as a table, CSV or Parquet, and beside it the mapping that imports it again."""
+    from smsid._files import atomic_write
+    from smsid.recording import load_recording
+    from smsid.recording.tables import save_table, table_mapping
+
+    log = load_recording(recording)
+    with working("writing"):
+        save_table(log, output)
+        mapping = output.with_suffix(".toml")
+        atomic_write(mapping, table_mapping(log))
+    console().print(f"wrote {output}, {mapping}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({}, [output, mapping])

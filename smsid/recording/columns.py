@@ -1,0 +1,34 @@
+"""The columns of a log file by name, with what the file says about them beside the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Columns(dict[str, NDArray[Any]]):
+    """Arrays of a log by name, as the readers give them.
+
+    Attributes:
+        blank: by column, (N,) True where the cell was left blank: there is no sample, and the number is NaN.
+            A column that has no blank cell is not listed.
+        units: by column, the unit that a row of units under the header states, in the words of a mapping.
+    """
+
+    def __init__(
+        self,
+        arrays: Mapping[str, NDArray[Any]] | None = None,
+        *,
+        blank: Mapping[str, NDArray[np.bool_]] | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(arrays or {})
+        self.blank: dict[str, NDArray[np.bool_]] = dict(blank or {})
+        self.units: dict[str, str] = dict(units or {})
+
+    def missing(self, name: str) -> NDArray[np.bool_]:
+        """Tell the rows in which a column has no sample: (N,) bool."""
+        return self.blank.get(name, np.zeros(self[name].shape[:1], dtype=bool))
