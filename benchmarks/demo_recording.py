@@ -30,7 +30,7 @@ from tests.hidden.numbers import WORLDS, Numbers, moved
 from tests.hidden.sensors import NOISE
 
 SEED = 20
-DURATION = 40.0  # [s]
+DURATION = 30.0  # [s]
 HIDDEN, STRENGTH = "joint_friction:viscous@joint2", 1.5  # [N m s/rad]
 NAME = "demo_craft"
 OFF = {"bus": 0.04, "link1": 0.05, "link2": 0.05, "link3": 0.05}
