@@ -10,7 +10,7 @@ import numpy as np
 from smsid.report.axes import Axis
 
 SIZE = 1000.0  # of the box that paths are drawn in
-Style = Literal["line", "thin", "dash", "points", "rings", "ticks"]
+Style = Literal["line", "thin", "broad", "dash", "points", "rings", "ticks"]
 
 
 @dataclass(frozen=True)

@@ -104,10 +104,11 @@ def design_joints(n: Numbers, time: Array, values: Array, arm: Multisine) -> Non
     rate = window * arm(time, 1) + slope * (arm(time) - arm(np.zeros(1)))
     plant = Plant(n)
     plant.reset()
+    period = float(time[1] - time[0])
     for k in range(len(time)):
         q, v = plant.joints()
-        wanted = (rate[min(k + 1, len(time) - 1)] - rate[k]) * RATE
+        wanted = (rate[min(k + 1, len(time) - 1)] - rate[k]) / period
         wanted = wanted + 1.0 * (target[k] - q) + 1.6 * (rate[k] - v)
         values[k, -3:] = plant.torque_for(wanted, values[k])
         if k + 1 < len(time):
-            plant.advance(values[k], 1.0 / RATE)
+            plant.advance(values[k], period)
