@@ -51,7 +51,9 @@ def demo_command(
             description, estimation, validation, refinement, spent = identify_craft(which)
         save_estimate(refinement.estimate, output / "estimate.json")
         good = sum(p.status == "identifiable" for p in refinement.estimate.parameters)
-        out.print(f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in {spent:.0f} s.")
+        out.print(
+            f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in {spent:.0f} s."
+        )
         began = time.perf_counter()
         with working("diagnosing"):
             found = diagnose(description, [estimation], estimate=refinement.estimate, validation=[validation])
@@ -63,7 +65,9 @@ def demo_command(
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
         out.print(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
         if found.diagnosis.gain is not None:
-            out.print(f"4. {gain_sentence(found.diagnosis.gain)}", markup=False, highlight=False, soft_wrap=True)
+            out.print(
+                f"4. {gain_sentence(found.diagnosis.gain)}", markup=False, highlight=False, soft_wrap=True
+            )
         craft = CraftRun(description, estimation, validation, refinement, found, seconds)
         with working("drawing"):
             picture, drawn = _draw(which, output)
@@ -96,7 +100,11 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 
     try:
         path, _ = view_main(
-            which.description, which.validation, output / "flight.html", simulated=True, title="The flight not used"
+            which.description,
+            which.validation,
+            output / "flight.html",
+            simulated=True,
+            title="The flight not used",
         )
     except MissingDependencyError:
         return None, []
@@ -127,7 +135,9 @@ def _page(
         Link("estimate.json", "The estimate", "every parameter with its interval"),
     ]
     if picture is not None:
-        links.insert(0, Link("flight.html", "The replay on a page of its own", "measured, described as a ghost"))
+        links.insert(
+            0, Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
+        )
     own = Craft(
         craft.description, craft.estimation, craft.validation, craft.refinement.estimate, craft.found,
         which.engine, which.hidden, which.parameters,

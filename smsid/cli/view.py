@@ -22,7 +22,13 @@ def view_command(
     ] = None,
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", "--html", callback=writable, help="self-contained HTML to write"),
+        typer.Option(
+            "--output",
+            "-o",
+            "--html",
+            callback=writable,
+            help="self-contained HTML to write; .mp4 or .gif: a film (extra: video)",
+        ),
     ] = Path("view.html"),
     simulated: Annotated[
         bool,
@@ -37,21 +43,23 @@ def view_command(
     slosh: Annotated[float, typer.Option(help="slosh drawn this many times larger")] = 1.0,
     speed: Annotated[float, typer.Option(help="seconds of motion per second; the page has a choice")] = 1.0,
     fps: Annotated[float, typer.Option(help="frames kept per second on screen")] = 20.0,
-    dark: Annotated[bool, typer.Option("--dark", help="before stars")] = False,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="before stars, whatever the reader's system prefers")
+    ] = False,
     arrows: Annotated[bool, typer.Option(help="thrust, torques, momentum, centre of mass")] = True,
     trail: Annotated[bool, typer.Option(help="the way of each arm's tool")] = True,
     live: Annotated[
         bool, typer.Option("--live", help="serve it to a browser until Ctrl-C instead of writing a file")
     ] = False,
 ) -> Outcome:
-    """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, or live (extra: view)."""
+    """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.view import Look, live_main, view_main
 
     kind = _layout(layout)
     look = Look(
         slosh_factor=slosh,
         panel_factor=bending,
-        background="space" if dark else "light",
+        background="space" if dark else "auto",
         arrows=arrows,
         trail=trail,
     )

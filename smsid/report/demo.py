@@ -171,28 +171,42 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         shown = telling(seen, DESCRIBED, EXTENDED, 2)
         told = "; ".join(_error_of(seen, c, (DESCRIBED,)) for c in shown)
         if told:
-            out.append(f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}.")
+            out.append(
+                f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}."
+            )
     good = [p for p in reported(craft.estimate) if p.status == "identifiable"]
     text = (
         f"Identified: the description is a guess that is off by several per cent. {len(good)} parameters are found to "
         "better than 10 %"
     )
     if seen is not None:
-        told = "; ".join(_error_of(seen, c, (DESCRIBED, IDENTIFIED)) for c in telling(seen, DESCRIBED, EXTENDED, 1))
-        text += f". Better numbers alone do not mend the simulation: {told}" if told else ""
+        told = "; ".join(
+            _error_of(seen, c, (DESCRIBED, IDENTIFIED)) for c in telling(seen, DESCRIBED, EXTENDED, 1)
+        )
+        text += (
+            f". Better numbers alone do not mend the simulation: {told} (described → identified)"
+            if told
+            else ""
+        )
     out.append(text + ".")
     if d.causes:
         tried = craft.found.search.candidates if craft.found.search is not None else 0
-        out.append(f"The cause by name, out of {tried} candidates, told nothing of what was hidden: {d.sentence}".replace("+-", "±"))
+        out.append(
+            f"The cause by name, out of {tried} candidates, told nothing of what was hidden: {d.sentence}".replace(
+                "+-", "±"
+            )
+        )
     if d.causes and seen is not None:
-        told = "; ".join(_error_of(seen, c, (DESCRIBED, EXTENDED)) for c in telling(seen, DESCRIBED, EXTENDED, 3))
-        out.append(f"The gain, on the flight that was not used: {told}.")
+        told = "; ".join(
+            _error_of(seen, c, (DESCRIBED, EXTENDED)) for c in telling(seen, DESCRIBED, EXTENDED, 3)
+        )
+        out.append(f"The gain, on the flight that was not used (described → with the cause): {told}.")
     return tuple(out)
 
 
 def _error_of(seen: OpenLoop, c: Any, models: Sequence[str]) -> str:
     there = [m for m in models if m in seen.models]
-    values = " → ".join(number(seen.rms(c, m), 2) for m in there)
+    values = " → ".join(f"{number(seen.rms(c, m), 2)}" for m in there)
     return f"{c.name} is off by {values} {unit(c.unit)}".strip()
 
 
@@ -246,7 +260,9 @@ def values_section(craft: Craft) -> Section:
     title = "Found to better than 10 % from one flight without thrust"
     note = "A sum is a combination of inertial parameters that the motion depends on: its terms alone cannot be told."
     gist = f"{inside} of {len(known)} intervals hold the truth; 95 % should"
-    return Section("values", "Identified values", (Table(title, columns, tuple(rows), note),), gist, open=False)
+    return Section(
+        "values", "Identified values", (Table(title, columns, tuple(rows), note),), gist, open=False
+    )
 
 
 def _effects(craft: Craft) -> dict[str, float]:
@@ -263,7 +279,12 @@ def paper_section(paper: Paper, rows: Sequence[PaperRow]) -> Section:
         "The paper's errors are from its own simulation."
     )
     more = tuple(paper.notes)
-    parts = (Text((text,)), table_2(paper, rows), table_3(paper), *((Text(more, bullets=True),) if more else ()))
+    parts = (
+        Text((text,)),
+        table_2(paper, rows),
+        table_3(paper),
+        *((Text(more, bullets=True),) if more else ()),
+    )
     return Section("tables", "The paper's Tables 2 and 3", parts, "found from a wrong guess")
 
 
@@ -315,7 +336,14 @@ def table_3(paper: Paper, shown: int = 3) -> Table:
     ranked = sorted(usable, key=lambda x: abs(x[0].value / x[1] - 1.0))
     few = ranked if len(ranked) <= 2 * shown else [*ranked[:shown], *ranked[-shown:]]
     rows: list[tuple[Cell, ...]] = [
-        (Cell("paper's best, pi_m(2)"), Cell("336028.408"), Cell("335988.01"), Cell(""), Cell("0.01 %"), Cell("")),
+        (
+            Cell("paper's best, pi_m(2)"),
+            Cell("336028.408"),
+            Cell("335988.01"),
+            Cell(""),
+            Cell("0.01 %"),
+            Cell(""),
+        ),
         (Cell("paper's worst, pi_m(12)"), Cell("−1.06"), Cell("−1.11"), Cell(""), Cell("4.80 %"), Cell("")),
     ]
     for p, truth in few:

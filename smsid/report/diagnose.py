@@ -87,7 +87,8 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
     verdict = f"{TITLES[d.verdict].capitalize()}: {shortened(d.sentence)}"
     words = plain_words(d)
-    verdict = f"{words} {verdict}" if words and len(d.causes) <= MOST_IN_WORDS else verdict
+    if words and len(d.causes) <= MOST_IN_WORDS:
+        verdict = f"{TITLES[d.verdict].capitalize()}. {words}"
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
 
 
@@ -126,7 +127,9 @@ def shortened(sentence: str, most: int = 260) -> str:
 def causes_section(d: Diagnosis) -> Section:
     """Return the causes with their parameters, intervals and aliases; or that there are none."""
     tables: list[Text | Table] = list(cause_tables(d))
-    if not tables:
+    if tables:
+        tables.insert(0, Text((d.sentence.replace("+-", "±"),)))
+    else:
         why = {
             "adequate": "No cause is needed: nothing significant is left.",
             "not_evaluated": f"Not evaluated: {d.sentence}",
@@ -237,11 +240,13 @@ def _alone(t: Trace) -> Trace:
 
 def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
     out = [("verdict", TITLES[d.verdict])]
-    if d.whitened_rms:
-        rms = [number(x, 4) for x in dict.fromkeys(d.whitened_rms.values())]
-        out.append(("whitened rms", " → ".join(rms)))
     if d.gain is not None and d.gain.explained == d.gain.explained:
+        was, now = number(d.gain.whitened_given, 3), number(d.gain.whitened_extended, 3)
+        out.append(("prediction error over the noise, held out", f"{was} → {now}"))
         out.append(("excess explained, held out", share(d.gain.explained, 3)))
+    elif d.whitened_rms:
+        # with causes the first is over the noise as it had to be raised for the nominal fit: no scale of its own
+        out.append(("prediction error over the noise", number(list(d.whitened_rms.values())[-1], 4)))
     if d.timing:
         out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))
     return tuple(out)

@@ -53,11 +53,12 @@ class Figure:
 
 @dataclass(frozen=True)
 class Grid:
-    """Small figures side by side, as many as fit."""
+    """Small figures side by side, as many as fit; ``wide``: two at most."""
 
     title: str
     figures: tuple[Figure, ...]
     caption: str = ""
+    wide: bool = False
 
 
 @dataclass(frozen=True)

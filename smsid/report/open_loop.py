@@ -171,7 +171,7 @@ def curves(
         label = f"{c.name} [{unit(c.unit)}]" if unit(c.unit) else c.name
         plot = Plot(
             Axis.over("time [s]", [t], room=0.0, count=6),
-            Axis.over(label, near, count=5),
+            Axis.over(label, near, count=5, room=0.14),
             tuple(marks),
             f"{c.name}: measured, and simulated by {' and by '.join(colours)}",
             230,
@@ -184,7 +184,7 @@ def curves(
         f"after {SETTLE:g} s and is not corrected after that."
     )
     failed = "".join(f" Not simulated: {m} ({why})." for m, why in found.failed.items())
-    return Grid(title, tuple(figures), caption + failed)
+    return Grid(title, tuple(figures), caption + failed, wide=True)
 
 
 def error_table(found: OpenLoop, before: str, after: str) -> Table:

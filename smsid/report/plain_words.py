@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
-from smsid.report.numbers import number, unit
+from smsid.report.numbers import number, unit, with_half
 
 QUANTILE = 1.959964
 WORDS = {
@@ -79,7 +79,7 @@ def strength(cause: FoundCause) -> Value | None:
 
 def quantity(p: Value) -> str:
     """Return a parameter with half its 95 % interval and its unit."""
-    return f"{number(p.value, 4)} ± {number(QUANTILE * p.sigma, 2)} {unit(p.unit)}".rstrip()
+    return f"{with_half(p.value, QUANTILE * p.sigma)} {unit(p.unit)}".rstrip()
 
 
 def joined(parts: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.view.channels import Samples, commanded, hidden, sensed
 from smsid.view.motion import Motion, grid, interpolated
-from smsid.view.velocity import recorded_velocity
+from smsid.view.velocity import SMOOTHED, recorded_velocity
 
 logger = logging.getLogger(__name__)
 
@@ -86,6 +86,7 @@ def recorded_motion(
         torque=applied("torque", 3),
         joint_torque=applied("joint_torque", len(model.arm_joints)),
         wheel_torque=applied("wheel_torque", len(model.wheels)),
+        smoothed=SMOOTHED,
     )
 
 
