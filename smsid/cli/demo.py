@@ -29,14 +29,12 @@ def demo_command(
     seed: Seed = 1,
 ) -> Outcome:
     """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
-    from smsid.cli.demo_runs import CraftRun, identify_craft, run_paper
+    from smsid.cli.demo_runs import CraftRun, identify_craft, run_paper, write_extended
     from smsid.cli.paper_tables import table_2
     from smsid.datasets import demonstration
-    from smsid.description import save_description
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
     from smsid.report.plain_words import plain_words
-    from smsid.report.story import gain_sentence
 
     out = console()
     started = time.perf_counter()
@@ -52,32 +50,29 @@ def demo_command(
         save_estimate(refinement.estimate, output / "estimate.json")
         good = sum(p.status == "identifiable" for p in refinement.estimate.parameters)
         out.print(
-            f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in {spent:.0f} s."
+            f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in "
+            f"{spent:.0f} s."
         )
-        began = time.perf_counter()
         with working("diagnosing"):
             found = diagnose(description, [estimation], estimate=refinement.estimate, validation=[validation])
-        seconds = {"identify": spent, "diagnose": time.perf_counter() - began}
         save_diagnosis(found.diagnosis, output / "diagnosis.json")
-        save_description(found.extended, output / "extended.toml")
+        extended = write_extended(description, refinement.estimate, found, output)
         words = plain_words(found.diagnosis) or found.diagnosis.sentence
         out.print(f"3. {words}", markup=False, highlight=False, soft_wrap=True)
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
         out.print(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
-        if found.diagnosis.gain is not None:
-            out.print(
-                f"4. {gain_sentence(found.diagnosis.gain)}", markup=False, highlight=False, soft_wrap=True
-            )
-        craft = CraftRun(description, estimation, validation, refinement, found, seconds)
+        craft = CraftRun(description, estimation, validation, refinement, found, extended)
         with working("drawing"):
             picture, drawn = _draw(which, output)
         with working("flying and identifying the paper's experiments"):
             done = paper.result()
+    with working("writing the page"):
+        page, told = _page(which, craft, done, output, seed, picture)
+    for step in told[-1:]:
+        out.print(f"4. {step}", markup=False, highlight=False, soft_wrap=True)
     out.print("5. The paper's Table 2, from a guess that is off:")
     out.print(table_2(done.estimate))
-    with working("writing the page"):
-        page = _page(which, craft, done, output, seed, picture)
-    names = ("estimate.json", "diagnosis.json", "extended.toml", "exp1.nc", "exp2.nc")
+    names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
     names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
     written += [*(output / n for n in names), *drawn, page]
     for file in drawn:
@@ -109,7 +104,8 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
     except MissingDependencyError:
         return None, []
     caption = (
-        "The flight that was not used: as measured, and as a ghost what the description makes of the same commands. "
+        "The flight that was not used: as measured, and as a ghost what the description makes of the "
+        "same commands. "
         "Drag to turn, scroll to come nearer."
     )
     html = path.read_text(encoding="utf-8")
@@ -118,12 +114,12 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 
 def _page(
     which: Demonstration, craft: CraftRun, paper: PaperRun, output: Path, seed: int, picture: Frame | None
-) -> Path:
+) -> tuple[Path, tuple[str, ...]]:
     from smsid.cli.paper_tables import TABLE_2
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import Craft, Paper, demo_report
     from smsid.report.diagnose import Asked, diagnose_report
-    from smsid.report.model import Link
+    from smsid.report.model import Link, Text
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
     asked = Asked(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
@@ -131,7 +127,11 @@ def _page(
     diagnosis = write_report(diagnose_report(craft.found, asked, origin), output / "diagnosis.html")
     links = [
         Link(diagnosis.name, "The diagnosis in full", "tests, candidates, spectra, detection limits"),
-        Link("extended.toml", "The extended description", "what smsid simulates with from now on"),
+        Link(
+            "extended.toml",
+            "The extended description",
+            "identified bodies, and the cause: what the curves above are simulated with",
+        ),
         Link("estimate.json", "The estimate", "every parameter with its interval"),
     ]
     if picture is not None:
@@ -139,9 +139,11 @@ def _page(
             0, Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
         )
     own = Craft(
-        craft.description, craft.estimation, craft.validation, craft.refinement.estimate, craft.found,
+        craft.description, craft.estimation, craft.validation, craft.refinement.estimate,
+        craft.found, craft.extended,
         which.engine, which.hidden, which.parameters,
     )  # fmt: skip
     own_paper = Paper(paper.estimate, paper.truth, paper.notes)
     report = demo_report(own, own_paper, TABLE_2, links, provenance(inputs, seed=seed), picture)
-    return write_report(report, output / "report.html")
+    told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
+    return write_report(report, output / "report.html"), told

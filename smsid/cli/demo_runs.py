@@ -24,21 +24,22 @@ EFFECTS = {
 
 @dataclass(frozen=True)
 class CraftRun:
-    """What came of the craft with something hidden, and how long each step took [s]."""
+    """What came of the craft with something hidden; ``extended`` is the description that was written."""
 
     description: Description
     estimation: Recording
     validation: Recording
     refinement: Refinement
     found: Diagnosed
-    seconds: dict[str, float]
+    extended: Description
 
 
 @dataclass(frozen=True)
 class PaperRun:
     """What came of the paper's experiments.
 
-    ``estimate`` started from a guess that is off; ``truth`` are true values by name; ``notes`` of the flights.
+    ``estimate`` started from a guess that is off; ``truth`` are true values by name, ``notes`` of
+    the flights.
     """
 
     estimate: Estimate
@@ -65,7 +66,7 @@ def identify_craft(which: Demonstration) -> tuple[Description, Recording, Record
 def run_paper(folder: Path, seed: int) -> PaperRun:
     """Fly both experiments of the paper in smsid's own simulation and identify them from a wrong guess.
 
-    Writes ``exp1.nc``, ``exp2.nc``, the guess and the estimate into the folder. Meant for a process of its own.
+    Writes ``exp1.nc``, ``exp2.nc``, guess and estimate into the folder. Meant for a process of its own.
     """
     import numpy as np
 
@@ -107,7 +108,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
 
 
 def wrong_guess(description: Description, folder: Path) -> Description:
-    """Write a description whose masses, inertias and effects are off by several per cent; return it loaded."""
+    """Write a description whose masses, inertias and effects are off by several per cent; return it."""
     from smsid._files import atomic_write
     from smsid.description import load_description, save_description
 
@@ -138,3 +139,33 @@ def wrong_guess(description: Description, folder: Path) -> Description:
     )
     save_description(guess, folder / "paper_guess.toml")
     return load_description(folder / "paper_guess.toml")
+
+
+def write_extended(
+    description: Description, estimate: Estimate, found: Diagnosed, folder: Path
+) -> Description:
+    """Write ``extended.toml`` with ``extended.urdf``: identified bodies that can exist, and the causes.
+
+    Returns it loaded: what is shown of it is what the file does. The diagnosis's own extension keeps the
+    described bodies where the fit's are no bodies that can exist.
+    """
+    import shutil
+    import tempfile
+
+    from smsid._files import atomic_write
+    from smsid.description import load_description, save_description
+    from smsid.export import export_folder
+
+    place = Path(tempfile.mkdtemp(prefix=".extended-", dir=folder))
+    try:
+        export_folder(description, place / "identified", estimate, mujoco=False)
+        identified = load_description(place / "identified" / f"{description.name}.toml")
+        text = Path(identified.folder, identified.urdf).read_text(encoding="utf-8")
+        atomic_write(folder / "extended.urdf", text)
+        known = {e.name for e in description.effect}
+        more = [e for e in found.extended.effect if e.name not in known and e.kind != "body_error"]
+        moved = identified.model_copy(update={"urdf": "extended.urdf", "folder": folder.resolve()})
+        save_description(moved.with_effects(*more), folder / "extended.toml")
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+    return load_description(folder / "extended.toml")

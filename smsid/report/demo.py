@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -12,10 +11,10 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.nominal import nominal
+from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
-from smsid.report.diagnosis_tables import cause_tables
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import half, number, share, unit
 from smsid.report.open_loop import OpenLoop, telling
@@ -33,7 +32,8 @@ DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
 class Craft:
     """The craft with something hidden: what was described and measured, and what was found.
 
-    ``estimate`` is of the estimation flight, ``found`` its diagnosis, ``engine`` what made the flights,
+    ``estimate`` is of the estimation flight, ``found`` its diagnosis, ``extended`` the description with the
+    identified values and the cause, ``engine`` what made the flights,
     ``hidden`` and ``parameters`` what the world was.
     """
 
@@ -42,6 +42,7 @@ class Craft:
     validation: Recording
     estimate: Estimate
     found: Diagnosed
+    extended: Description
     engine: str
     hidden: Mapping[str, Any]
     parameters: Mapping[str, float]
@@ -109,11 +110,10 @@ def demo_report(
         models = {
             DESCRIBED: nominal(craft.description, None).point,
             IDENTIFIED: nominal(craft.description, craft.estimate).point,
-            EXTENDED: search.last.point,
+            EXTENDED: Point.of(craft.extended),
         }
-        gain = craft.found.diagnosis.gain
         like = search.last.problem
-        story, seen = story_section(models, like, craft.validation, seen=False, rate=RATE, gain=gain)
+        story, seen = story_section(models, like, craft.validation, seen=False, rate=RATE)
     sections = [Section("steps", "From data to the cause", (Text(steps(craft, seen), bullets=True),))]
     sections += [story] if story is not None else []
     sections.append(cause_section(craft))
@@ -163,8 +163,10 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
     d, r = craft.found.diagnosis, craft.estimation
     times = r.time()
     out = [
-        f"Measured: a flight of {times[-1] - times[0]:g} s, arm and wheels driven by known torques, {len(times)} samples "
-        f"of pose, gyro, accelerometer, encoders and tachometers with their noise. It was made by {craft.engine}, "
+        f"Measured: a flight of {times[-1] - times[0]:g} s, arm and wheels driven by known torques, "
+        f"{len(times)} samples "
+        "of pose, gyro, accelerometer, encoders and tachometers with their noise. It was made by "
+        f"{craft.engine}, "
         "whose model shares no code with smsid's. A second flight is kept aside to judge by."
     ]
     if seen is not None:
@@ -172,11 +174,13 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         told = "; ".join(_error_of(seen, c, (DESCRIBED,)) for c in shown)
         if told:
             out.append(
-                f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}."
+                "What the simulation gets wrong: driven by the same torques, the described craft "
+                f"strays. {told}."
             )
     good = [p for p in reported(craft.estimate) if p.status == "identifiable"]
     text = (
-        f"Identified: the description is a guess that is off by several per cent. {len(good)} parameters are found to "
+        f"Identified: the description is a guess that is off by several per cent. {len(good)} "
+        "parameters are found to "
         "better than 10 %"
     )
     if seen is not None:
@@ -192,9 +196,8 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
     if d.causes:
         tried = craft.found.search.candidates if craft.found.search is not None else 0
         out.append(
-            f"The cause by name, out of {tried} candidates, told nothing of what was hidden: {d.sentence}".replace(
-                "+-", "±"
-            )
+            f"The cause by name, out of {tried} candidates, told nothing of what was hidden: "
+            f"{d.sentence}".replace("+-", "±")
         )
     if d.causes and seen is not None:
         told = "; ".join(
@@ -211,12 +214,29 @@ def _error_of(seen: OpenLoop, c: Any, models: Sequence[str]) -> str:
 
 
 def cause_section(craft: Craft) -> Section:
-    """Return the cause with its interval, and what was hidden."""
+    """Return the causes with their intervals beside what was hidden."""
     d = craft.found.diagnosis
-    parts: list[Text | Table] = list(cause_tables(d))
-    if not d.causes:
-        parts.append(Text((d.sentence,)))
     h = craft.hidden
+    rows = []
+    for cause in d.causes:
+        for p in cause.parameters:
+            low, high = p.interval
+            same = (cause.effect, cause.location) == (h["effect"], h["location"])
+            hidden = h["value"] if same and p.name.rpartition(".")[2] == h["parameter"] else None
+            rows.append(
+                (
+                    Cell(f"{cause.label} ({cause.effect.replace('_', ' ')})"),
+                    Cell(cause.location),
+                    Cell(number(p.value, 6), p.value),
+                    Cell(half(p.value, low, high), 0.5 * (high - low)),
+                    Cell("none" if hidden is None else number(hidden, 6), hidden),
+                    Cell(unit(p.unit)),
+                )
+            )
+    parts: list[Text | Table] = [Text((d.sentence.replace("+-", "±"),))]
+    if rows:
+        columns = ("cause", "where", "#found", "#95 % interval", "#hidden", "unit")
+        parts.append(Table("Found, and hidden", columns, tuple(rows)))
     right = found_hidden(craft)
     ending = {
         True: "The interval found holds it.",
@@ -258,7 +278,8 @@ def values_section(craft: Craft) -> Section:
         )
     columns = ("parameter", "#described", "#identified", "#95 % interval", "#truth", "unit", "truth inside")
     title = "Found to better than 10 % from one flight without thrust"
-    note = "A sum is a combination of inertial parameters that the motion depends on: its terms alone cannot be told."
+    note = "A sum is a combination of inertial parameters that the motion depends on: its terms "
+    "alone cannot be told."
     gist = f"{inside} of {len(known)} intervals hold the truth; 95 % should"
     return Section(
         "values", "Identified values", (Table(title, columns, tuple(rows), note),), gist, open=False
@@ -273,8 +294,10 @@ def _effects(craft: Craft) -> dict[str, float]:
 def paper_section(paper: Paper, rows: Sequence[PaperRow]) -> Section:
     """Return the paper's Tables 2 and 3 beside what is found from a guess that is off by several per cent."""
     text = (
-        "The experiments of Rekleitis and Papadopoulos, flown in smsid's own simulation with sensor noise: this shows "
-        "what the sensors tell, and proves nothing of the model, which identification shares. It starts from masses, "
+        "The experiments of Rekleitis and Papadopoulos, flown in smsid's own simulation with sensor "
+        "noise: this shows "
+        "what the sensors tell, and proves nothing of the model, which identification shares. It "
+        "starts from masses, "
         "inertias, slosh and panel that are 4 to 20 % off, and uses the default method, maximum likelihood. "
         "The paper's errors are from its own simulation."
     )
@@ -316,7 +339,8 @@ def table_2(paper: Paper, rows: Sequence[PaperRow]) -> Table:
             )
         )
     columns = (
-        "parameter", "#truth", "#paper", "#its error", "#guess", "#here", "#95 % interval", "#error", "truth inside",
+        "parameter", "#truth", "#paper", "#its error", "#guess", "#here", "#95 % interval", "#error",
+        "truth inside",
     )  # fmt: skip
     return Table("Table 2: mass, slosh and panel", columns, tuple(out), ">> is printed in the paper.")
 
@@ -362,7 +386,8 @@ def table_3(paper: Paper, shown: int = 3) -> Table:
         )
     columns = ("combination", "#truth", "#estimate", "#95 % interval", "#error", "truth inside")
     note = (
-        f"Of {len(usable)} identifiable combinations of the arm's inertial parameters that are not zero; the paper's "
+        f"Of {len(usable)} identifiable combinations of the arm's inertial parameters that are not "
+        "zero; the paper's "
         "pi_m are sums of its own. Those with the bus hold the panel, too, and are left out here."
     )
     return Table("Table 3: the best and the worst inertial combinations", columns, tuple(rows), note)
@@ -381,10 +406,7 @@ def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:
             out.append((f"{d.causes[0].label} at {d.causes[0].location}, found", quantity(value)))
         out.append(("hidden", f"{number(craft.hidden['value'], 4)} {unit(craft.hidden['unit'])}"))
     if seen is not None and {DESCRIBED, EXTENDED} <= set(seen.models):
-        for c in telling(seen, DESCRIBED, EXTENDED, 1):
+        for c in telling(seen, DESCRIBED, EXTENDED, 2):
             was, now = (number(seen.rms(c, m), 2) for m in (DESCRIBED, EXTENDED))
             out.append((f"{c.name}, error on the other flight", f"{was} → {now} {unit(c.unit)}"))
-    if d.gain is not None and math.isfinite(d.gain.explained):
-        was, now = number(d.gain.whitened_given, 3), number(d.gain.whitened_extended, 3)
-        out.append(("prediction error over the noise, other flight", f"{was} → {now}"))
     return tuple(out)

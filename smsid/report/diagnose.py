@@ -93,7 +93,7 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
 
 
 def story_sections(found: Diagnosed, asked: Asked) -> list[Section]:
-    """Return measured against simulated, as given and extended, on the held-out recording where there is one."""
+    """Return measured against simulated, before and after, on a held-out recording if there is one."""
     search, d = found.search, found.diagnosis
     if search is None or not search.causes:
         return []
@@ -245,7 +245,7 @@ def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
         out.append(("prediction error over the noise, held out", f"{was} → {now}"))
         out.append(("excess explained, held out", share(d.gain.explained, 3)))
     elif d.whitened_rms:
-        # with causes the first is over the noise as it had to be raised for the nominal fit: no scale of its own
+        # before the causes it is over the noise as raised for the nominal fit: that says nothing
         out.append(("prediction error over the noise", number(list(d.whitened_rms.values())[-1], 4)))
     if d.timing:
         out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))

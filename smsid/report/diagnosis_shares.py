@@ -29,10 +29,12 @@ OF_CAUSES = (
     "What the named cause does to the predictions is taken as the whole. A cell is the share of it that "
     "the equation or channel could produce in the cause's stead, if it depended on the column's quantity in "
     "any of the usual ways, everything nominal free to move within its prior. Rows are torques of joints and "
-    "wheels, forces and torques on the bus, then sensor channels. Places share effects, so shares do not add up."
+    "wheels, forces and torques on the bus, then sensor channels. Places share effects, so shares do "
+    "not add up."
 )
 OF_REST = (
-    "The whole is what the nominal parameters leave, noise included. A cell is the share of its squares that the "
+    "The whole is what the nominal parameters leave, noise included. A cell is the share of its "
+    "squares that the "
     "equation or channel could produce, if it depended on the column's quantity in any of the usual ways."
 )
 
@@ -91,11 +93,14 @@ def share_ranking(found: Shares) -> Figure | None:
         axis, tuple(rows), "shares that candidates explain", tuple(x for x in legend if x[1] in used)
     )
     caption = (
-        "How much of what the cause does each other candidate could do alone in its stead; the cause has all of "
-        "it by definition. Of strong effects even one per cent is far beyond the noise: this is how the causes "
+        "How much of what the cause does each other candidate could do alone in its stead; the cause "
+        "has all of "
+        "it by definition. Of strong effects even one per cent is far beyond the noise: this is how "
+        "the causes "
         "were told apart."
         if found.of_causes
-        else "How much of the squares left each candidate alone would explain, everything nominal free to move."
+        else "How much of the squares left each candidate alone would explain, everything nominal "
+        "free to move."
     )
     return Figure("ranking", "What each candidate would explain", chart, caption)
 

@@ -51,8 +51,8 @@ class Shares:
 def shares_of(search: Search) -> Shares | None:
     """Return the shares of the misfit that every equation and every candidate explains by itself.
 
-    With causes, the misfit is what they do to the innovations, linear at the fit that has them. Taken out
-    altogether, a strong cause lets the simulation stray so far that no derivative there says anything. Without
+    With causes, the misfit is what they do to the innovations, linear at the fit that has them. Without
+    a strong cause the simulation strays so far that no derivative there says anything. Without
     causes it is what the nominal fit leaves. Everything nominal is free to move within its prior.
     ``None`` where nothing was measured.
     """
@@ -97,7 +97,7 @@ def without_causes(search: Search) -> Fit | None:
 
 
 def _contribution(search: Search, base: Fit, cause: Cause) -> np.ndarray:
-    """What a cause does to the innovations and priors (N rows + priors,), nominal parameters projected out."""
+    """What a cause does to the innovations and priors (N rows + priors,), nominal ones projected out."""
     candidate = cause.score.candidate
     columns = propagate(base.run, changes_of(base, candidate)).reshape(-1, len(candidate.free))
     at = {u.name: search.last.point.value(u) for u in search.last.unknowns}

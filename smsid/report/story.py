@@ -67,7 +67,9 @@ def gain_sentence(g: Gain) -> str:
     """Return what an extension gains on a recording not used, in one sentence."""
     return (
         f"On '{g.recording}', which was not used, predictions one sample ahead are off by "
-        f"{number(g.whitened_given, 3)} times the noise with the model as given, by {number(g.whitened_nominal, 3)} "
-        f"with its parameters refitted and nothing added, and by {number(g.whitened_extended, 3)} with the cause: "
+        f"{number(g.whitened_given, 3)} times the noise with the model as given, by "
+        f"{number(g.whitened_nominal, 3)} "
+        f"with its parameters refitted and nothing added, and by {number(g.whitened_extended, 3)} "
+        "with the cause: "
         f"{share(g.explained, 4)} of what exceeds the noise is gone."
     )

@@ -35,7 +35,7 @@ def view_main(
 ) -> tuple[Path, tuple[str, ...]]:
     """Write the 3-D view of a spacecraft at its home posture, or of motions recorded, as one HTML file.
 
-    With an ``output`` called ``.mp4`` or ``.gif`` it is a film (extra ``video``, and a browser that draws it).
+    With an ``output`` called ``.mp4`` or ``.gif`` it is a film (extra ``video``, and a browser).
     Returns the file's path and the notes that stand in the view. Relative paths start at the working folder.
     The rest as `played`.
 

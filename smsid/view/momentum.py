@@ -62,7 +62,7 @@ def momenta(model: SpacecraftModel, motion: Motion) -> Momenta:
 
 
 def _noise_share(x: np.ndarray, width: int) -> float:
-    """Return the share of white noise in vectors (N, 3) averaged over ``width`` samples, by third differences."""
+    """Return the share of white noise in vectors (N, 3) averaged over ``width`` samples, by differences."""
     if len(x) < 8:
         return 0.0
     white = np.sqrt(np.mean(np.diff(x, 3, axis=0) ** 2) / 20.0 / width)
