@@ -67,7 +67,9 @@ def share_map(found: Shares) -> Figure | None:
         if place
         else "Where it comes from: no one place"
     )
-    return Figure("map", title.replace("its its", "its"), body, OF_CAUSES if found.of_causes else OF_REST)
+    return Figure(
+        "share-map", title.replace("its its", "its"), body, OF_CAUSES if found.of_causes else OF_REST
+    )
 
 
 def share_ranking(found: Shares) -> Figure | None:

@@ -27,6 +27,7 @@ FORMATS = (".mp4", ".gif")
 BATCH = 60  # frames a browser draws at one go: they pass through its output as text
 MOST = 3000  # frames of a film
 SIZE = (960, 540)
+LEAST = 500  # width [pixels] that a browser makes a window of
 OPTIONS = (
     "--headless",
     "--no-sandbox",
@@ -73,15 +74,19 @@ def export_video(
         view: what is played.
         path: of the film; its ending says which kind.
         fps: pictures a second [Hz].
-        size: width and height [pixels], even numbers.
+        size: width and height [pixels], even numbers, `LEAST` wide or more.
 
     Raises:
         MissingDependencyError: imageio (extra ``video``), meshcat (extra ``view``) or a browser is missing.
-        SmsidError: another ending, more than `MOST` frames, or the browser fails.
+        SmsidError: another ending, a size too small, more than `MOST` frames, or the browser fails.
     """
     target = Path(path)
     if not is_film(target):
         raise SmsidError(f"'{target.name}' is no film.", advice="Call it .mp4 or .gif.", path=str(path))
+    if size[0] < LEAST or size[1] < 2 or size[0] % 2 or size[1] % 2:
+        raise SmsidError(
+            f"A film cannot be {size[0]} by {size[1]} pixels.", advice="Use even numbers, 500 wide."
+        )
     imageio = require("imageio", "video").v2
     if target.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "video")
