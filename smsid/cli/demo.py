@@ -120,11 +120,13 @@ def _page(
     from smsid.report.demo import Craft, Paper, demo_report
     from smsid.report.diagnose import Asked, diagnose_report
     from smsid.report.model import Link, Text
+    from smsid.report.shares import shares_of
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
     asked = Asked(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
     origin = provenance(inputs, seed=seed)
-    diagnosis = write_report(diagnose_report(craft.found, asked, origin), output / "diagnosis.html")
+    shares = None if craft.found.search is None else shares_of(craft.found.search)
+    diagnosis = write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")
     links = [
         Link(diagnosis.name, "The diagnosis in full", "tests, candidates, spectra, detection limits"),
         Link(
@@ -144,6 +146,6 @@ def _page(
         which.engine, which.hidden, which.parameters,
     )  # fmt: skip
     own_paper = Paper(paper.estimate, paper.truth, paper.notes)
-    report = demo_report(own, own_paper, TABLE_2, links, provenance(inputs, seed=seed), picture)
+    report = demo_report(own, own_paper, TABLE_2, links, provenance(inputs, seed=seed), picture, shares)
     told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
     return write_report(report, output / "report.html"), told

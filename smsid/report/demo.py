@@ -20,7 +20,7 @@ from smsid.report.numbers import half, number, share, unit
 from smsid.report.open_loop import OpenLoop, telling
 from smsid.report.parameters import reported
 from smsid.report.plain_words import plain_words, quantity, strength
-from smsid.report.shares import shares_of
+from smsid.report.shares import Shares
 from smsid.report.story import story_section
 from smsid.report.truth import TrueWorld, described_bodies
 
@@ -93,6 +93,7 @@ def demo_report(
     links: Sequence[Link],
     origin: Provenance,
     picture: Frame | None = None,
+    shares: Shares | None = None,
 ) -> Report:
     """Return the page of a demonstration.
 
@@ -103,6 +104,7 @@ def demo_report(
         links: files beside the page.
         origin: versions, command, files.
         picture: of the craft in motion, if it could be drawn.
+        shares: of the misfit, where it was searched.
     """
     search = craft.found.search
     story, seen = None, None
@@ -117,7 +119,6 @@ def demo_report(
     sections = [Section("steps", "From data to the cause", (Text(steps(craft, seen), bullets=True),))]
     sections += [story] if story is not None else []
     sections.append(cause_section(craft))
-    shares = None if search is None else shares_of(search)
     sections += share_sections(shares) if shares is not None else []
     sections.append(values_section(craft))
     sections.append(paper_section(paper, rows))

@@ -59,12 +59,18 @@ class Asked:
     rate: float = RATE
 
 
-def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Report:
-    """Return the report of a diagnosis; what was not evaluated is said to be so."""
+def diagnose_report(
+    found: Diagnosed, asked: Asked, origin: Provenance, shares: Shares | None = None
+) -> Report:
+    """Return the report of a diagnosis; what was not evaluated is said to be so.
+
+    ``shares`` are those of its search, where they are known already.
+    """
     d = found.diagnosis
     sections = story_sections(found, asked)
     sections.append(causes_section(d))
-    shares = None if found.search is None else shares_of(found.search)
+    if shares is None and found.search is not None:
+        shares = shares_of(found.search)
     if shares is not None:
         sections += share_sections(shares)
     else:
