@@ -279,8 +279,7 @@ def values_section(craft: Craft) -> Section:
         )
     columns = ("parameter", "#described", "#identified", "#95 % interval", "#truth", "unit", "truth inside")
     title = "Found to better than 10 % from one flight without thrust"
-    note = "A sum is a combination of inertial parameters that the motion depends on: its terms "
-    "alone cannot be told."
+    note = "A sum is a combination of inertial parameters: its terms alone cannot be told from this motion."
     gist = f"{inside} of {len(known)} intervals hold the truth; 95 % should"
     return Section(
         "values", "Identified values", (Table(title, columns, tuple(rows), note),), gist, open=False

@@ -204,6 +204,5 @@ def error_table(found: OpenLoop, before: str, after: str) -> Table:
             cells.append(Cell("–"))
         rows.append(tuple(cells))
     columns = ("channel", "unit", *(f"#{m}" for m in found.models), "#noise", "#gained")
-    note = f"Root mean square of measured minus simulated from {found.begin:g} s on. Gained: from "
-    f"{before} to {after}."
+    note = f"Root mean square from {found.begin:g} s on. Gained: from '{before}' to '{after}'."
     return Table(f"Error of the simulation on '{found.recording}'", columns, tuple(rows), note)

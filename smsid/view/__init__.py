@@ -3,7 +3,8 @@
 >>> played = replay(model, recording, beside=[("simulated", simulated_twin(model, recording))])
 >>> export_html(played, "view.html")
 
-meshcat is needed for `export_html`, `export_video`, `show` and `LiveView` only; importing this starts nothing.
+meshcat is needed for `export_html`, `export_video`, `show` and `LiveView` only; importing this starts
+nothing.
 """
 
 from smsid.view.export import export_html
