@@ -34,7 +34,7 @@ $(VENV)/.demo: pyproject.toml
 
 $(VENV)/.test: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view,control,robots,campaign,data,bags,parquet,plot,docs,test,lint]"
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view,video,control,robots,campaign,data,bags,parquet,plot,docs,test,lint]"
 	touch $@
 
 $(VENV)/.docs: pyproject.toml

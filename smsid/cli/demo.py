@@ -1,9 +1,11 @@
-"""``smsid demo``: both experiments of the paper, identified, beside the paper's tables."""
+"""``smsid demo``: a craft with something hidden, found; and the paper's experiments, identified."""
 
 from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,140 +13,142 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Seed
-from smsid.cli.output import console, counting, working
+from smsid.cli.output import console, working
 from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from rich.console import Console
-
-    from smsid.description import Description
-    from smsid.identify.estimate import Estimate
-    from smsid.identify.pipeline import Identification
-    from smsid.recording import Recording
+    from smsid.cli.demo_runs import CraftRun, PaperRun
+    from smsid.datasets import Demonstration
+    from smsid.report.model import Frame
 
 
 def demo_command(
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="folder for recordings, estimate, report and view"),
+        typer.Option("--output", "-o", help="folder for the page and all that it is made from"),
         Writes(folder=True),
     ] = Path("demo-out"),
     seed: Seed = 1,
 ) -> Outcome:
-    """Fly both experiments of the paper, identify the spacecraft, print Tables 2 and 3 beside the paper's."""
-    import numpy as np
-
-    from smsid.description import load_description
-    from smsid.experiments import fly, named_experiment
-    from smsid.model import build_model
-    from smsid.paths import oracle_folder, urdf_folder
-    from smsid.recording import import_recording, save_recording
+    """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
+    from smsid.cli.demo_runs import CraftRun, identify_craft, run_paper, write_extended
+    from smsid.cli.paper_tables import table_2
+    from smsid.datasets import demonstration
+    from smsid.diagnose import diagnose, save_diagnosis
+    from smsid.identify.estimate import save_estimate
+    from smsid.report.plain_words import plain_words
 
     out = console()
     started = time.perf_counter()
-    written = []
     output.mkdir(parents=True, exist_ok=True)
-    description = load_description(urdf_folder() / "paper_sms.toml")
-    model = build_model(description)
-    out.print(
-        f"The paper's spacecraft: {model.mass:.1f} kg, "
-        f"{model.nv} degrees of freedom, from {description.urdf}.\n\n"
-        "1. Simulated by smsid itself, with sensor noise: shows the path of the data, proves little."
-    )
-    recordings = []
-    rng = np.random.default_rng(seed)
-    for name in ("exp1", "exp2"):
-        plan = named_experiment(name, model)
-        with counting(f"simulating {name}", plan.duration, "s") as tell:
-            flight = fly(model, plan, rng, progress=tell)
-        audit = flight.trajectory.audit()
+    which = demonstration()
+    written: list[Path] = []
+    # the paper's part has a process of its own: neither waits for the other on two cores
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        paper = pool.submit(run_paper, output, seed)
+        out.print(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
+        with working("identifying by maximum likelihood"):
+            description, estimation, validation, refinement, spent = identify_craft(which)
+        save_estimate(refinement.estimate, output / "estimate.json")
+        good = sum(p.status == "identifiable" for p in refinement.estimate.parameters)
         out.print(
-            f"   {name}: {flight.trajectory.stop:g} s, momentum drift {audit.momentum_drift:.0e}, energy "
-            f"drift {audit.energy_drift:.0e} J"
-            + "".join(f"\n   limit exceeded: {u}" for u in flight.exceeded)
+            f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in "
+            f"{spent:.0f} s."
         )
-        save_recording(flight.recording, output / f"{name}.nc")
-        written.append(output / f"{name}.nc")
-        recordings.append(flight.recording)
-    found = _identify(description, recordings, output / "estimate.json")
-    estimate = found.estimate
-    shown = [("own", "own simulation", recordings, found)]
-    _print(estimate, out)
-    written.append(output / "estimate.json")
-    document = {"estimate": json.loads(estimate.to_json())}
-    folder = oracle_folder()
-    if folder is None:
-        out.print("\n2. Recordings of an independent engine: SMSID_ORACLE is not set or no folder; left out.")
-    else:
-        out.print("\n2. Recordings of an independent engine (MuJoCo), with the same sensor noise.")
-        described = load_description(urdf_folder() / "paper_sms.toml")
-        foreign = [
-            _noisy(import_recording(folder / f"{name}.npz", mapping), described, rng)
-            for name, mapping in (("exp1_xyz_modal3", "oracle_exp1"), ("exp2_modal3", "oracle_exp2"))
-        ]
-        found = _identify(described, foreign, output / "estimate_oracle.json")
-        estimate = found.estimate
-        shown.append(("mujoco", "MuJoCo", foreign, found))
-        _print(estimate, out)
-        written.append(output / "estimate_oracle.json")
-        document["estimate_oracle"] = json.loads(estimate.to_json())
-    with working("writing the report"):
-        _report(description, shown, seed, output)
-    written.append(output / "report.html")
-    out.print(f"\nReport, to be opened in a browser: {output / 'report.html'}")
-    try:
-        from smsid.view import view_main
-
+        with working("diagnosing"):
+            found = diagnose(description, [estimation], estimate=refinement.estimate, validation=[validation])
+        save_diagnosis(found.diagnosis, output / "diagnosis.json")
+        extended = write_extended(description, refinement.estimate, found, output)
+        words = plain_words(found.diagnosis) or found.diagnosis.sentence
+        out.print(f"3. {words}", markup=False, highlight=False, soft_wrap=True)
+        hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
+        out.print(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
+        craft = CraftRun(description, estimation, validation, refinement, found, extended)
         with working("drawing"):
-            view_main(urdf_folder() / "paper_sms.toml", output / "exp2.nc", output / "exp2.html")
-        written.append(output / "exp2.html")
-        out.print(f"\n3-D replay of Exp. 2: {output / 'exp2.html'}")
-    except MissingDependencyError as error:
-        out.print(f"\nno 3-D replay: {error}", markup=False)
-    out.print(f"recordings and estimates are in {output}; {time.perf_counter() - started:.0f} s in all")
+            picture, drawn = _draw(which, output)
+        with working("flying and identifying the paper's experiments"):
+            done = paper.result()
+    with working("writing the page"):
+        page, told = _page(which, craft, done, output, seed, picture)
+    for step in told[-1:]:
+        out.print(f"4. {step}", markup=False, highlight=False, soft_wrap=True)
+    out.print("5. The paper's Table 2, from a guess that is off:")
+    out.print(table_2(done.estimate))
+    names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
+    names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
+    written += [*(output / n for n in names), *drawn, page]
+    for file in drawn:
+        out.print(f"replay: {file}", markup=False, highlight=False, soft_wrap=True)
+    if not drawn:
+        out.print("no replay: the extra 'view' is not installed (pip install 'smsid[view]')", markup=False)
+    out.print(f"\nOpen in a browser: {page} ({time.perf_counter() - started:.0f} s in all)")
+    document = {
+        "estimate": json.loads(refinement.estimate.to_json()),
+        "diagnosis": json.loads(found.diagnosis.to_json()),
+        "paper_estimate": json.loads(done.estimate.to_json()),
+    }
     return Outcome(document, written)
 
 
-def _noisy(recording: Recording, description: Description, rng: np.random.Generator) -> Recording:
-    from smsid.sensing import add_noise
+def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]:
+    """Write the replay of the flight that was not used, measured and simulated; the page shows the same."""
+    from smsid.report.model import Frame
+    from smsid.view import view_main
 
-    sensors = [s for s in description.sensor if all(c in recording for c in s.channels)]
-    return add_noise(recording, sensors, rng)
+    try:
+        path, _ = view_main(
+            which.description,
+            which.validation,
+            output / "flight.html",
+            simulated=True,
+            title="The flight not used",
+        )
+    except MissingDependencyError:
+        return None, []
+    caption = (
+        "The flight that was not used: as measured, and as a ghost what the description makes of the "
+        "same commands. "
+        "Drag to turn, scroll to come nearer."
+    )
+    html = path.read_text(encoding="utf-8")
+    return Frame(html, "the craft in motion, measured and as described", 430, caption), [path]
 
 
-def _report(
-    description: Description,
-    shown: list[tuple[str, str, list[Recording], Identification]],
-    seed: int,
-    output: Path,
-) -> None:
+def _page(
+    which: Demonstration, craft: CraftRun, paper: PaperRun, output: Path, seed: int, picture: Frame | None
+) -> tuple[Path, tuple[str, ...]]:
     from smsid.cli.paper_tables import TABLE_2
-    from smsid.paths import urdf_folder
     from smsid.report import files_of, provenance, write_report
-    from smsid.report.demo import Shown, demo_report
+    from smsid.report.demo import Craft, Paper, demo_report
+    from smsid.report.diagnose import Asked, diagnose_report
+    from smsid.report.model import Link, Text
+    from smsid.report.shares import shares_of
 
-    inputs = [*files_of(description, urdf_folder() / "paper_sms.toml"), *sorted(output.glob("exp?.nc"))]
+    inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
+    asked = Asked(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
     origin = provenance(inputs, seed=seed)
-    page = demo_report(description, [Shown(*s) for s in shown], TABLE_2, origin)
-    write_report(page, output / "report.html")
-
-
-def _identify(description: Description, recordings: list[Recording], path: Path) -> Identification:
-    from smsid.identify.estimate import save_estimate
-    from smsid.identify.pipeline import identify
-
-    with working("identifying"):
-        found = identify(description, recordings)
-    save_estimate(found.estimate, path)
-    return found
-
-
-def _print(estimate: Estimate, out: Console) -> None:
-    from smsid.cli.paper_tables import table_2, table_3
-
-    out.print(table_2(estimate))
-    out.print(table_3(estimate))
-    parts = ", ".join(f"{k} {v:.2f}" for k, v in estimate.timing.items() if k != "total")
-    out.print(f"identified in {estimate.timing['total']:.2f} s (paper: 7 s in Matlab); {parts}")
+    shares = None if craft.found.search is None else shares_of(craft.found.search)
+    diagnosis = write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")
+    links = [
+        Link(diagnosis.name, "The diagnosis in full", "tests, candidates, spectra, detection limits"),
+        Link(
+            "extended.toml",
+            "The extended description",
+            "identified bodies, and the cause: what the curves above are simulated with",
+        ),
+        Link("estimate.json", "The estimate", "every parameter with its interval"),
+    ]
+    if picture is not None:
+        links.insert(
+            0, Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
+        )
+    own = Craft(
+        craft.description, craft.estimation, craft.validation, craft.refinement.estimate,
+        craft.found, craft.extended,
+        which.engine, which.hidden, which.parameters,
+    )  # fmt: skip
+    own_paper = Paper(paper.estimate, paper.truth, paper.notes)
+    report = demo_report(own, own_paper, TABLE_2, links, provenance(inputs, seed=seed), picture, shares)
+    told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
+    return write_report(report, output / "report.html"), told

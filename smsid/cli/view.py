@@ -23,8 +23,13 @@ def view_command(
     ] = None,
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", "--html", help="self-contained HTML to write"),
-        Writes((".html", ".htm")),
+        typer.Option(
+            "--output",
+            "-o",
+            "--html",
+            help="self-contained HTML to write; .mp4 or .gif: a film (extra: video)",
+        ),
+        Writes((".html", ".htm", ".mp4", ".gif")),
     ] = Path("view.html"),
     simulated: Annotated[
         bool,
@@ -41,7 +46,9 @@ def view_command(
         float, typer.Option(min=1e-3, max=1e3, help="seconds of motion per second; the page has a choice")
     ] = 1.0,
     fps: Annotated[float, typer.Option(min=0.1, max=240.0, help="frames kept per second on screen")] = 20.0,
-    dark: Annotated[bool, typer.Option("--dark", help="before stars")] = False,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="before stars, whatever the reader's system prefers")
+    ] = False,
     arrows: Annotated[bool, typer.Option(help="thrust, torques, momentum, centre of mass")] = True,
     trail: Annotated[bool, typer.Option(help="the way of each arm's tool")] = True,
     live: Annotated[
@@ -51,14 +58,14 @@ def view_command(
         str, typer.Option(help="--live: address to listen on; by default for this machine alone")
     ] = "127.0.0.1",
 ) -> Outcome:
-    """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, or live (extra: view)."""
+    """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.view import Look, live_main, view_main
 
     kind = _layout(layout)
     look = Look(
         slosh_factor=slosh,
         panel_factor=bending,
-        background="space" if dark else "light",
+        background="space" if dark else "auto",
         arrows=arrows,
         trail=trail,
     )

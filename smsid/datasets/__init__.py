@@ -1,5 +1,9 @@
-"""Public recordings of real hardware, by name; nothing is committed and nothing is downloaded by tests."""
+"""Public recordings of real hardware, by name: nothing of them is committed, no test downloads them.
 
+Beside them the small demonstration that comes with the package, see `demonstration`.
+"""
+
+from smsid.datasets.demonstration import Demonstration, demonstration
 from smsid.datasets.fetch import fetch, have, sha256
 from smsid.datasets.recordings import antisloshing, cessipy_slab, silverbox, tx40
 from smsid.datasets.registry import DATASETS, DataFile, DataSet, data_set
@@ -8,9 +12,11 @@ __all__ = [
     "DATASETS",
     "DataFile",
     "DataSet",
+    "Demonstration",
     "antisloshing",
     "cessipy_slab",
     "data_set",
+    "demonstration",
     "fetch",
     "have",
     "sha256",

@@ -6,6 +6,7 @@ nobody maps do no harm.
 
 from __future__ import annotations
 
+import csv
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -15,20 +15,24 @@ from smsid.diagnose.search import Search
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
-from smsid.report.diagnosis_candidates import alias_matrix, candidate_ranking, rescored
+from smsid.report.diagnosis_candidates import alias_matrix, rescored
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
+from smsid.report.diagnosis_shares import share_map, share_ranking
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
 from smsid.report.innovations import innovation_traces, open_loop_traces, whitened_groups
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number, share
+from smsid.report.plain_words import plain_words
 from smsid.report.residuals import residual_table
+from smsid.report.shares import Shares, shares_of
 from smsid.report.spectra import spectrum_grid
+from smsid.report.story import story_section
 from smsid.report.torques import torque_sections
 from smsid.report.traces import Trace, Traces
-from smsid.report.wheel_speed import wheel_speed_tests
 
 LOGGER = logging.getLogger(__name__)
 BUDGET = 250_000
+MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
 TONES: dict[str, Tone] = {
     "adequate": "good",
@@ -55,11 +59,22 @@ class Asked:
     rate: float = RATE
 
 
-def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Report:
-    """Return the report of a diagnosis; what was not evaluated is said to be so."""
+def diagnose_report(
+    found: Diagnosed, asked: Asked, origin: Provenance, shares: Shares | None = None
+) -> Report:
+    """Return the report of a diagnosis; what was not evaluated is said to be so.
+
+    ``shares`` are those of its search, where they are known already.
+    """
     d = found.diagnosis
-    sections = [causes_section(d)]
-    sections += map_section(_tests(found), found.search.levels.block if found.search is not None else LEVEL)
+    sections = story_sections(found, asked)
+    sections.append(causes_section(d))
+    if shares is None and found.search is not None:
+        shares = shares_of(found.search)
+    if shares is not None:
+        sections += share_sections(shares)
+    else:
+        sections += map_section(d.tests, LEVEL)
     if found.search is not None:
         sections += search_sections(found.search, asked)
     if found.torques is not None:
@@ -77,16 +92,32 @@ def diagnose_report(found: Diagnosed, asked: Asked, origin: Provenance) -> Repor
         sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
     verdict = f"{TITLES[d.verdict].capitalize()}: {shortened(d.sentence)}"
+    words = plain_words(d)
+    if words and len(d.causes) <= MOST_IN_WORDS:
+        verdict = f"{TITLES[d.verdict].capitalize()}. {words}"
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
 
 
-def _tests(found: Diagnosed) -> dict[str, tuple[Tested, ...]]:
-    tests: dict[str, tuple[Tested, ...]] = dict(found.diagnosis.tests)
-    if found.search is not None and tests:
-        more = wheel_speed_tests(found.search.nominal)
-        after = wheel_speed_tests(found.search.last) if found.search.causes else more
-        tests = {"nominal": (*tests["nominal"], *more), "extended": (*tests["extended"], *after)}
-    return tests
+def story_sections(found: Diagnosed, asked: Asked) -> list[Section]:
+    """Return measured against simulated, before and after, on a held-out recording if there is one."""
+    search, d = found.search, found.diagnosis
+    if search is None or not search.causes:
+        return []
+    held = [*asked.validation, *asked.recordings[1:]]
+    recording = held[0] if held else asked.recordings[0]
+    given = nominal(asked.description, asked.estimate).point
+    models = {"as given": given, "with the cause": search.last.point}
+    like, rate = search.last.problem, asked.rate
+    return [story_section(models, like, recording, seen=not held, rate=rate, gain=d.gain)[0]]
+
+
+def share_sections(shares: Shares) -> list[Section]:
+    """Return where the misfit comes from: the map of places and the ranking of candidates, in shares."""
+    parts = [x for x in (share_map(shares), share_ranking(shares)) if x is not None]
+    if not parts:
+        return []
+    gist = f"{len(shares.candidates)} candidates, {len(shares.places)} places compared"
+    return [Section("map", "Where it comes from", tuple(parts), gist)]
 
 
 def shortened(sentence: str, most: int = 260) -> str:
@@ -102,7 +133,9 @@ def shortened(sentence: str, most: int = 260) -> str:
 def causes_section(d: Diagnosis) -> Section:
     """Return the causes with their parameters, intervals and aliases; or that there are none."""
     tables: list[Text | Table] = list(cause_tables(d))
-    if not tables:
+    if tables:
+        tables.insert(0, Text((d.sentence.replace("+-", "±"),)))
+    else:
         why = {
             "adequate": "No cause is needed: nothing significant is left.",
             "not_evaluated": f"Not evaluated: {d.sentence}",
@@ -141,23 +174,31 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     """Return the candidates, the spectra and the innovations of a search."""
     changed, out = bool(search.causes), []
     scores = rescored(search)
-    parts = [x for x in (candidate_ranking(search, scores), alias_matrix(search, scores)) if x is not None]
-    if parts:
+    matrix = alias_matrix(search, scores)
+    if matrix is not None:
         gist = f"{search.candidates} tried"
-        out.append(Section("candidates", "Candidates and their aliases", tuple(parts), gist))
+        out.append(Section("candidates", "Candidates that look alike", (matrix,), gist, open=False))
     groups = whitened_groups(search)
     labels = ("before any cause", "with the causes") if changed else ("", "innovations")
     if not changed:
         groups = {c: tuple(_alone(t) for t in own) for c, own in groups.items()}
     grid = spectrum_grid("spectrum", groups, labels=labels)
     out.append(
-        Section("spectra", "Spectra of the innovations", (grid,), "before and after" if changed else "")
+        Section(
+            "spectra",
+            "Spectra of the innovations",
+            (grid,),
+            "before and after" if changed else "",
+            open=False,
+        )
     )
     traces = [t for own in innovation_traces(search, asked.recordings[0]).values() for t in own]
     traces = traces if changed else [_alone(t) for t in traces]
     parts_ = _explored("traces", traces, "Measured, and predicted one sample ahead",
                        ("measured", "predicted", "error", "error before any cause"))  # fmt: skip
-    out.append(Section("residuals", "Measured against predicted", parts_, asked.recordings[0].name))
+    out.append(
+        Section("residuals", "Measured against predicted", parts_, asked.recordings[0].name, open=not changed)
+    )
     return out
 
 
@@ -180,7 +221,7 @@ def _gain_section(found: Diagnosed, asked: Asked) -> list[Section]:
                                table=False)  # fmt: skip
         except SmsidError as error:
             LOGGER.info("open loop: %s", error)
-    return [Section("gain", "Gain on held-out data", tuple(parts), f"on {d.gain.recording}")]
+    return [Section("gain", "Gain on held-out data", tuple(parts), f"on {d.gain.recording}", open=False)]
 
 
 def _explored(
@@ -205,11 +246,13 @@ def _alone(t: Trace) -> Trace:
 
 def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
     out = [("verdict", TITLES[d.verdict])]
-    if d.whitened_rms:
-        rms = [number(x, 4) for x in dict.fromkeys(d.whitened_rms.values())]
-        out.append(("whitened rms", " → ".join(rms)))
     if d.gain is not None and d.gain.explained == d.gain.explained:
+        was, now = number(d.gain.whitened_given, 3), number(d.gain.whitened_extended, 3)
+        out.append(("prediction error over the noise, held out", f"{was} → {now}"))
         out.append(("excess explained, held out", share(d.gain.explained, 3)))
+    elif d.whitened_rms:
+        # before the causes it is over the noise as raised for the nominal fit: that says nothing
+        out.append(("prediction error over the noise", number(list(d.whitened_rms.values())[-1], 4)))
     if d.timing:
         out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))
     return tuple(out)

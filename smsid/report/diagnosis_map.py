@@ -29,6 +29,8 @@ COLUMNS = (
 EDGES = (1e-9, 1.3, 3.0, 6.0, 12.0, 25.0, 50.0)
 """Steps of colour by minus the decimal logarithm of the corrected p-value; colour begins at 0.001."""
 LEVEL = 0.001
+BEYOND = 300.0
+"""Evidence from which on a p-value is too small for a floating-point number."""
 
 
 class Tested(Protocol):
@@ -134,6 +136,7 @@ def _cell(test: Tested | None, tests: int, limit: float) -> HeatCell:
         return HeatCell()
     strength = evidence(test, tests)
     shown = "0" if strength < 0.05 else f"{strength:.1f}" if strength < 9.95 else f"{strength:.0f}"
+    shown = shown if strength < BEYOND else f"> {BEYOND:.0f}"
     p = 10.0**-strength if strength < 300 else 0.0
     tip = (
         f"{test.where} against {test.dependence}: chi-squared {number(test.ratio, 4)} on {test.freedom}, "

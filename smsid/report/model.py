@@ -53,11 +53,12 @@ class Figure:
 
 @dataclass(frozen=True)
 class Grid:
-    """Small figures side by side, as many as fit."""
+    """Small figures side by side, as many as fit; ``wide``: two at most."""
 
     title: str
     figures: tuple[Figure, ...]
     caption: str = ""
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,12 +70,38 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Frame:
+    """Another page within this one: its HTML, a title for who does not see it, its height [px], a caption."""
+
+    html: str
+    title: str
+    height: int = 420
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A file beside the page: where it is from the page's folder, what it is called, what is in it."""
+
+    target: str
+    label: str
+    what: str = ""
+
+
+@dataclass(frozen=True)
+class Links:
+    """A list of files beside the page."""
+
+    links: tuple[Link, ...]
+
+
+@dataclass(frozen=True)
 class Section:
     """A part that folds. ``name`` is its anchor; ``open``: unfolded at first; ``summary``: one line."""
 
     name: str
     title: str
-    parts: tuple[Text | Table | Figure | Grid, ...]
+    parts: tuple[Text | Table | Figure | Grid | Links, ...]
     summary: str = ""
     open: bool = True
 
@@ -93,7 +120,10 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Report:
-    """A report: title, the verdict in one sentence, a few figures at a glance, sections, provenance."""
+    """A report: title, the verdict in one sentence, a few figures at a glance, sections, provenance.
+
+    ``picture`` stands above the verdict.
+    """
 
     title: str
     subject: str
@@ -102,3 +132,4 @@ class Report:
     sections: tuple[Section, ...]
     provenance: Provenance
     glance: tuple[tuple[str, str], ...] = ()
+    picture: Frame | None = None

@@ -56,6 +56,16 @@ def half(value: float, low: float, high: float) -> str:
     return f"{number(low, 4)} … {number(high, 4)}"
 
 
+def with_half(value: float, size: float) -> str:
+    """Return a value and half its interval, both to the same decimal: ``1.5000 ± 0.0004``."""
+    if not (math.isfinite(value) and math.isfinite(size) and size > 0.0):
+        return f"{number(value, 4)} ± {number(size, 2)}"
+    decimals = 1 - math.floor(math.log10(size)) if size < 10.0 else 0
+    if decimals > 6 or abs(value) >= PLAIN:
+        return f"{number(value, 4)} ± {number(size, 2)}"
+    return f"{value:.{decimals}f} ± {size:.{decimals}f}".replace("-", "−")
+
+
 def unit(text: str) -> str:
     """Return a unit with raised exponents; that of a pure number is nothing."""
     if text == "1":

@@ -11,7 +11,7 @@ from smsid._short_repr import short_repr
 from smsid.report.axes import Axis
 
 SIZE = 1000.0  # of the box that paths are drawn in
-Style = Literal["line", "thin", "dash", "points", "rings", "ticks"]
+Style = Literal["line", "thin", "broad", "dash", "points", "rings", "ticks"]
 
 
 @short_repr

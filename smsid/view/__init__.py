@@ -1,9 +1,10 @@
-"""The spacecraft in 3-D: scenes, replays of simulations and recordings, live or as one HTML file.
+"""The spacecraft in 3-D: scenes, replays of simulations and recordings, live, as one HTML file, or as a film.
 
 >>> played = replay(model, recording, beside=[("simulated", simulated_twin(model, recording))])
 >>> export_html(played, "view.html")
 
-meshcat is needed for `export_html`, `show` and `LiveView` only; importing this starts nothing.
+meshcat is needed for `export_html`, `export_video`, `show` and `LiveView` only; importing this starts
+nothing.
 """
 
 from smsid._callable import make_callable
@@ -15,6 +16,7 @@ from smsid.view.motion import Motion
 from smsid.view.replay import Companion, Replay, replay
 from smsid.view.scene import Scene, build_scene
 from smsid.view.twin import simulated_twin
+from smsid.view.video import export_video
 
 __all__ = [
     "Companion",
@@ -25,6 +27,7 @@ __all__ = [
     "Scene",
     "build_scene",
     "export_html",
+    "export_video",
     "live_main",
     "played",
     "replay",

@@ -99,10 +99,11 @@ def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -
     parts: list[Part] = []
     if not model.free:
         return parts
-    if found.linear_scale > 0.0:
+    whole, turning = found.telling
+    if found.linear_scale > 0.0 and whole:
         driver = VectorDriver(lambda f: f.momenta.linear, None, length / found.linear_scale)
         parts += _arrow(f"{root}/linear_momentum", driver, LINEAR, "momentum")
-    if found.angular_scale > 0.0:
+    if found.angular_scale > 0.0 and turning:
         driver = VectorDriver(lambda f: f.momenta.angular, None, length / found.angular_scale)
         parts += _arrow(f"{root}/angular_momentum", driver, ANGULAR, "angular momentum")
     return parts

@@ -20,7 +20,7 @@ PREFIX = "/meshcat"
 SKY = "/sky"
 CAMERA = "/Cameras/default/rotated/<object>"
 SUN_FROM = np.array([0.10, 0.85, 1.0])
-BACKGROUNDS = {
+BACKGROUNDS = {  # top and bottom; "auto" begins as "light"
     "space": ((0.075, 0.095, 0.17), (0.012, 0.015, 0.035)),
     "light": ((0.96, 0.97, 0.99), (0.74, 0.79, 0.86)),
 }
@@ -182,9 +182,7 @@ def _material(shape: Shape, material: Material) -> dict[str, Any]:
 
 def _surroundings(scene: Scene) -> Iterator[Command]:
     radius, look = scene.radius, scene.look
-    top, bottom = BACKGROUNDS[look.background]
-    yield _property("/Background", "top_color", list(top))
-    yield _property("/Background", "bottom_color", list(bottom))
+    yield from sky_commands(scene, "space" if look.background == "space" else "light")
     for name in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
         yield _property(name, "visible", False)
     yield _property("/Lights/AmbientLight/<object>", "intensity", 0.50)
@@ -196,9 +194,18 @@ def _surroundings(scene: Scene) -> Iterator[Command]:
     yield _property(CAMERA, "fov", FIELD_OF_VIEW)
     yield _property(CAMERA, "far", 200.0 * radius)
     yield _property(CAMERA, "position", [x, z, -y])
-    if look.background == "space":
-        stars = Part("sky", np.eye(4), _stars(100.0 * radius))
+
+
+def sky_commands(scene: Scene, background: str) -> Iterator[Command]:
+    """Yield the commands that put a scene before a background, ``light`` or ``space`` (with stars)."""
+    top, bottom = BACKGROUNDS[background]
+    yield _property("/Background", "top_color", list(top))
+    yield _property("/Background", "bottom_color", list(bottom))
+    if background == "space":
+        stars = Part("sky", np.eye(4), _stars(100.0 * scene.radius))
         yield {"type": "set_object", "path": SKY, "object": _object(stars)}
+    else:
+        yield {"type": "delete", "path": SKY}
 
 
 def _translation(shift: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from smsid.errors import require
 from smsid.view import arrows, trail
 from smsid.view.bending import Bend, bends
 from smsid.view.camera import ASPECT
-from smsid.view.commands import Command, scene_commands
+from smsid.view.commands import Command, scene_commands, sky_commands
 from smsid.view.drivers import DEFLECTION
 from smsid.view.ghost import GHOST
 from smsid.view.readouts import readouts
@@ -65,11 +65,15 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         facts |= _played(view, bent)
     else:
         commands = list(scene_commands(scene))
+    if scene.look.background == "auto":
+        facts["skies"] = {
+            name: [_packed(c) for c in sky_commands(scene, name)] for name in ("light", "space")
+        }
     folder = resources.files("smsid.view")
     page = Template(folder.joinpath("player.html").read_text(encoding="utf-8"))
     text = page.substitute(
         title=html.escape(name),
-        theme=scene.look.background,
+        theme="space" if scene.look.background == "space" else "light",
         style=folder.joinpath("player.css").read_text(encoding="utf-8"),
         viewer=viewer,
         player=folder.joinpath("player.js").read_text(encoding="utf-8"),

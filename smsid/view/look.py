@@ -18,7 +18,8 @@ class Look:
         panel_factor: deflections of appendages are drawn this many times larger.
         strips: flat strips that make up a bending surface.
         hull_opacity: of the bus's visuals that hide a tank or wheel, 0 to 1.
-        background: ``light``, or ``space`` (dark, with stars).
+        background: ``auto`` (light, or dark with stars where the reader's system asks for a dark scheme),
+            ``light``, or ``space``.
         follow: the camera's target moves with the bus.
         sensors: draw a small frame at each pose sensor and IMU, and a mark at each accelerometer.
         arrows: draw thrust, torques, momentum and the centre of mass of a motion.
@@ -32,7 +33,7 @@ class Look:
     panel_factor: float = 1.0
     strips: int = 24
     hull_opacity: float = 0.2
-    background: Literal["light", "space"] = "light"
+    background: Literal["auto", "light", "space"] = "auto"
     follow: bool = True
     sensors: bool = True
     arrows: bool = True

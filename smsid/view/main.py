@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from smsid.description import load_description
+from smsid.errors import SmsidError
 from smsid.model.build import build_model
 from smsid.recording import load_recording
 from smsid.view.export import export_html
@@ -16,6 +17,7 @@ from smsid.view.replay import Layout, Replay, replay
 from smsid.view.scene import Scene, build_scene
 from smsid.view.server import LOOPBACK
 from smsid.view.twin import simulated_twin
+from smsid.view.video import export_video, is_film
 
 PathLike = str | os.PathLike[str]
 
@@ -34,11 +36,13 @@ def view_main(
 ) -> tuple[Path, tuple[str, ...]]:
     """Write the 3-D view of a spacecraft at its home posture, or of motions recorded, as one HTML file.
 
+    With an ``output`` called ``.mp4`` or ``.gif`` it is a film (extra ``video``, and a browser).
     Returns the file's path and the notes that stand in the view. Relative paths start at the working folder.
     The rest as `played`.
 
     Raises:
-        MissingDependencyError: meshcat is not installed.
+        MissingDependencyError: meshcat is not installed; for a film also imageio or a browser.
+        SmsidError: a film of nothing that moves, or too long a one.
         DescriptionError: the description cannot be used.
         RecordingError: a recording cannot be read, or tells nothing of the motion or of what drove it.
         SimulationError: what it was driven by cannot be simulated.
@@ -46,6 +50,12 @@ def view_main(
     view = played(
         description, recordings, simulated=simulated, layout=layout, look=look, fps=fps, speed=speed
     )
+    if is_film(output):
+        if not isinstance(view, Replay):
+            raise SmsidError(
+                "A film needs a recording.", advice="Give one, or write an .html of the craft at rest."
+            )
+        return export_video(view, output, fps=fps), view.notes
     return export_html(view, output, title=title), view.notes
 
 

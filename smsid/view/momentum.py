@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.motion import Motion
 from smsid.view.velocity import slopes
 
 SAMPLED = 200  # frames of a motion that its largest momenta are sought in
+NOISY = 0.2  # share of noise in a momentum above which it tells of the sensors and not of the motion
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,9 @@ class Momenta:
 
     ``com`` (N, 3) centre of mass [m]; ``linear`` (N, 3) momentum (7) [N s]; ``angular`` (N, 3) momentum about
     the centre of mass [N m s]. ``linear_scale`` and ``angular_scale`` are the largest sums over the bodies of
-    the magnitudes of their momenta: what there would be if nothing cancelled.
+    the magnitudes of their momenta: what there would be if nothing cancelled. ``linear_noise`` and
+    ``angular_noise`` are the shares of white noise in what is left after averaging: mass times the noise of
+    measured rates.
     """
 
     com: np.ndarray
@@ -28,6 +32,13 @@ class Momenta:
     angular: np.ndarray
     linear_scale: float
     angular_scale: float
+    linear_noise: float = 0.0
+    angular_noise: float = 0.0
+
+    @property
+    def telling(self) -> tuple[bool, bool]:
+        """Whether momentum, and angular momentum, are more than the noise of the sensors."""
+        return self.linear_noise <= NOISY, self.angular_noise <= NOISY
 
 
 def momenta(model: SpacecraftModel, motion: Motion) -> Momenta:
@@ -42,7 +53,21 @@ def momenta(model: SpacecraftModel, motion: Motion) -> Momenta:
         com[i], linear[i], angular[i] = data.com[0], h.linear, h.angular
         if i in sampled:
             largest = np.maximum(largest, _without_cancelling(model, data))
-    return Momenta(com, linear, angular, float(largest[0]), float(largest[1]))
+    step = float(np.median(np.diff(motion.time))) if count > 1 else 0.0
+    width = max(1, round(motion.smoothed / step)) if step > 0.0 else 1
+    noise = [_noise_share(x, width) if motion.smoothed > 0.0 else 0.0 for x in (linear, angular)]
+    if width > 1:
+        linear, angular = (uniform_filter1d(x, width, axis=0, mode="nearest") for x in (linear, angular))
+    return Momenta(com, linear, angular, float(largest[0]), float(largest[1]), *noise)
+
+
+def _noise_share(x: np.ndarray, width: int) -> float:
+    """Return the share of white noise in vectors (N, 3) averaged over ``width`` samples, by differences."""
+    if len(x) < 8:
+        return 0.0
+    white = np.sqrt(np.mean(np.diff(x, 3, axis=0) ** 2) / 20.0 / width)
+    size = np.sqrt(np.mean(uniform_filter1d(x, width, axis=0, mode="nearest") ** 2))
+    return float(white / size) if size > 0.0 else 0.0
 
 
 def _without_cancelling(model: SpacecraftModel, data: pin.Data) -> np.ndarray:

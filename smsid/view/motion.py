@@ -26,7 +26,8 @@ class Motion:
 
     ``notes`` says what the source did not tell and what therefore stays at rest. ``v`` (N, nv) are velocities
     (body axes first), ``torque`` (N, 3) acts on the bus in body axes, ``joint_torque`` (N, joints) and
-    ``wheel_torque`` (N, wheels) at the joints [N m]; ``None`` where nothing is known of them.
+    ``wheel_torque`` (N, wheels) at the joints [N m]; ``None`` where nothing is known of them. ``smoothed``:
+    time [s] over which momenta of it are averaged, as its velocities are measured.
     """
 
     time: np.ndarray
@@ -37,6 +38,7 @@ class Motion:
     torque: np.ndarray | None = None
     joint_torque: np.ndarray | None = None
     wheel_torque: np.ndarray | None = None
+    smoothed: float = 0.0
 
 
 def motion_of(

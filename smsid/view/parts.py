@@ -98,8 +98,18 @@ def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: 
     return [Part(path, pose, shape, material)]
 
 
-def inertia_parts(model: SpacecraftModel, paths: dict[int, str], shown: set[int]) -> list[Part]:
-    """Return for each body without visuals the box of its inertia."""
+def inertia_parts(
+    model: SpacecraftModel,
+    paths: dict[int, str],
+    shown: set[int],
+    inside: list[np.ndarray],
+    opacity: float,
+) -> list[Part]:
+    """Return for each body without visuals the box of its inertia.
+
+    That of the bus is see-through with its edges drawn, like a visual, where points (3,) [m] lie ``inside``.
+    """
+    bus = 1 if model.free else 0
     drawn = shown | {int(j) for j in model.wheels.joints} | {s.joint for s in model.slosh}
     parts = []
     for joint, path in paths.items():
@@ -107,7 +117,15 @@ def inertia_parts(model: SpacecraftModel, paths: dict[int, str], shown: set[int]
         if joint in drawn or joint == 0 or inertia.mass <= 0.0:
             continue
         size, pose = inertia_box(inertia)
-        parts.append(Part(f"{path}/inertia", pose, Box((size[0], size[1], size[2])), LINK))
+        box, node = Box((size[0], size[1], size[2])), f"{path}/inertia"
+        hides = joint == bus and any(
+            contains(box, pose[:3, :3].T @ (np.asarray(p) - pose[:3, 3])) for p in inside
+        )
+        if hides and opacity < 1.0:
+            parts.append(Part(node, pose, box, replace(LINK, opacity=opacity), shadow=False))
+            parts.append(Part(f"{node}/edges", np.eye(4), box_edges(box.size), EDGE))
+        else:
+            parts.append(Part(node, pose, box, LINK))
     return parts
 
 

@@ -4,6 +4,19 @@ const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 for (const text of commands) {
   viewer.handle_command_bytearray(Uint8Array.from(atob(text), c => c.charCodeAt(0)));
 }
+if (facts.skies) { // the reader's system says whether it is day or night, and may change its mind
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const dress = () => {
+    const name = dark.matches ? "space" : "light";
+    document.body.className = name;
+    for (const text of facts.skies[name]) {
+      viewer.handle_command_bytearray(Uint8Array.from(atob(text), c => c.charCodeAt(0)));
+    }
+    viewer.set_dirty();
+  };
+  dark.addEventListener("change", dress);
+  if (dark.matches) dress();
+}
 const find = id => document.getElementById(id);
 const node = path => viewer.scene_tree.find(["meshcat"].concat(path.split("/"))).object;
 const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);

@@ -13,7 +13,7 @@ from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
 from smsid.view.channels import Samples, commanded, hidden, sensed
 from smsid.view.motion import Motion, grid, interpolated
-from smsid.view.velocity import recorded_velocity
+from smsid.view.velocity import SMOOTHED, recorded_velocity
 
 logger = logging.getLogger(__name__)
 
@@ -88,6 +88,7 @@ def recorded_motion(
         torque=applied("torque", 3),
         joint_torque=applied("joint_torque", len(model.arm_joints)),
         wheel_torque=applied("wheel_torque", len(model.wheels)),
+        smoothed=SMOOTHED,
     )
 
 

@@ -124,7 +124,7 @@ def build_scene(
         see_through = look.hull_opacity if parent == bus else 1.0
         parts += make.visual_parts(paths[parent], geometry, inside if parent == bus else [], see_through)
     shown = {g.parentJoint for g in visual.geometryObjects}
-    parts += make.inertia_parts(model, paths, shown)
+    parts += make.inertia_parts(model, paths, shown, inside, look.hull_opacity)
     parts += make.wheel_parts(model, paths)
     parts += make.tank_parts(model, paths, motion, scale.slosh)
     notes = [*scale.notes]
@@ -145,7 +145,14 @@ def build_scene(
     if ghost:
         parts = ghostly(parts)
     elif look.arrows and motion is not still:
-        parts += sign_parts(model, paths, motion, momenta(model, motion), scene.radius)
+        found = momenta(model, motion)
+        parts += sign_parts(model, paths, motion, found, scene.radius)
+        words = [
+            w for w, told in zip(("momentum", "angular momentum"), found.telling, strict=True) if not told
+        ]
+        if words and model.free:
+            remark = f"{' and '.join(words)}: no more than the sensors' noise, not drawn"
+            scene = replace(scene, notes=(*scene.notes, remark))
     return replace(scene, parts=tuple(parts), trails=tuple(trails))
 
 

@@ -81,7 +81,7 @@ def commands(world: str, experiment: int = 0, duration: float = 80.0) -> Command
     values = np.zeros((len(time), len(columns)))
     window, _ = smooth_start(time, 1.0)
     if not n.free:
-        _design_joints(n, time, values, Multisine.drawn(rng, np.array([0.25, 0.2, 0.25]), 0.03, 0.4))
+        design_joints(n, time, values, Multisine.drawn(rng, np.array([0.25, 0.2, 0.25]), 0.03, 0.4))
         values.setflags(write=False)
         return Commands(time, values, columns)
     thrust = Multisine.drawn(rng, np.array([6.0, 6.0, 6.0]), 0.02, 0.3)
@@ -89,12 +89,12 @@ def commands(world: str, experiment: int = 0, duration: float = 80.0) -> Command
     arm = Multisine.drawn(rng, np.array([0.35, 0.3, 0.4]), 0.015, 0.15)
     values[:, :3] = window * thrust(time)
     values[:, 3:6] = window * wheels(time)
-    _design_joints(n, time, values, arm)
+    design_joints(n, time, values, arm)
     values.setflags(write=False)
     return Commands(time, values, columns)
 
 
-def _design_joints(n: Numbers, time: Array, values: Array, arm: Multisine) -> None:
+def design_joints(n: Numbers, time: Array, values: Array, arm: Multisine) -> None:
     """Fill in the joint torques: computed torque along `arm` in the nominal world."""
     from .plant import Plant
 
@@ -104,10 +104,11 @@ def _design_joints(n: Numbers, time: Array, values: Array, arm: Multisine) -> No
     rate = window * arm(time, 1) + slope * (arm(time) - arm(np.zeros(1)))
     plant = Plant(n)
     plant.reset()
+    period = float(time[1] - time[0])
     for k in range(len(time)):
         q, v = plant.joints()
-        wanted = (rate[min(k + 1, len(time) - 1)] - rate[k]) * RATE
+        wanted = (rate[min(k + 1, len(time) - 1)] - rate[k]) / period
         wanted = wanted + 1.0 * (target[k] - q) + 1.6 * (rate[k] - v)
         values[k, -3:] = plant.torque_for(wanted, values[k])
         if k + 1 < len(time):
-            plant.advance(values[k], 1.0 / RATE)
+            plant.advance(values[k], period)

@@ -152,8 +152,8 @@ def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
     names = {"causes", "map", "map-before", "map-after", "gain", "gain-chart", "remaining", "limits", "notes"}
     page = check_page(render(report), names)
     assert report.tone == "good"
-    assert report.verdict.startswith("Explained: The simulation lacks viscous friction at joint2")
-    assert "± 0.002" in report.verdict
+    assert report.verdict.startswith("Explained. In plain words: joint2 has viscous friction")
+    assert "0.0500 ± 0.0039 N m s/rad" in report.verdict  # 95 %, not one standard deviation
     cells = page.texts["td"]
     assert {"± 0.0039", "move the joint at several rates", "0.97"} <= set(cells)
     assert report.sections[1].summary == "2 of 4 tests significant before, 0 after"

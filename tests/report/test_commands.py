@@ -97,8 +97,17 @@ def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin)
     check_page(text, {"ranking", "alias-matrix", "spectra", "traces", "gain"})
     ranking = next(p for s in report.sections for p in s.parts if getattr(p, "name", "") == "ranking")
     winner = found.causes[0].score.candidate
-    named = [r.name for r in ranking.body.rows if r.value.endswith("cause")]
+    named = [r.name for r in ranking.body.rows if r.value.endswith("the cause")]
     assert named == [f"{winner.shape.replace('_', ' ')} at {winner.location}"]
+    whole = ranking.body.rows[0].items[0].value
+    assert whole == pytest.approx(1.0, abs=1e-6)  # the cause does all of what it does
+    assert all(0.0 <= r.items[0].value <= whole for r in ranking.body.rows)
+    places = next(p for s in report.sections for p in s.parts if getattr(p, "name", "") == "share-map")
+    marked = [(r, c) for r, row in places.body.table() for c in row if c.marked]
+    assert len(marked) == 1 and marked[0][0] == "torque of joint2" and marked[0][1].text == "100"
+    assert "inf" not in {c.text for row in places.body.cells for c in row}
+    story = next(s for s in report.sections if s.name == "story")
+    assert "recording that was diagnosed" in story.summary  # no other was given
     matrix = next(p for s in report.sections for p in s.parts if getattr(p, "name", "") == "alias-matrix")
     values = np.array([[float(c.text) for c in row] for row in matrix.body.cells])
     np.testing.assert_allclose(values, values.T)

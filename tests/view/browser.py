@@ -97,7 +97,9 @@ console.error = (...told) => faults.push("console: " + told.join(" "));
 SETTLE = 200  # [ms] of the page's time before a script runs
 
 
-def run_page(page: Path, script: str, folder: Path, *, where: str = "", size: str = "480,320") -> Any:
+def run_page(
+    page: Path, script: str, folder: Path, *, where: str = "", size: str = "480,320", dark: bool = False
+) -> Any:
     """Open a page from disk without network, run the body of an async function in it, return its result.
 
     The test fails where the page reports any error, to its console or otherwise.
@@ -120,6 +122,7 @@ def run_page(page: Path, script: str, folder: Path, *, where: str = "", size: st
     options += ["--disable-quic", "--disable-component-update", "--disable-sync"]
     options += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}"]
     options += [f"--window-size={size}", "--virtual-time-budget=3500", "--dump-dom"]
+    options += ["--blink-settings=preferredColorScheme=0"] if dark else []
     url = f"{watched.as_uri()}{where}"
     done = subprocess.run(["chromium", *options, url], capture_output=True, text=True, timeout=300)
     told = re.search(r'<pre id="probe">([^<]+)</pre>', done.stdout)

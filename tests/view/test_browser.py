@@ -117,3 +117,13 @@ def test_narrow_window_shows_the_whole_spacecraft(page, tmp_path):
     sky = shot[:, :1]  # the background only changes from top to bottom
     drawn = np.abs(shot - sky).max(axis=2) > 24
     assert drawn.any() and not drawn[:, :4].any() and not drawn[:, -4:].any()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_dark_scheme_is_honoured(page, tmp_path, dark):
+    html, _ = page
+    script = SHOOT + "return {theme: document.body.className, shot: shoot()};"
+    found = run_page(html, script, tmp_path, where="#t=1", dark=dark)
+    assert found["theme"] == ("space" if dark else "light")
+    corner = picture(found["shot"])[:10, :10].mean()
+    assert corner < 60 if dark else corner > 200

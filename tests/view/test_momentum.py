@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
@@ -9,6 +11,7 @@ from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion, motion_of
+from smsid.view.scene import build_scene
 from smsid.view.velocity import slopes
 
 
@@ -58,3 +61,28 @@ def test_recorded_velocities_are_taken_where_they_were_measured(model, trajector
     assert guessed.v is not None
     index = model.arm_joints.v
     assert np.abs(guessed.v[50:-50, index] - motion.v[50:-50, index]).max() < 0.1 * np.abs(motion.v).max()
+
+
+def test_momentum_that_is_sensor_noise_is_left_out(model, trajectory):
+    """Two tonnes times the noise of a velocity sensor is a momentum that nothing has."""
+    still = np.tile(model.home, (400, 1))
+    times = np.arange(400) / 20.0
+    rng = np.random.default_rng(4)
+    noise = 1e-3 * rng.standard_normal((400, model.nv))
+    motion = Motion(times, still, np.zeros((400, 3)), v=noise, smoothed=0.5)
+    assert momenta(model, motion).telling == (False, False)
+    scene = build_scene(model, motion)
+    assert not {"momentum", "angular momentum"} & set(scene.layers)
+    assert any("sensors' noise" in note for note in scene.notes)
+
+
+def test_momentum_of_a_measured_motion_is_averaged(model, trajectory):
+    exact = motion_of(model, trajectory, 0.05, 1000)
+    assert exact.v is not None
+    noise = 2e-3 * np.random.default_rng(5).standard_normal(exact.v.shape)
+    noise[:, 6:] = 0.0
+    measured = replace(exact, v=exact.v + noise, smoothed=0.5)
+    raw, found, true = (momenta(model, m) for m in (replace(measured, smoothed=0.0), measured, exact))
+    inner = slice(10, -10)
+    before, after = (np.sqrt(np.mean((x.linear - true.linear)[inner] ** 2)) for x in (raw, found))
+    assert after < 0.5 * before and found.telling[0]

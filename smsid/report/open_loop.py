@@ -1,0 +1,208 @@
+"""Measured against several models simulated open loop, in the channels where they differ most."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
+
+from smsid.diagnose.gain import SETTLE
+from smsid.errors import SmsidError
+from smsid.estimation.kalman import Problem, run_filter
+from smsid.estimation.measurements import measured
+from smsid.estimation.parameter_vector import Point
+from smsid.recording import Recording
+from smsid.report.axes import Axis
+from smsid.report.model import Cell, Figure, Grid, Table
+from smsid.report.numbers import number, unit
+from smsid.report.plot import Curve, Plot, Rule
+
+LOGGER = logging.getLogger(__name__)
+SHOWN = 4
+VISIBLE = 3.0  # times its noise that an error must have to be shown
+POINTS = 900
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component of a channel: ``measured`` (N,) and, by model, ``simulated`` and ``errors`` (N,).
+
+    An attitude's values are rotation vectors from the first sample. Errors are measured minus simulated.
+    """
+
+    name: str
+    channel: str
+    unit: str
+    measured: np.ndarray
+    simulated: Mapping[str, np.ndarray]
+    errors: Mapping[str, np.ndarray]
+    noise: float
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """A recording and models simulated alone from ``begin`` [s] on; ``failed`` says which could not be."""
+
+    recording: str
+    times: np.ndarray
+    begin: float
+    components: tuple[Component, ...]
+    models: tuple[str, ...]
+    failed: Mapping[str, str]
+
+    def rms(self, component: Component, model: str) -> float:
+        """Return the root mean square error of a component from ``begin`` on, in its unit."""
+        x = component.errors[model][self.times > self.begin]
+        return float(np.sqrt(np.nanmean(x**2))) if np.isfinite(x).any() else float("nan")
+
+    def channel_rms(self, channel: str, model: str) -> float:
+        """Return the root mean square error of a whole channel, over components and samples."""
+        own = [self.rms(c, model) for c in self.components if c.channel == channel]
+        return float(np.sqrt(np.mean(np.square(own))))
+
+
+def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, rate: float) -> OpenLoop:
+    """Simulate models open loop on a recording.
+
+    Each starts from a state filtered over the first `SETTLE` seconds and is never corrected after them.
+
+    Args:
+        models: by name, in the order to be shown; the channels are those of the last.
+        like: the problem whose noise levels and timing hold here too.
+        recording: what was measured.
+        rate: most samples a second [Hz].
+
+    A model that cannot be simulated is named in ``failed``; raises `SmsidError` where none can.
+    """
+    runs, data, failed = {}, like.data, {}
+    with threadpool_limits(limits=1, user_api="blas"):
+        for name, point in models.items():
+            try:
+                model = point.model()
+                fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
+                data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
+                problem = replace(like, recording=recording, data=data)
+                runs[name] = run_filter(model, problem, until=float(data.times[0]) + SETTLE)
+            except (SmsidError, np.linalg.LinAlgError) as error:
+                LOGGER.info("%s, open loop: %s", name, error)
+                failed[name] = str(error)
+    if not runs:
+        raise SmsidError(f"No model can be simulated on '{recording.name}': {'; '.join(failed.values())}")
+    components = []
+    for block in data.blocks:
+        attitude = block.quantity == "attitude"
+        label = block.channel.replace(".", " ", 1).replace("_", " ")
+        rows = list(range(block.rows.start, block.rows.stop))
+        errors = {name: run.errors[:, rows] for name, run in runs.items()}
+        if attitude:
+            values, simulated = _attitudes(data.attitude[block.channel], errors)
+        else:
+            values = data.values[:, rows]
+            simulated = {name: run.predicted[:, rows] for name, run in runs.items()}
+        for k, row in enumerate(rows):
+            own = data.names[row].replace(".", " ", 1).replace("_", " ")
+            components.append(
+                Component(
+                    own,
+                    label,
+                    "rad" if attitude else recording.unit(block.channel),
+                    values[:, k],
+                    {name: x[:, k] for name, x in simulated.items()},
+                    {name: x[:, k] for name, x in errors.items()},
+                    float(data.sigma[row]),
+                )
+            )
+    begin = float(data.times[0]) + SETTLE
+    return OpenLoop(recording.name, data.times, begin, tuple(components), tuple(runs), failed)
+
+
+def _attitudes(
+    samples: np.ndarray, errors: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Measured and simulated attitudes as rotation vectors (N, 3) from the first sample."""
+    there = np.isfinite(samples).all(axis=1)
+    turned = Rotation.from_quat(samples[there])
+    start = turned[0].inv()
+    values = np.full((len(samples), 3), np.nan)
+    values[there] = (start * turned).as_rotvec()
+    simulated = {}
+    for name, error in errors.items():
+        simulated[name] = np.full((len(samples), 3), np.nan)
+        own = np.nan_to_num(error[there])
+        simulated[name][there] = (start * turned * Rotation.from_rotvec(-own)).as_rotvec()
+    return values, simulated
+
+
+def telling(found: OpenLoop, before: str, after: str, most: int = SHOWN) -> tuple[Component, ...]:
+    """Return the components in which two models differ most beside what was measured, one a channel."""
+    best: dict[str, tuple[float, Component]] = {}
+    for c in found.components:
+        was, now = found.rms(c, before), found.rms(c, after)
+        span = float(np.nanmax(c.measured) - np.nanmin(c.measured))
+        if not (was > VISIBLE * c.noise and was > now and span > 0.0):
+            continue
+        score = (was - now) / span
+        if c.channel not in best or score > best[c.channel][0]:
+            best[c.channel] = (score, c)
+    return tuple(c for _, c in sorted(best.values(), key=lambda x: -x[0])[:most])
+
+
+def curves(
+    found: OpenLoop, shown: Sequence[Component], name: str, title: str, colours: Mapping[str, int]
+) -> Grid:
+    """Return small figures of measured and simulated over time; ``colours``: of the models, last on top."""
+    step = max(1, len(found.times) // POINTS)
+    figures = []
+    for k, c in enumerate(shown):
+        t = found.times[::step]
+        marks: list[Curve | Rule] = [Curve("measured", t, c.measured[::step], 2, "broad")]
+        marks += [
+            Curve(m, t, c.simulated[m][::step], i, "line") for m, i in colours.items() if m in found.models
+        ]
+        marks.append(Rule("simulated alone from here", found.begin))
+        # a model that runs away is cut off: what was measured has to be seen
+        low, high = float(np.nanmin(c.measured)), float(np.nanmax(c.measured))
+        room = 1.5 * (high - low)
+        near = [np.clip(x.y, low - room, high + room) for x in marks if isinstance(x, Curve)]
+        label = f"{c.name} [{unit(c.unit)}]" if unit(c.unit) else c.name
+        plot = Plot(
+            Axis.over("time [s]", [t], room=0.0, count=6),
+            Axis.over(label, near, count=5, room=0.14),
+            tuple(marks),
+            f"{c.name}: measured, and simulated by {' and by '.join(colours)}",
+            230,
+        )
+        tells = ", ".join(f"{m} {number(found.rms(c, m), 2)}" for m in colours if m in found.models)
+        caption = f"Error, rms [{unit(c.unit)}]: {tells}; noise {number(c.noise, 2)}."
+        figures.append(Figure(f"{name}-{k}", c.name, plot, caption))
+    caption = (
+        f"Only the commands of '{found.recording}' are given to the models: each starts from the state known "
+        f"after {SETTLE:g} s and is not corrected after that."
+    )
+    failed = "".join(f" Not simulated: {m} ({why})." for m, why in found.failed.items())
+    return Grid(title, tuple(figures), caption + failed, wide=True)
+
+
+def error_table(found: OpenLoop, before: str, after: str) -> Table:
+    """Return the error of every channel by model, its noise, and the factor from one model to another."""
+    rows = []
+    for channel in dict.fromkeys(c.channel for c in found.components):
+        own = [c for c in found.components if c.channel == channel]
+        noise = float(np.sqrt(np.mean([c.noise**2 for c in own])))
+        rms = {m: found.channel_rms(channel, m) for m in found.models}
+        cells = [Cell(channel), Cell(unit(own[0].unit))]
+        cells += [Cell(number(x, 3), x) for x in rms.values()]
+        cells.append(Cell(number(noise, 3), noise))
+        if before in rms and after in rms and rms[after] > 0.0:
+            factor = rms[before] / rms[after]
+            cells.append(Cell(f"÷ {number(factor, 3)}", factor, "good" if factor > 1.2 else "neutral"))
+        else:
+            cells.append(Cell("–"))
+        rows.append(tuple(cells))
+    columns = ("channel", "unit", *(f"#{m}" for m in found.models), "#noise", "#gained")
+    note = f"Root mean square from {found.begin:g} s on. Gained: from '{before}' to '{after}'."
+    return Table(f"Error of the simulation on '{found.recording}'", columns, tuple(rows), note)
