@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from smsid.diagnose.diagnose import Diagnosed
     from smsid.experiments import Experiment
     from smsid.export.folder import Export
-    from smsid.identify.pipeline import Identification
-    from smsid.likelihood import Refinement
 
 PathLike = str | os.PathLike[str]
-Method = Literal["ml", "paper"]
+Method = Literal["ml", "filter", "paper"]
 
 
 def load_spacecraft(path: PathLike) -> Description:
@@ -84,12 +82,13 @@ def identify(
     cad: float | None = None,
     cutoff: float | None = None,
 ) -> Estimate:
-    """Identify a spacecraft from recordings of Exp. 1 and Exp. 2, or a welded arm from one of its torques.
+    """Identify a spacecraft from flights of any kind, or a welded arm from a recording of its torques.
 
     Args:
         spacecraft: its values are the starting guess, its geometry is taken as known.
         recordings: in the role estimation; an arm takes one.
-        method: of a spacecraft: ``ml``, maximum likelihood started from the paper's method, or ``paper``.
+        method: of a spacecraft: ``ml``, ``filter`` or ``paper``, see
+            `smsid.estimation.identify.identify_spacecraft`.
         cad: of a spacecraft by maximum likelihood: how well its bodies are known beforehand, a standard
             deviation relative to the body's size.
         cutoff: of a welded arm: low-pass of angles and torques [Hz].
@@ -112,20 +111,9 @@ def identify(
         return identify_arm(spacecraft, given[0], cutoff=cutoff).estimate
     if cutoff is not None:
         raise DescriptionError("cutoff is for welded arms.", advice='Leave it out, or set root = "fixed".')
-    linear, refined = _identified(spacecraft, given, method, cad)
-    return linear.estimate if refined is None else refined.estimate
+    from smsid.estimation.identify import identify_spacecraft
 
-
-def _identified(
-    spacecraft: Description, recordings: Sequence[Recording], method: str, cad: float | None
-) -> tuple[Identification, Refinement | None]:
-    from smsid.identify.pipeline import identify as by_the_paper
-    from smsid.likelihood import refine
-
-    if method not in ("ml", "paper"):
-        raise SmsidError(f"There is no method '{method}'.", advice="Use ml or paper.")
-    linear = by_the_paper(spacecraft, recordings)
-    return linear, refine(spacecraft, recordings, linear, cad=cad) if method == "ml" else None
+    return identify_spacecraft(spacecraft, given, method=method, cad=cad).estimate
 
 
 def diagnose(
@@ -204,13 +192,19 @@ def report(
     Raises:
         SmsidError: as `identify`, or the file cannot be written.
     """
+    from smsid.estimation.identify import identify_spacecraft
     from smsid.report import provenance, write_report
+    from smsid.report.flights import flights_report
     from smsid.report.identify import identify_report
 
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    linear, refined = _identified(spacecraft, given, method, None)
-    write_report(identify_report(spacecraft, given, linear, refined, provenance([])), Path(path))
-    return linear.estimate if refined is None else refined.estimate
+    found = identify_spacecraft(spacecraft, given, method=method)
+    if found.linear is None:
+        page = flights_report(spacecraft, found, provenance([]))
+    else:
+        page = identify_report(spacecraft, given, found.linear, found.refined, provenance([]))
+    write_report(page, Path(path))
+    return found.estimate
 
 
 def view(

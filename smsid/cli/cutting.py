@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import Output, writable
+from smsid.cli.options import Output, RecordingOutput
 from smsid.cli.output import console, working
+from smsid.cli.places import Writes
 from smsid.errors import RecordingError
 
 Source = Annotated[Path, typer.Argument(help="recording (netCDF, as `smsid import` writes it)")]
@@ -17,7 +18,7 @@ Source = Annotated[Path, typer.Argument(help="recording (netCDF, as `smsid impor
 
 def cut_command(
     recording: Source,
-    output: Output = Path("cut.nc"),
+    output: RecordingOutput = Path("cut.nc"),
     start: Annotated[float | None, typer.Option("--from", help="first time kept [s]")] = None,
     end: Annotated[float | None, typer.Option("--to", help="last time kept [s]")] = None,
     pieces: Annotated[
@@ -53,7 +54,7 @@ def cut_command(
 def resample_command(
     recording: Source,
     rate: Annotated[float, typer.Option(help="of the new clock [Hz]")],
-    output: Output = Path("resampled.nc"),
+    output: RecordingOutput = Path("resampled.nc"),
 ) -> Outcome:
     """Bring all channels of a recording to one clock of even steps; nothing is filtered or extrapolated."""
     from smsid.cli.show import recording_document
@@ -68,11 +69,13 @@ def resample_command(
     return Outcome({"recording": recording_document(made)}, [output])
 
 
+def _mapping_beside(output: Path) -> tuple[Path, ...]:
+    return (output.with_suffix(".toml"),)
+
+
 def convert_command(
     recording: Source,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", callback=writable, help="table to write: .csv or .parquet")
-    ],
+    output: Annotated[Output, Writes((".csv", ".parquet"), beside=_mapping_beside)],
 ) -> Outcome:
     """Write a recording as a table, CSV or Parquet, and beside it the mapping that imports it again."""
     from smsid._files import atomic_write

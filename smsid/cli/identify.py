@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,13 +13,19 @@ from smsid.cli.options import DescriptionPath, JsonOutput, ReportPath, ShowAll
 from smsid.cli.output import console, working
 from smsid.errors import SmsidError
 
+if TYPE_CHECKING:
+    from smsid.description import Description
+    from smsid.estimation.flight import FlightOptions
+    from smsid.estimation.identify import Identified, Method
+    from smsid.recording import Recording
+
 
 def identify_command(
     description: DescriptionPath,
     recordings: Annotated[
         list[Path],
         typer.Argument(
-            help="recordings of Exp. 1 (thrust) and Exp. 2 (no thrust); of an arm that is welded to the "
+            help="flights of any kind, the paper's experiments or others; of an arm that is welded to the "
             "ground: one to identify from, and any in the role validation to judge by"
         ),
     ],
@@ -27,7 +33,8 @@ def identify_command(
     method: Annotated[
         str,
         typer.Option(
-            help="ml: maximum likelihood started from the paper's method; paper: the linear method alone"
+            help="ml: maximum likelihood, started from the paper's method where the recordings are its two "
+            "experiments, else by a filter; filter: that in any case; paper: the linear method alone"
         ),
     ] = "ml",
     cad: Annotated[
@@ -39,6 +46,16 @@ def identify_command(
             "deviation relative to the body's size (0.05: 5 %); only as wide priors if left out",
         ),
     ] = None,
+    drive: Annotated[
+        str,
+        typer.Option(
+            help="by a filter: joints and wheels follow their `measured` motion, or the torque of their "
+            "`command`; auto: the motion, unless a listed effect has to do with the motor's torque"
+        ),
+    ] = "auto",
+    at_rest: Annotated[
+        bool, typer.Option("--at-rest", help="by a filter: nothing moves when a recording begins")
+    ] = False,
     cutoff: Annotated[
         float | None, typer.Option(min=1e-6, help="welded arm: low-pass of angles and torques [Hz]")
     ] = None,
@@ -58,18 +75,17 @@ def identify_command(
     from smsid.cli.notes import told
     from smsid.cli.tables import estimate_parts
     from smsid.description import load_description
+    from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
-    from smsid.identify.pipeline import identify
     from smsid.recording import load_recording
 
-    if method not in ("ml", "paper"):
-        raise SmsidError(f"There is no method '{method}'.", advice="Use --method ml or --method paper.")
+    _method(method)
     out = console()
     described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
-    if cad is not None and (method != "ml" or described.root == "fixed"):
+    if cad is not None and (method == "paper" or described.root == "fixed"):
         raise SmsidError(
             "--cad is for maximum likelihood of a spacecraft.",
             advice='Leave it out, or use --method ml with root = "free".',
@@ -94,30 +110,68 @@ def identify_command(
     if cutoff is not None or gains:
         option = "--gains" if gains else "--cutoff"
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
-    with working("identifying by the paper's method"):
-        linear = identify(described, loaded)
-    estimate = linear.estimate
-    seconds, refined = estimate.timing["total"], None
-    if method == "ml":
-        from smsid.likelihood import refine
-
-        with working("refining by maximum likelihood"):
-            refined = refine(described, loaded, linear, cad=cad)
-        estimate = refined.estimate
-        seconds += estimate.timing["total"]
+    with working("identifying") as tell:
+        found = identify_spacecraft(
+            described, loaded, method=_method(method), cad=cad, options=_flight(drive, at_rest), tell=tell
+        )
+    estimate, linear = found.estimate, found.linear
+    seconds = estimate.timing["total"] + (
+        linear.estimate.timing["total"] if found.refined and linear else 0.0
+    )
     save_estimate(estimate, output)
     if report is not None:
-        from smsid.report import files_of, provenance, write_report
-        from smsid.report.identify import identify_report
-
-        with working("writing the report"):
-            origin = provenance([*files_of(described, description), *recordings])
-            write_report(identify_report(described, loaded, linear, refined, origin), report)
-    other = linear.estimate if refined is not None else None
+        _write_report(found, described, loaded, report, (description, *recordings))
+    other = linear.estimate if linear is not None and found.refined is not None else None
     for part in estimate_parts(estimate, other=other, everything=show_all):
         out.print(part, highlight=False)
-    for line in told((*linear.estimate.notes, *estimate.notes), everything=show_all):
+    beside = linear.estimate.notes if linear is not None else ()
+    for line in told((*estimate.notes, *beside), everything=show_all):
         out.print(line, markup=False, highlight=False)
     written = [output, *([report] if report else [])]
     out.print(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}", soft_wrap=True)
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
+
+
+def _method(name: str) -> Method:
+    """Return a method by its name; raises `SmsidError` for one there is not."""
+    for known in ("ml", "filter", "paper"):
+        if name == known:
+            return known
+    raise SmsidError(f"There is no method '{name}'.", advice="Use --method ml, filter or paper.")
+
+
+def _flight(drive: str, at_rest: bool) -> FlightOptions | None:
+    """Return how a filter takes recordings, ``None`` for the defaults."""
+    from smsid.estimation.flight import FlightOptions
+    from smsid.estimation.initial_state import InitialPrior
+
+    if drive not in ("auto", "command", "measured"):
+        raise SmsidError(
+            f"Nothing is driven by '{drive}'.", advice="Use --drive auto, command or measured.", drive=drive
+        )
+    if drive == "auto" and not at_rest:
+        return None
+    return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest))  # type: ignore[arg-type]
+
+
+def _write_report(
+    found: Identified,
+    described: Description,
+    loaded: list[Recording],
+    report: Path,
+    inputs: tuple[Path, ...],
+) -> None:
+    """Write the page of an identification."""
+    from smsid.report import files_of, provenance, write_report
+    from smsid.report.identify import identify_report
+
+    if found.linear is None:
+        from smsid.report.flights import flights_report
+
+        with working("writing the report"):
+            origin = provenance([*files_of(described, inputs[0]), *inputs[1:]])
+            write_report(flights_report(described, found, origin), report)
+        return
+    with working("writing the report"):
+        origin = provenance([*files_of(described, inputs[0]), *inputs[1:]])
+        write_report(identify_report(described, loaded, found.linear, found.refined, origin), report)

@@ -147,7 +147,7 @@ def _read_paths(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str):
-        if _exists(Path(value)):
+        if value and _is_file(Path(value)):  # a word may name a file; a folder of that name is chance
             yield Path(value)
     elif isinstance(value, list | tuple):
         for item in value:

@@ -41,35 +41,55 @@ class Contradiction:
         )
 
 
+@dataclass(frozen=True)
+class Part:
+    """What one recording says of shared parameters: Gram matrix (m, m), slope (m,) at the joint optimum."""
+
+    label: str
+    gram: np.ndarray
+    slope: np.ndarray
+
+
 def contradictions(
     found: NormalEquations, rows: Sequence[Reported], widening: float = 1.0
 ) -> tuple[Contradiction, ...]:
     """Return the recordings that contradict the others, the worst first.
 
+    ``rows`` are what a contradiction is put in terms of; standard deviations are ``widening`` times as large.
+    """
+    prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)
+    parts = [Part(t.label, t.gram, t.slope) for t in found.terms]
+    return contradictions_of(parts, prior, rows, widening)
+
+
+def contradictions_of(
+    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Reported], widening: float = 1.0
+) -> tuple[Contradiction, ...]:
+    """Return which parts contradict the others, the worst first; ``prior`` (m, m): known beforehand.
+
     By the normal equations at the joint optimum: recording i alone would move by ``(G_i + P)^-1 s_i``, and
     the difference to the same of all others is chi-squared. ``rows`` are what it is put in terms of.
     """
-    if len(found.terms) < 2:
+    if len(parts) < 2:
         return ()
-    prior = np.diag((found.scales / [u.sigma for u in found.unknowns]) ** 2)
     out = []
-    for term in found.terms:
-        rest = [t for t in found.terms if t is not term]
-        grams = term.gram, np.sum([t.gram for t in rest], axis=0)
-        slopes = term.slope, np.sum([t.slope for t in rest], axis=0)
+    for part in parts:
+        rest = [x for x in parts if x is not part]
+        grams = part.gram, np.sum([x.gram for x in rest], axis=0)
+        slopes = part.slope, np.sum([x.slope for x in rest], axis=0)
         covariances = [np.linalg.inv(g + prior) for g in grams]
         apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
         # what both have from the prior is no difference: of each only what its data say
-        parts = [c @ g @ c for c, g in zip(covariances, grams, strict=True)]
-        spread = (parts[0] + parts[1]) * widening**2
+        told = [c @ g @ c for c, g in zip(covariances, grams, strict=True)]
+        spread = (told[0] + told[1]) * widening**2
         shared = _shared(grams, prior)
         own = shared.T @ apart
         size, basis = np.linalg.eigh(shared.T @ spread @ shared)
-        told = size > 1e-10 * size[-1]
-        statistic = float(np.sum((basis[:, told].T @ own) ** 2 / size[told]))
-        p_value = float(chi2.sf(statistic, int(told.sum())))
-        if p_value * len(found.terms) < LEVEL:
-            out.append(Contradiction(term.label, p_value, _named(rows, covariances, slopes, spread)))
+        seen = size > 1e-10 * size[-1]
+        statistic = float(np.sum((basis[:, seen].T @ own) ** 2 / size[seen]))
+        p_value = float(chi2.sf(statistic, int(seen.sum())))
+        if p_value * len(parts) < LEVEL:
+            out.append(Contradiction(part.label, p_value, _named(rows, covariances, slopes, spread)))
     return tuple(sorted(out, key=lambda c: c.p_value))
 
 

@@ -111,7 +111,6 @@ TOML_CASES = {
         ARM + 'urdf = "bus.urdf"\nfixed = ["sholder"]\n',
         ["[[arm]] 'arm'", "`fixed`", "Did you mean 'shoulder'?"],
     ),
-    "fixing joints of the bus": (ARM + 'fixed = ["shoulder"]\n', ["('arm')", "`fixed`", "`urdf`"]),
     "home of no joint": (ARM + "home = { elbow = 0.1 }\n", ["[[arm]] 'arm'", "'elbow'", "shoulder"]),
     "friction of no joint": (
         '[[effect]]\nkind = "joint_friction"\nname = "f"\njoint = "sholder"\n',

@@ -1,0 +1,81 @@
+"""The verdict on a batch fit: residuals against stated noise, and recordings that contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
+from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
+from smsid.estimation.inertial_combinations import Reported
+from smsid.likelihood.channels import described_sigma
+from smsid.likelihood.normal import normal_at
+from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.refine import Refinement, free_predictions, reported
+
+AXES = "xyz"
+
+
+def batch_quality(refinement: Refinement) -> FitQuality:
+    """Return how well a batch fit explains its recordings: residuals over the noise that is stated.
+
+    Channels of which no noise is stated are not judged. Noise of measured inputs is part of what is expected.
+    """
+    found = refinement.fit
+    channels = []
+    for piece, residuals in zip(found.pieces, found.seen.residuals, strict=True):
+        for channel, r in zip(piece.channels, residuals, strict=True):
+            stated = described_sigma(channel.sensor, channel.quantity, r.shape[1])
+            if not (stated > 0.0).all() or not len(r):
+                continue
+            seen = np.mean(r**2, axis=0)
+            inputs = np.maximum(np.diag(channel.covariance) - seen, 0.0)
+            ratio = np.sqrt(seen / (stated**2 + inputs))
+            k = int(np.argmax(ratio))
+            worst = float(ratio[k])
+            judgement = "not explained" if worst > WRONG else "roughly" if worst > LOUD else "explained"
+            name = f"{channel.name}[{AXES[k] if r.shape[1] == 3 else k}]"
+            channels.append(ChannelFit(piece.name, channel.name, name, worst, 0.0, 1.0, judgement))
+    return FitQuality(tuple(channels), 1.0)
+
+
+def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
+    """Return which recordings of a batch fit contradict the others; see `contradictions_of`."""
+    found = refinement.fit
+    point = found.point
+    if len(found.pieces) < 2:
+        return ()
+    size = point.parameters.size
+    parts = []
+    for k, piece in enumerate(found.pieces):
+        own = Seen(
+            Point(point.parameters, (point.locals[k],)),
+            (found.seen.predictions[k],),
+            (found.seen.residuals[k],),
+        )
+        normal = normal_at([piece], own, refinement.prior)
+        residual, jacobian = refinement.prior.residual(point.parameters)
+        gradient = normal.gradient.copy()
+        gradient[:size] += jacobian.T @ residual  # the prior's part is taken out again
+        information = normal.information.copy()
+        information[:size, :size] -= jacobian.T @ jacobian
+        cross = information[:size, size:]
+        inner = information[size:, size:]
+        if len(inner):
+            solved = np.linalg.solve(inner, np.column_stack([cross.T, gradient[size:]]))
+            gram = information[:size, :size] - cross @ solved[:, :-1]
+            slope = gradient[:size] - cross @ solved[:, -1]
+        else:
+            gram, slope = information[:size, :size], gradient[:size]
+        parts.append(Part(piece.name, 0.5 * (gram + gram.T), slope))
+    _, jacobian = refinement.prior.residual(point.parameters)
+    return contradictions_of(parts, jacobian.T @ jacobian, _rows(refinement))
+
+
+def _rows(refinement: Refinement) -> Sequence[Reported]:
+    found = refinement.fit
+    combinations, _ = reported(
+        found.point.parameters, refinement.described, free_predictions(found.pieces, found.point)
+    )
+    return [Reported(c.name, c.unit, c.value, c.gradient, c.nominal) for c in combinations]

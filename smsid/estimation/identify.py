@@ -1,0 +1,130 @@
+"""One way in: a spacecraft from its recordings, by the likelihood that suits them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from smsid.description.schema import Description
+from smsid.errors import (
+    DescriptionError,
+    InconsistentChannelsError,
+    NotIdentifiableError,
+    RecordingError,
+    SimulationError,
+    SmsidError,
+)
+from smsid.estimation.batch_check import batch_contradictions, batch_quality
+from smsid.estimation.contradictions import Contradiction
+from smsid.estimation.fit_quality import FitQuality
+from smsid.estimation.flight import FlightOptions
+from smsid.estimation.identify_flights import FlightEstimate, identify_flights
+from smsid.identify.estimate import Estimate
+from smsid.identify.pipeline import Identification
+from smsid.identify.pipeline import identify as by_the_paper
+from smsid.likelihood.prior import Cad
+from smsid.likelihood.refine import Refinement, refine
+from smsid.recording import Recording
+
+Method = Literal["ml", "filter", "paper"]
+BATCH_EFFECTS = ("slosh", "beam_appendage", "modal_appendage", "mode_error")
+"""Kinds of effects whose parameters the batch prediction estimates."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An estimate and what it was made by.
+
+    ``linear`` is the paper's method, ``refined`` the batch likelihood started from it, ``flights`` the
+    filter's; ``reason`` says why the filter was taken. ``quality`` and ``contradictions`` are the verdict on
+    the fit (``None``: the paper's method alone has none).
+    """
+
+    estimate: Estimate
+    linear: Identification | None = None
+    refined: Refinement | None = None
+    flights: FlightEstimate | None = None
+    reason: str = ""
+    quality: FitQuality | None = None
+    contradictions: tuple[Contradiction, ...] = ()
+
+
+def identify_spacecraft(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    method: Method = "ml",
+    cad: Cad | None = None,
+    options: FlightOptions | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Identified:
+    """Identify a free-flying spacecraft from any flights.
+
+    With ``ml``, the two experiments of the paper, flown from rest, go the fast way: its linear method,
+    refined by the batch likelihood. Everything else goes through the filter: other effects listed, moving
+    starts, thrust with the attitude free, missing channels. ``filter`` takes that way in any case, ``paper``
+    the linear method alone.
+
+    Args:
+        description: its values are the first guess, its priors what is known beforehand.
+        recordings: in the role estimation.
+        method: as above.
+        cad: what is known of rigid bodies, as in `smsid.likelihood.refine`.
+        options: how the filter takes recordings.
+        tell: hears lines of progress.
+
+    Raises:
+        SmsidError: there is no such method, or what `identify_flights` raises.
+    """
+    if method not in ("ml", "filter", "paper"):
+        raise SmsidError(f"There is no method '{method}'.", advice="Use ml, filter or paper.")
+    if method == "paper":
+        linear = by_the_paper(description, recordings)
+        return Identified(linear.estimate, linear)
+    reason = "asked for" if method == "filter" else _listed(description)
+    if not reason and options not in (None, FlightOptions()):
+        reason = "options of a flight were given"
+    if not reason:
+        try:
+            return _batch(description, recordings, cad, tell)
+        except InconsistentChannelsError:
+            raise
+        except (RecordingError, NotIdentifiableError, DescriptionError, SimulationError) as error:
+            reason = f"the recordings are not the paper's experiments: {error.message}"
+    if tell is not None:
+        tell(f"taken as flights: {reason}")
+    found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
+    notes = (found.estimate.notes[0], f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
+    estimate = replace(found.estimate, notes=notes)
+    return Identified(estimate, None, None, found, reason, found.quality, found.contradictions)
+
+
+def _listed(description: Description) -> str:
+    """Return which effects only the filter estimates, if there are any."""
+    others = [e.name for e in description.effect if e.kind not in BATCH_EFFECTS and e.unknowns()]
+    return f"parameters of {', '.join(others)} are to be estimated" if others else ""
+
+
+def _batch(
+    description: Description,
+    recordings: Sequence[Recording],
+    cad: Cad | None,
+    tell: Callable[[str], None] | None,
+) -> Identified:
+    linear = by_the_paper(description, recordings)
+    if tell is not None:
+        tell("refining by maximum likelihood")
+    refined = refine(description, recordings, linear, cad=cad)
+    quality, disagree = batch_quality(refined), batch_contradictions(refined)
+    estimate = refined.estimate
+    if quality.judgement == "not explained":
+        note = "the model does not explain the recordings"
+        parameters = tuple(
+            replace(p, status="not_identifiable", note=note) if p.status == "identifiable" else p
+            for p in estimate.parameters
+        )
+        estimate = replace(estimate, parameters=parameters)
+    notes = (quality.sentence, *(c.sentence for c in disagree), *estimate.notes)
+    estimate = replace(estimate, notes=notes)
+    return Identified(estimate, linear, refined, None, "", quality, disagree)
