@@ -9,8 +9,10 @@ from smsid.cli.output import console
 
 def check_command(description: DescriptionPath) -> Outcome:
     """Tell all that is wrong or doubtful in a description, its URDFs and the model; exit code 1 if wrong."""
+    from smsid.cli.file_kind import kind_of
     from smsid.description.review import review_description
 
+    kind_of(description)  # a file that is not there is no description with faults
     found = review_description(description)
     out = console()
     for label, findings in (("wrong", found.wrong), ("doubtful", found.doubtful)):

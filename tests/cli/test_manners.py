@@ -29,7 +29,7 @@ def leaves() -> list[tuple[str, Any]]:
 
 
 LEAVES = leaves()
-NUMBERS = ("highest", "frequency")
+NUMBERS = ("highest", "frequency", "rate")
 each = pytest.mark.parametrize(("words", "command"), LEAVES, ids=[w for w, _ in LEAVES])
 
 
