@@ -1,0 +1,66 @@
+"""The verdict on the fast way: what contradicts, what is not explained, what is neither."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.description import load_description
+from smsid.effects import Payload
+from smsid.estimation.identify import identify_spacecraft
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
+from smsid.paths import urdf_folder
+from smsid.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def craft():
+    return load_description(urdf_folder() / "paper_sms.toml")
+
+
+def flown(description, name, seed):
+    model = build_model(description)
+    return fly(model, named_experiment(name, model), np.random.default_rng(seed)).recording
+
+
+@pytest.fixture(scope="module")
+def before(craft):
+    return flown(craft, "exp1", 1)
+
+
+@pytest.fixture(scope="module")
+def after(craft):
+    return flown(craft, "exp2", 2)
+
+
+def test_the_same_craft_twice_is_explained_without_contradiction(craft, before, after):
+    found = identify_spacecraft(craft, [before, after])
+    assert found.refined is not None and found.quality is not None
+    assert found.quality.judgement == "explained"
+    assert not found.contradictions
+    assert found.estimate.notes[0].startswith("The model explains")
+
+
+def test_a_body_grasped_between_two_flights_is_a_contradiction_of_masses(craft, before):
+    grasped = craft.with_effects(Payload(name="target", frame="link3", mass=60.0, com=(0.5, 0.1, 0.0)))
+    found = identify_spacecraft(craft, [before, flown(grasped, "exp2", 3)])
+    assert {c.recording for c in found.contradictions} == {"exp1", "exp2"}
+    assert "contradicts the other recordings" in found.estimate.notes[1]
+
+
+def test_thrust_scaled_by_a_tenth_is_named_where_it_contradicts(craft, before, after):
+    channels = {c: before[c] for c in before.channels}
+    channels["command.force"] = 1.1 * channels["command.force"]
+    wrong = Recording.from_arrays(
+        before.time("imu.acceleration"),
+        channels,
+        labels=before.labels,
+        provenance=dict(before.provenance),
+        role=before.role,
+        name=before.name,
+    )
+    found = identify_spacecraft(craft, [wrong, after])
+    named = {p[0] for c in found.contradictions for p in c.parameters}
+    assert found.contradictions and named
+    assert replace(found.contradictions[0]).p_value < 1e-6
