@@ -49,6 +49,7 @@ def test_a_body_grasped_between_two_flights_is_a_contradiction_of_masses(craft, 
     assert "contradicts the other recordings" in found.estimate.notes[1]
 
 
+@pytest.mark.slow
 def test_thrust_scaled_by_a_tenth_is_named_where_it_contradicts(craft, before, after):
     channels = {c: before[c] for c in before.channels}
     channels["command.force"] = 1.1 * channels["command.force"]
