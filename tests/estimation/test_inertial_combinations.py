@@ -1,0 +1,46 @@
+"""Combinations that data tell apart: by the information alone."""
+
+import numpy as np
+
+from smsid.estimation.inertial_combinations import combination_name, combinations
+
+
+def test_everything_is_told_by_enough_information():
+    matrix, kept = combinations(100.0 * np.eye(4))
+    np.testing.assert_array_equal(matrix, np.eye(4))
+    np.testing.assert_array_equal(kept, range(4))
+
+
+def test_what_only_a_sum_tells_is_lumped_into_the_part_before():
+    row = np.array([1.0, 0.0, 2.0])  # of the first and the last, in units of what is known
+    information = 1e6 * np.outer(row, row) + 1e6 * np.diag([0.0, 1.0, 0.0])
+    matrix, kept = combinations(information)
+    # the direction (2, 0, -1) is not told: its largest part is the first parameter
+    np.testing.assert_array_equal(kept, [1, 2])
+    np.testing.assert_allclose(matrix, [[0.0, 1.0, 0.0], [0.5, 0.0, 1.0]], atol=1e-9)
+    np.testing.assert_allclose(matrix @ [2.0, 0.0, -1.0], 0.0, atol=1e-9)
+
+
+def test_of_equal_parts_that_nearer_to_the_tips_is_lumped():
+    row = np.array([1.0, 1.0])
+    matrix, kept = combinations(1e6 * np.outer(row, row))
+    np.testing.assert_array_equal(kept, [0])
+    np.testing.assert_allclose(matrix, [[1.0, 1.0]], atol=1e-9)
+
+
+def test_combinations_do_not_move_along_what_is_not_told():
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((3, 7)) * 1e3
+    matrix, kept = combinations(rows.T @ rows)
+    assert len(kept) == 3
+    null = np.linalg.svd(rows)[2][3:]
+    np.testing.assert_allclose(matrix @ null.T, 0.0, atol=1e-9)
+
+
+def test_nothing_is_told_by_nothing():
+    matrix, kept = combinations(np.zeros((3, 3)))
+    assert matrix.shape == (0, 3) and len(kept) == 0
+
+
+def test_names_begin_with_their_own_parameter():
+    assert combination_name(np.array([-2.0, 1.0, 1.0]), 1, ["a.m", "b.mx", "c.m"]) == "b.mx - 2 a.m + c.m"
