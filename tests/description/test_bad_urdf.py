@@ -128,7 +128,7 @@ def test_urdf_missing(fails, tmp_path):
 def test_not_text(tmp_path):
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "x.urdf").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DescriptionError, match="not valid TOML"):
+    with pytest.raises(DescriptionError, match="no UTF-8 text"):
         load_description(tmp_path / "x.toml")
     with pytest.raises(DescriptionError, match="not well-formed"):
         build_model(load_description(tmp_path / "x.urdf"))
