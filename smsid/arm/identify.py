@@ -16,6 +16,7 @@ from smsid._short_repr import short_repr
 from smsid.arm.columns import torque_columns
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.motion import JointMotion
+from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.arm.setup import with_held_joints
 from smsid.arm.sign_width import (
@@ -164,7 +165,7 @@ def identify_arm(
     model = rigid_arm(description, hold)
     for one in recordings:
         if not one.provenance.get("unchecked"):
-            check_components(one)
+            check_components(without_turns(model, one))
     motion = joined_motion([smooth_motion(model, one) for one in recordings])
     smoothed = time.perf_counter()
     base = structural_base(model)

@@ -88,7 +88,7 @@ def joint_torques(
 
 
 def block_means(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the means of values (N, ...) over blocks: (B, ...)."""
+    """Return the means of values (N, ...) over blocks that begin at ``starts`` (B,): (B, ...)."""
     count = np.diff(np.append(starts, len(values)))
     return np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1))
 

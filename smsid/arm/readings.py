@@ -102,6 +102,21 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     return JointReadings(*found["position"], *found.get("velocity", none), *found["torque"], turns)
 
 
+def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
+    """Return the recording with encoders that begin anew after each turn unwrapped.
+
+    Raises:
+        RecordingError: as `joint_readings`.
+    """
+    channel = measured_channel(recording, "joint_position")
+    ordered = with_joint_order(model, recording)
+    at_motor = channel.startswith(f"{MOTOR}.")
+    values, turns = _unwrapped(
+        model, model.arm_joints.names, np.asarray(ordered[channel]), channel, at_motor=at_motor
+    )
+    return ordered.with_channels({channel: values}) if turns else ordered
+
+
 def measured_channel(recording: Recording, quantity: str) -> str:
     """Return the name of the channel of a quantity: measured rather than commanded.
 

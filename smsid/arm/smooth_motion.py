@@ -52,8 +52,9 @@ class SmoothMotion:
         return float(np.median(np.diff(self.time)))
 
     def blocks(self, length: int) -> np.ndarray:
-        """Return where blocks of ``length`` samples begin; none holds a gap, and short ones are the last of
-        their stretch.
+        """Return where blocks of ``length`` samples begin (B,).
+
+        None holds a gap, and short ones are the last of their stretch.
         """
         edges = np.flatnonzero(np.diff(self.stretch)) + 1
         bounds = [0, *edges.tolist(), len(self.time)]

@@ -63,7 +63,7 @@ def log(rng, fingers=(0.0, 0.0, 0.0)):
 
 def test_fingers_nobody_measured_are_named_and_can_be_held(urdf, rng):
     description = arm_description(urdf)
-    with pytest.raises(RecordingError, match=r"lacking .*hand_0.*--hold 'hand_\*'"):
+    with pytest.raises(RecordingError, match=r"missing 'hand_0'.*--hold 'hand_\*'"):
         identify_arm(description, log(rng))
     bent = (0.5, 0.5, 0.5)
     held = held_joints(rigid_arm(description).arm_joints.names, ["hand_*=0.5"])
