@@ -302,7 +302,7 @@ def _times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _bands(matrix: csr_matrix, width: int) -> np.ndarray:
     """Lower bands of a symmetric banded matrix, as LAPACK keeps them: (width, n)."""
-    n = matrix.shape[0]
+    n = int(matrix.get_shape()[0])
     out = np.zeros((width, n))
     for k in range(min(width, n)):
         out[k, : n - k] = matrix.diagonal(-k)

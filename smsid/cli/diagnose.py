@@ -60,12 +60,13 @@ def diagnose_command(
     Exit code 0: adequate or explained, 3: unexplained, 4: not evaluated.
     """
     from smsid.arm.setup import arm_description, is_of_an_arm
-    from smsid.description import save_description
+    from smsid.description import load_description, save_description
     from smsid.diagnose.diagnose import diagnose
     from smsid.diagnose.result import save_diagnosis
     from smsid.identify.estimate import load_estimate
     from smsid.recording import load_recording
 
+    described = load_description(description)
     loaded = [load_recording(path) for path in recordings]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
