@@ -2,21 +2,33 @@
 
 from smsid.arm.columns import Column, torque_columns
 from smsid.arm.doubts import JointDoubt, joint_doubts
-from smsid.arm.identify import ArmIdentification, TorqueErrors, identify_arm, torque_errors
+from smsid.arm.identify import ArmIdentification, TorqueComparison, TorqueErrors, identify_arm, torque_errors
+from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.presets import with_joint_effects
 from smsid.arm.scales import TorqueScale, torque_scales, with_torque_gains
+from smsid.arm.sign_width import SignWidth
+from smsid.arm.smooth_motion import SmoothMotion, smooth_motion
+from smsid.arm.smoothing import SmoothJoint, smooth_joint
 
 __all__ = [
     "ArmIdentification",
     "Column",
     "JointDoubt",
     "JointMotion",
+    "JointTorques",
+    "SignWidth",
+    "SmoothJoint",
+    "SmoothMotion",
+    "TorqueComparison",
     "TorqueErrors",
     "TorqueScale",
     "identify_arm",
     "joint_doubts",
     "joint_motion",
+    "joint_torques",
+    "smooth_joint",
+    "smooth_motion",
     "torque_columns",
     "torque_errors",
     "torque_scales",

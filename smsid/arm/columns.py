@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.arm.units import joint_unit
 from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
@@ -17,7 +18,7 @@ from smsid.model.spacecraft import SpacecraftModel
 @short_repr
 @dataclass(frozen=True)
 class Column:
-    """Joint torque (N, nv) [N m] per unit of the parameter ``name`` = ``<effect>.<field>``."""
+    """Joint torque (N, nv) [N m | N] per unit of the parameter ``name`` = ``<effect>.<field>``."""
 
     name: str
     unit: str
@@ -50,8 +51,8 @@ def _friction(
     k = joint_index(model, effect, effect.joint)
     rate = v[:, k]
     return (
-        _column(effect, "viscous", v, {k: rate}),
-        _column(effect, "coulomb", v, {k: np.tanh(rate / effect.smoothing)}),
+        _column(model, effect, "viscous", v, {k: rate}),
+        _column(model, effect, "coulomb", v, {k: np.tanh(rate / effect.smoothing)}),
     )
 
 
@@ -60,13 +61,13 @@ def _inertia(
     effect: MotorInertia, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
 ) -> tuple[Column, ...]:
     k = joint_index(model, effect, effect.joint)
-    return (_column(effect, "inertia", v, {k: a[:, k]}),)
+    return (_column(model, effect, "inertia", v, {k: a[:, k]}),)
 
 
 @torque_columns.register
 def _offset(effect: TorqueOffset, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
     k = joint_index(model, effect, effect.joint)
-    return (_column(effect, "torque", v, {k: np.ones(len(v))}),)
+    return (_column(model, effect, "torque", v, {k: np.ones(len(v))}),)
 
 
 @torque_columns.register
@@ -78,7 +79,7 @@ def _coupling(
     rate, acceleration = v[:, index] @ weights, a[:, index] @ weights
     parts = {"inertia": acceleration, "viscous": rate, "coulomb": np.tanh(rate / effect.smoothing)}
     return tuple(
-        _column(effect, field, v, {k: w * values for k, w in zip(index, weights, strict=True)})
+        _column(model, effect, field, v, {k: w * values for k, w in zip(index, weights, strict=True)})
         for field, values in parts.items()
     )
 
@@ -100,9 +101,12 @@ def joint_index(model: SpacecraftModel, effect: Effect, joint: str) -> int:
     return int(model.pin.joints[model.pin.getJointId(joint)].idx_v)
 
 
-def _column(effect: Effect, field: str, like: np.ndarray, at: dict[int, np.ndarray]) -> Column:
+def _column(
+    model: SpacecraftModel, effect: Effect, field: str, like: np.ndarray, at: dict[int, np.ndarray]
+) -> Column:
     values = np.zeros(like.shape)
     for k, part in at.items():
         values[:, k] = part
     unit = next(p.unit for p in effect.parameters() if p.name == f"{effect.name}.{field}")
-    return Column(f"{effect.name}.{field}", unit, values)
+    joints = getattr(effect, "joints", None) or (str(getattr(effect, "joint", "")),)
+    return Column(f"{effect.name}.{field}", joint_unit(unit, model, *joints), values)

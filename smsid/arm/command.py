@@ -8,8 +8,11 @@ from typing import Any
 
 from rich.console import Console
 
-from smsid.arm.identify import identify_arm
+from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
+from smsid.arm.leftover import leftover_sentences
+from smsid.arm.presets import with_joint_effects
 from smsid.arm.scales import torque_scales, with_torque_gains
+from smsid.arm.setup import held_joints
 from smsid.description import Description
 from smsid.errors import RecordingError
 from smsid.identify.estimate import save_estimate
@@ -24,43 +27,47 @@ def identify_and_judge(
     console: Console,
     *,
     gains: bool = False,
+    hold: Sequence[str] = (),
+    usual: bool = False,
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
 ) -> list[dict[str, Any]]:
-    """Identify from the recording in the role estimation, judge by those in the role validation, and print.
+    """Identify from all recordings but those in the role validation, judge by all of them, and print.
 
     Returns for each recording how far its torques are predicted.
 
-    With ``gains`` the gears' torque gains are found first, the described links taken as known. ``report``: an
-    HTML to write as well, with the sums of the files ``inputs``.
+    With ``gains`` the gears' torque gains are found first, the described links taken as known; a joint
+    whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that do not move, see
+    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset. ``report``:
+    an HTML to write as well, with the sums of the files ``inputs``.
 
     Raises:
-        RecordingError: not exactly one recording to identify from, or as `identify_arm`.
+        RecordingError: no recording to identify from, or as `identify_arm`.
         DescriptionError: as `identify_arm`.
         NotIdentifiableError: as `identify_arm`.
     """
     from smsid.cli.notes import told
     from smsid.cli.output import working
-    from smsid.cli.tables import estimate_parts, plain_table
+    from smsid.cli.tables import estimate_parts
 
     train = [r for r in recordings if r.role != "validation"]
-    if len(train) != 1:
+    if not train:
         raise RecordingError(
-            f"{len(train)} recordings to identify from were given for an arm.",
-            advice="Give exactly one; those in the role validation are only judged by.",
-            recordings=tuple(r.name for r in train),
+            "No recording to identify from was given for an arm.",
+            advice="Those in the role validation are only judged by.",
+            recordings=tuple(r.name for r in recordings),
+        )
+    held = held_joints(rigid_arm(description).arm_joints.names, hold)
+    if usual:
+        joints = rigid_arm(description, held).arm_joints.names
+        description = with_joint_effects(
+            description, joints, "joint_friction", "motor_inertia", "torque_offset"
         )
     if gains:
-        scales = torque_scales(description, train[0], cutoff=cutoff)
-        description = with_torque_gains(description, scales)
-        for s in scales:
-            spread = 1.959964 * s.sigma / s.value**2
-            console.print(
-                f"{s.joint}: {s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
-            )
+        description = _with_gains(description, train[0], cutoff, console)
     with working("identifying the arm"):
-        found = identify_arm(description, train[0], cutoff=cutoff)
+        found = identify_arm(description, train, cutoff=cutoff, hold=held)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
     if report is not None:
@@ -71,14 +78,7 @@ def identify_and_judge(
         write_report(arm_report(found, [train[0], *others], provenance(inputs)), report)
     for part in estimate_parts(found.estimate, everything=everything):
         console.print(part, highlight=False)
-    table = plain_table(
-        *("recording", "role", "all joints", *judged[0][2].by_joint),
-        title="torques: |predicted - measured| / |measured|",
-        left=("recording", "role"),
-    )
-    for name, role, errors in judged:
-        table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
-    console.print(table)
+    _print_judgement(found, judged, console)
     for line in told(found.estimate.notes, everything=everything):
         console.print(line, markup=False, highlight=False)
     console.print(
@@ -88,3 +88,36 @@ def identify_and_judge(
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged
     ]
+
+
+def _with_gains(
+    description: Description, recording: Recording, cutoff: float | None, console: Console
+) -> Description:
+    """Return the description with the gains that can be told, and print all."""
+    scales = torque_scales(description, recording, cutoff=cutoff)
+    for s in scales:
+        if s.sure:
+            spread = 1.959964 * s.sigma / s.value**2
+            told = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
+            told += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
+        else:
+            told = "gain not told, the described one is kept: neither gravity nor inertia shows in its torque"
+        console.print(f"{s.joint}: {told}", markup=False, highlight=False)
+    return with_torque_gains(description, [s for s in scales if s.sure])
+
+
+def _print_judgement(
+    found: ArmIdentification, judged: Sequence[tuple[str, str, Any]], console: Console
+) -> None:
+    from smsid.cli.tables import plain_table
+
+    table = plain_table(
+        *("recording", "role", "all joints", *judged[0][2].by_joint),
+        title="torques: |predicted - measured| / |measured|",
+        left=("recording", "role"),
+    )
+    for name, role, errors in judged:
+        table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
+    console.print(table)
+    for sentence in leftover_sentences(found):
+        console.print(sentence, markup=False, highlight=False)

@@ -6,6 +6,7 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,8 +14,23 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import torque_columns
-from smsid.arm.motion import JointMotion, joint_motion
+from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
+from smsid.arm.motion import JointMotion
+from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression, solve_joints
+from smsid.arm.setup import with_held_joints
+from smsid.arm.sign_width import (
+    WITHIN,
+    SignWidth,
+    sign_widths,
+    usual_width,
+    width_bounds,
+    width_columns,
+    width_notes,
+    with_sign_widths,
+    with_widths,
+)
+from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.errors import DescriptionError, RecordingError
@@ -27,6 +43,8 @@ from smsid.recording import Recording
 from smsid.recording._checks import check_components
 
 GROUP = "arm"
+ROUNDS = 4
+"""Rounds in which widths of friction's signs and all else are fitted together."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,15 @@ class TorqueErrors:
 
 @short_repr
 @dataclass(frozen=True)
+class TorqueComparison:
+    """``time`` (B,) [s], ``measured`` and ``predicted`` torques (B, nv) of the model's joints [N m | N]."""
+
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+
+
+@dataclass(frozen=True)
 class ArmIdentification:
     """An identified arm.
 
@@ -56,37 +83,55 @@ class ArmIdentification:
     description: Description
     base: BaseParameters
     regression: JointRegression
-    motion: JointMotion
+    motion: SmoothMotion
     model: SpacecraftModel
+    torques: JointTorques
+    widths: tuple[SignWidth, ...] = ()
 
-    def predict(self, motion: JointMotion) -> np.ndarray:
+    def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
         """Return motor torques (N, nv) at the joints for a motion [N m]."""
-        rows, _, _ = torque_rows(self.model, motion.q, motion.v, motion.a)
+        described = with_widths(self.model.description, self.widths)
+        rows, _, _ = torque_rows(replace(self.model, description=described), motion.q, motion.v, motion.a)
         return rows[:, :, self.base.independent] @ self.regression.x
 
-    def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted motor torques (N, nv) at the joints [N m].
+    def compare(self, recording: Recording | None = None) -> TorqueComparison:
+        """Return measured and predicted torques, averaged over the same blocks of time.
 
-        Of the recording identified from, or of another, at the times of its `joint_motion`.
+        Of the recording identified from, or of another.
 
         Raises:
-            RecordingError: as `joint_motion`.
+            RecordingError: as `smooth_motion`.
         """
-        motion = self.motion if recording is None else joint_motion(self.model, recording, self.motion.cutoff)
-        return motion.torque - self.predict(motion)
+        if recording is None:
+            torques = self.torques
+        else:
+            motion = smooth_motion(self.model, recording)
+            length = max(1, round(self.torques.length * self.motion.step / motion.step))
+            torques = joint_torques(self.model, motion, length, {w.effect: w.value for w in self.widths})
+        predicted = torques.rows[:, :, self.base.independent] @ self.regression.x
+        return TorqueComparison(torques.time, torques.torque, predicted)
+
+    def residual(self, recording: Recording | None = None) -> np.ndarray:
+        """Return measured minus predicted motor torques (B, nv) at the joints [N m], see `compare`."""
+        both = self.compare(recording)
+        return both.measured - both.predicted
 
     def judge(self, recording: Recording) -> TorqueErrors:
-        """Return the errors on another recording, filtered like the one identified from.
+        """Return the errors on another recording, averaged over blocks like the one identified from.
 
         Raises:
-            RecordingError: as `joint_motion`.
+            RecordingError: as `smooth_motion`.
         """
-        motion = joint_motion(self.model, recording, self.motion.cutoff)
-        return torque_errors(self.model, self.predict(motion), motion.torque)
+        both = self.compare(recording)
+        return torque_errors(self.model, both.predicted, both.measured)
 
 
 def identify_arm(
-    description: Description, recording: Recording, *, cutoff: float | None = None
+    description: Description,
+    recording: Recording | Sequence[Recording],
+    *,
+    cutoff: float | None = None,
+    hold: Mapping[str, float] | None = None,
 ) -> ArmIdentification:
     """Identify the base parameters of a welded arm and its effects from motion and torque.
 
@@ -96,8 +141,12 @@ def identify_arm(
 
     Args:
         description: with ``root = "fixed"``, its gravity, and the effects to identify.
-        recording: joint angles and torques; see `joint_motion`.
-        cutoff: of the low-pass [Hz]; default a fiftieth of the sampling rate.
+        recording: joint angles and torques, rates where measured; one recording or several, see
+            `smooth_motion`.
+        cutoff: up to where torques are compared [Hz]; by default as far as a few thousand equations go. The
+        motion
+            is smoothed at what its own data say.
+        hold: joints that did not move and were not measured, with their positions [rad | m].
 
     Raises:
         DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
@@ -107,35 +156,35 @@ def identify_arm(
     Source: Gautier and Khalil (1990) for base parameters, Gautier (1997) for the weights.
     """
     begin = time.perf_counter()
-    if recording.role == "validation":
-        raise RecordingError(
-            f"'{recording.name}' is for validation.", advice="Identify from one in the role estimation."
-        )
-    model = rigid_arm(description)
-    if not recording.provenance.get("unchecked"):
-        check_components(recording)
-    motion = joint_motion(model, recording, cutoff)
-    filtered = time.perf_counter()
+    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
+    for one in recordings:
+        if one.role == "validation":
+            raise RecordingError(
+                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
+            )
+    model = rigid_arm(description, hold)
+    for one in recordings:
+        if not one.provenance.get("unchecked"):
+            check_components(without_turns(model, one))
+    motion = joined_motion([smooth_motion(model, one) for one in recordings])
+    smoothed = time.perf_counter()
     base = structural_base(model)
-    rows, names, units = torque_rows(model, motion.q, motion.v, motion.a)
+    torques = joint_torques(model, motion, block_length(motion, cutoff))
     built = time.perf_counter()
-    solved = solve_joints(rows[:, :, base.independent], motion.torque)
-    parameters = _parameters(model, base, solved, names, units)
-    found, notes = identified_effects(description, base, solved, names)
+    widths, torques, solved = _solved(model, motion, torques, base)
+    parameters = _parameters(model, base, solved, torques.names, torques.units)
+    found, notes = identified_effects(description, base, solved, torques.names)
+    found = with_widths(found, widths)
     done = time.perf_counter()
-    notes.append(
-        f"low-pass at {motion.cutoff:g} Hz, {len(motion.time)} samples at {motion.rate:.6g} Hz; residuals "
-        "are "
-        f"correlated over {solved.lags / motion.rate:.3g} s"
-    )
+    notes += motion_notes(model, motion, torques, solved) + width_notes(widths)
     estimate = Estimate(
         description=description.name,
         method="torque least squares",
         parameters=parameters,
-        recordings=(recording.name,),
+        recordings=tuple(one.name for one in recordings),
         timing={
-            "filter": filtered - begin,
-            "regressor": built - filtered,
+            "smoothing": smoothed - begin,
+            "regressor": built - smoothed,
             "solve": done - built,
             "total": done - begin,
         },
@@ -143,10 +192,56 @@ def identify_arm(
         conditions={"torque regressor": solved.condition},
         covariance=_padded(solved.covariance, len(parameters)),
     )
-    return ArmIdentification(estimate, found, base, solved, motion, model)
+    return ArmIdentification(estimate, found, base, solved, motion, model, torques, widths)
 
 
-def rigid_arm(description: Description) -> SpacecraftModel:
+def _solved(
+    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, base: BaseParameters
+) -> tuple[tuple[SignWidth, ...], JointTorques, JointRegression]:
+    """Solve with the widths of friction's signs, those found free to move in the covariance."""
+    widths = sign_widths(model, motion, torques)
+    effects = {e.name: e for e in model.description.effect}
+    count = len(base)
+    for _ in range(ROUNDS):
+        torques = with_sign_widths(torques, widths, model, motion)
+        slopes = width_columns(widths, model, motion, torques)
+        rows = np.concatenate([torques.rows[:, :, base.independent], slopes], axis=2)
+        solved = solve_joints(rows, torques.torque, _width_prior(widths, effects, model, motion, count))
+        shifts = iter(solved.x[count:].tolist())
+        sigmas = iter(solved.sigma[count:].tolist())
+        moved, new = 0.0, []
+        for w in widths:
+            if w.status != "found":
+                new.append(w)
+                continue
+            shift, sigma = next(shifts), next(sigmas)
+            moved = max(moved, abs(shift) / max(sigma, 1e-12))
+            place = np.flatnonzero(base.independent == torques.names.index(f"{w.effect}.coulomb"))
+            size = float(solved.x[place[0]]) if place.size else w.size
+            low, high = width_bounds(effects[w.effect], model, motion)
+            value = float(np.clip(w.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
+            new.append(replace(w, value=value, size=size, sigma=sigma))
+        widths = tuple(new)
+        if moved < 0.05:
+            break
+    solved = replace(solved, x=solved.x[:count], covariance=solved.covariance[:count, :count])
+    return widths, torques, solved
+
+
+def _width_prior(
+    widths: Sequence[SignWidth],
+    effects: Mapping[str, Effect],
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    count: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations of the changes of the widths' logarithms, behind ``count`` others."""
+    found = [w for w in widths if w.status == "found"]
+    mean = [float(np.log(usual_width(effects[w.effect], model, motion) / w.value)) for w in found]
+    return np.concatenate([np.zeros(count), mean]), np.repeat([np.inf, np.log(WITHIN)], [count, len(found)])
+
+
+def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:
     """Return the model of the links alone, which still knows the description's effects.
 
     Raises:
@@ -154,7 +249,7 @@ def rigid_arm(description: Description) -> SpacecraftModel:
     """
     model = build_model(description.model_copy(update={"effect": (_Scaffold(name="scaffold"),)}))
     model.pin.armature[:] = 0.0
-    return replace(model, description=description)
+    return with_held_joints(replace(model, description=description), hold or {})
 
 
 class _Scaffold(Effect):
@@ -265,3 +360,24 @@ def identified_effects(
                 )
         effects.append(effect.with_values(own) if own else effect)
     return description.with_effects(*effects), notes
+
+
+def motion_notes(
+    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, solved: JointRegression
+) -> list[str]:
+    """Return sentences on how well the motion is known, and over what the torques were averaged."""
+    names = model.arm_joints.names
+    followed = ", ".join(f"{n} {j.cutoff:.3g} Hz" for n, j in zip(names, motion.joints, strict=True))
+    noise = [j.noise for j in motion.joints]
+    notes = [
+        f"motion smoothed at cutoffs found from the data: {followed}; encoder noise {min(noise):.2g} to "
+        f"{max(noise):.2g}" + (", measured rates taken in" if motion.readings.velocity.size else ""),
+        f"{len(motion.time)} samples averaged over {torques.length} each: {len(torques.time)} equations a "
+        "joint; "
+        f"residuals are correlated over {solved.lags * torques.length * motion.step:.3g} s",
+    ]
+    notes += [
+        f"the encoder of {n} begins anew after each turn: unwrapped {k} times"
+        for n, k in motion.readings.unwrapped.items()
+    ]
+    return notes

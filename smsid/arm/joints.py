@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from smsid.errors import DescriptionError, RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
+
+
+def shortened(names: Sequence[str]) -> list[str]:
+    """Return patterns for names: ``hand_*`` for three or more that begin alike up to their first
+    underscore.
+    """
+    families: dict[str, list[str]] = {}
+    for name in names:
+        families.setdefault(name.partition("_")[0], []).append(name)
+    return [p for stem, own in families.items() for p in ([f"'{stem}_*'"] if len(own) > 2 else own)]
 
 
 def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
@@ -34,4 +46,11 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
                 advice="State labels = [...] in the mapping.",
                 channel=name,
             )
-    return order_columns(recording, model)
+    try:
+        return order_columns(recording, model)
+    except RecordingError as error:
+        lacking = error.evidence.get("lacking", ())
+        if not lacking:
+            raise
+        held = f"Hold joints that were not measured: --hold {' --hold '.join(shortened(lacking))}."
+        raise RecordingError(error.message, advice=f"{error.advice} {held}", **error.evidence) from error

@@ -8,16 +8,11 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from smsid._short_repr import short_repr
-from smsid.arm.joints import with_joint_order
-from smsid.effects import Gear, JointOffset
-from smsid.effects.gear import gear_matrix
+from smsid.arm.readings import joint_readings, measured_channel
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing.filters import uniform_rate, zero_phase
-
-MOTOR = "motor"
-"""Source of channels measured at the motors; every other source is at the joints."""
 
 SAMPLES_PER_PERIOD = 2.5
 """Samples kept per period of the cutoff."""
@@ -133,40 +128,15 @@ def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
             advice="Bring them to one rate: recording.resampled(rate).",
             channels=(position, torque),
         )
-    recording, names = with_joint_order(model, recording), model.arm_joints.names
     rate = uniform_rate(recording.time(position), position)
-    angles, torques = np.asarray(recording[position]), np.asarray(recording[torque])
-    if MOTOR in (position.partition(".")[0], torque.partition(".")[0]):
-        gears = [e for e in model.description.effect if isinstance(e, Gear)]
-        matrix, gain = gear_matrix(gears, names)
-        if position.startswith(f"{MOTOR}."):
-            angles = np.linalg.solve(matrix, angles.T).T
-        if torque.startswith(f"{MOTOR}."):
-            torques = (torques * gain) @ matrix
-    zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
-    angles = angles + np.array([zero.get(name, 0.0) for name in names])
-    order = np.argsort(model.arm_joints.v)
-    times = np.asarray(recording.time(position))
-    return JointSamples(times, angles[:, order], torques[:, order], rate)
-
-
-def measured_channel(recording: Recording, quantity: str) -> str:
-    """Return the name of the channel of a quantity: measured rather than commanded.
-
-    Raises:
-        RecordingError: none, or several.
-    """
-    found = [name for name in recording.channels if name.endswith(f".{quantity}")]
-    measured = [name for name in found if not name.startswith(("command.", "truth."))]
-    chosen = measured or [name for name in found if name.startswith("command.")]
-    if len(chosen) != 1:
+    found = joint_readings(model, recording, velocity=False)
+    whole = len(found.position_time) == len(found.torque_time) == len(recording.time(position))
+    if not whole:
+        bad = ~np.isfinite(np.hstack([recording[position], recording[torque]])).all(axis=1)
         raise RecordingError(
-            f"The recording has {len(chosen)} channels of '{quantity}' to choose from: "
-            f"{', '.join(chosen) or 'none'}.",
-            advice=f"It takes exactly one, such as 'encoder.{quantity}', or '{MOTOR}.{quantity}' at the "
-            "motors; "
-            "leave the others out with recording.without(...).",
-            quantity=quantity,
-            found=tuple(chosen),
+            f"{np.count_nonzero(bad)} of {bad.size} samples are not finite, the first is number "
+            f"{np.flatnonzero(bad)[0]}.",
+            advice="Filters spread them over the record; cut or fill them first.",
+            channels=(position, torque),
         )
-    return chosen[0]
+    return JointSamples(found.position_time, found.position, found.torque, rate)

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, t
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.robust import hac_covariance
 
 ROUNDS = 10
 SETTLED = 1e-3
+STRETCHES = (6, 20)
+"""Least and most stretches of time, whose errors are taken to be independent of each other."""
+
+PER_STRETCH = 5
+"""Lengths of the residual's correlation that a stretch has at least, if six of them fit in the recording."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +39,19 @@ class JointRegression:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
-def solve_joints(rows: np.ndarray, torque: np.ndarray) -> JointRegression:
-    """Weighted least squares with one weight per joint, found with it; covariance after Newey and West.
+def solve_joints(
+    rows: np.ndarray, torque: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None
+) -> JointRegression:
+    """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
 
-    Friction that the model lacks is no white noise: the residual stays correlated over a fraction of a
-    second, and the covariance allows for it up to the first lag at which the correlation is gone.
+    Friction that the model lacks is no white noise: the residual stays correlated, and differs with the
+    motion. The covariance is `stretch_covariance`.
 
     Args:
         rows: (N, joints, n).
         torque: (N, joints) [N m].
+        prior: means and standard deviations (n,), infinite where nothing is known; these weigh as much as the
+            equations of one correlation length do.
 
     Raises:
         NotIdentifiableError: fewer equations than unknowns, or columns that depend on each other.
@@ -64,8 +73,10 @@ def solve_joints(rows: np.ndarray, torque: np.ndarray) -> JointRegression:
         np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r") for j in range(joints)
     ]
     noise = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-12)
+    known, lags = _prior_rows(prior, scale), 1
     for _ in range(ROUNDS):
-        stacked = np.vstack([r / s for r, s in zip(triangles, noise, strict=True)])
+        weighted = known * np.sqrt(max(lags, 1))
+        stacked = np.vstack([*(r / s for r, s in zip(triangles, noise, strict=True)), weighted])
         column = np.linalg.norm(stacked[:, :-1], axis=0)
         y, _, rank, singular = np.linalg.lstsq(stacked[:, :-1] / column, stacked[:, -1], rcond=1e-10)
         if rank < n:
@@ -77,12 +88,84 @@ def solve_joints(rows: np.ndarray, torque: np.ndarray) -> JointRegression:
         x = y / column / scale
         residual = torque - rows @ x
         before, noise = noise, np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+        if known.size:
+            lags = correlation_lags(residual / noise)
         if np.all(np.abs(noise - before) <= SETTLED * before):
             break
     white = residual / noise
     lags = correlation_lags(white)
-    covariance = hac_covariance((rows / noise[:, None]).reshape(-1, n), white.ravel(), samples, lags)
+    stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
+    covariance = stretch_covariance(
+        rows / scale / noise[:, None], white, stretches, weighted[:, :-1]
+    ) * np.outer(1.0 / scale, 1.0 / scale)
     return JointRegression(x, covariance, noise, lags, float(singular[0] / singular[-1]))
+
+
+def stretch_covariance(
+    rows: np.ndarray, residual: np.ndarray, stretches: int, prior: np.ndarray
+) -> np.ndarray:
+    """Return the covariance (n, n) of least squares whose errors are correlated and uneven, from stretches
+    of time.
+
+    A stretch moves the estimate by ``(I - H_g)^-1/2 Q_g' e_g`` in coordinates where the information is I
+    (Bell and McCaffrey 2002, CR2: exact for white errors). Its spread over few stretches is itself uncertain:
+    it is shrunk to what every joint's errors, alike in all directions, would give (Ledoit and Wolf 2004).
+    Where a joint's errors grow by no more than chance allows, they are white.
+
+    Args:
+        rows: (N, joints, n) whitened by the noise of every joint.
+        residual: (N, joints) likewise.
+        stretches: number of stretches.
+        prior: (k, n) rows of what is known beforehand, in units of its noise.
+    """
+    samples, joints, n = rows.shape
+    flat = rows.reshape(-1, n)
+    root = np.linalg.solve(
+        np.linalg.qr(np.vstack([flat, prior]), mode="r"), np.eye(n)
+    )  # x = root @ coordinates
+    basis = (flat @ root).reshape(samples, joints, n)
+    count = int(min(stretches, max(samples // 10, 2)))
+    starts = np.linspace(0, samples, count, endpoint=False).astype(int)
+    scores = np.add.reduceat(basis * residual[:, :, None], starts, axis=0)  # (count, joints, n)
+    parts = [basis[a:b] for a, b in zip(starts, [*starts[1:].tolist(), samples], strict=True)]
+    held = np.array([np.einsum("ijk,ijl->jkl", p, p) for p in parts])  # (count, joints, n, n)
+    shares = held.sum(axis=0)  # (joints, n, n), sum to I
+    moved = np.empty((count, n))
+    own = np.empty((count, joints))
+    expected = np.empty((count, joints))
+    for g in range(count):
+        share, axes = np.linalg.eigh(held[g].sum(axis=0))
+        lever = axes / np.sqrt(np.maximum(1.0 - share, 1e-6)) @ axes.T
+        moved[g] = lever @ scores[g].sum(axis=0)
+        own[g] = np.sum(scores[g] ** 2, axis=1)
+        # of white errors, what the fit took out of them reckoned in
+        expected[g] = [float(np.trace(h) - np.sum(h * h)) for h in held[g]]
+    grown = own.sum(axis=0) / np.maximum(expected.sum(axis=0), 1e-300)
+    doubt = np.sqrt(2.0 / np.maximum(count * np.einsum("jkk->j", shares), 1.0))
+    grown = np.where(grown < 1.0 + 2.0 * doubt, 1.0, grown)  # white, for all that can be told
+    target = np.einsum("j,jkl->kl", grown, shares)
+    each = moved * np.sqrt(float(count))
+    spread = each.T @ each / count
+    distance = float(np.sum((spread - target) ** 2))
+    scatter = float(sum(np.sum((np.outer(z, z) - spread) ** 2) for z in each)) / count**2
+    white = bool(np.all(grown == 1.0))
+    share = 1.0 if white else min(scatter / max(distance, 1e-300), 1.0)
+    few = float(t.ppf(0.975, count - 1) / norm.ppf(0.975)) ** 2  # 95 % of a spread over few stretches
+    told = prior @ root
+    return root @ (share * target + (1.0 - share) * few * spread + told.T @ told) @ root.T
+
+
+def _prior_rows(prior: tuple[np.ndarray, np.ndarray] | None, scale: np.ndarray) -> np.ndarray:
+    """Rows (k, n + 1) of a prior beside those of the triangles."""
+    n = len(scale)
+    if prior is None:
+        return np.zeros((0, n + 1))
+    mean, sigma = prior
+    places = np.flatnonzero(np.isfinite(sigma))
+    rows = np.zeros((len(places), n + 1))
+    rows[np.arange(len(places)), places] = 1.0 / (sigma[places] * scale[places])
+    rows[:, -1] = mean[places] / sigma[places]
+    return rows
 
 
 def correlation_lags(residual: np.ndarray, *, level: float = 0.05) -> int:

@@ -101,7 +101,7 @@ def with_torque_gains(description: Description, scales: Sequence[TorqueScale]) -
     """Return the description with the gains of its gears divided by scales found with them.
 
     Raises:
-        DescriptionError: a scale is not significant or negative, or its joint has no gear.
+        DescriptionError: a scale is not significant, or its joint has no gear.
     """
     gears = {e.joint: e for e in description.effect if isinstance(e, Gear)}
     new = []
@@ -110,11 +110,11 @@ def with_torque_gains(description: Description, scales: Sequence[TorqueScale]) -
             raise DescriptionError(
                 f"Joint '{scale.joint}' has no effect of kind 'gear' to carry the gain.", advice="Add one."
             )
-        if not scale.sure or scale.value < 0.0:
+        if not scale.sure:
             raise DescriptionError(
                 f"The torque signal of '{scale.joint}' is {scale.value:.3g} +- {1.96 * scale.sigma:.2g} "
                 "times what its links need: no gain can be told from it.",
-                advice="Move the joint so that gravity or inertia shows, or correct its sign.",
+                advice="Move the joint so that gravity or inertia shows.",
                 joint=scale.joint,
             )
         gear = gears[scale.joint]

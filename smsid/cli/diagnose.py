@@ -59,6 +59,7 @@ def diagnose_command(
 
     Exit code 0: adequate or explained, 3: unexplained, 4: not evaluated.
     """
+    from smsid.arm.setup import arm_description, is_of_an_arm
     from smsid.description import load_description, save_description
     from smsid.diagnose.diagnose import diagnose
     from smsid.diagnose.result import save_diagnosis
@@ -69,6 +70,8 @@ def diagnose_command(
     loaded = [load_recording(path) for path in recordings]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
+    if description.suffix == ".urdf" and is_of_an_arm(loaded):
+        described = arm_description(description)
     judged = [load_recording(path) for path in validate or []]
     if unchecked:
         judged = [recording.unchecked() for recording in judged]

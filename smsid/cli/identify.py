@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 def identify_command(
     description: DescriptionPath,
     recordings: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
             help="flights of any kind, the paper's experiments or others; of an arm that is welded to the "
-            "ground: one to identify from, and any in the role validation to judge by"
+            "ground: those to identify from, and any in the role validation to judge by"
         ),
-    ],
+    ] = None,
     output: JsonOutput = Path("estimate.json"),
     method: Annotated[
         str,
@@ -57,7 +57,11 @@ def identify_command(
         bool, typer.Option("--at-rest", help="by a filter: nothing moves when a recording begins")
     ] = False,
     cutoff: Annotated[
-        float | None, typer.Option(min=1e-6, help="welded arm: low-pass of angles and torques [Hz]")
+        float | None,
+        typer.Option(
+            min=1e-6,
+            help="welded arm: up to where torques are compared [Hz]; found from the data if left out",
+        ),
     ] = None,
     gains: Annotated[
         bool,
@@ -65,6 +69,21 @@ def identify_command(
             "--gains", help="welded arm: first find the gain of every torque signal from the described links"
         ),
     ] = False,
+    rigid: Annotated[
+        bool,
+        typer.Option(
+            "--rigid",
+            help="arm without a TOML: links alone, without friction, rotors and offsets of its joints",
+        ),
+    ] = False,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="arm by its name in example-robot-data, such as panda, instead of a description"),
+    ] = None,
+    hold: Annotated[
+        list[str] | None,
+        typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
+    ] = None,
     show_all: ShowAll = False,
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="go on although channels contradict each other")
@@ -72,6 +91,7 @@ def identify_command(
     report: ReportPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
+    from smsid.arm.setup import arm_description, is_of_an_arm
     from smsid.cli.notes import told
     from smsid.cli.tables import estimate_parts
     from smsid.description import load_description
@@ -81,10 +101,16 @@ def identify_command(
 
     _method(method)
     out = console()
-    described = load_description(description)
-    loaded = [load_recording(path) for path in recordings]
+    files = [description, *(recordings or [])] if robot else list(recordings or [])
+    if not files:
+        raise SmsidError("No recording was given.", advice="Name one or more after the description.")
+    bare = robot is not None or description.suffix == ".urdf"
+    described = load_description(description) if robot is None else arm_description(robot=robot)
+    loaded = [load_recording(path) for path in files]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
+    if bare and robot is None and is_of_an_arm(loaded):
+        described = arm_description(description)
     if cad is not None and (method == "paper" or described.root == "fixed"):
         raise SmsidError(
             "--cad is for maximum likelihood of a spacecraft.",
@@ -93,7 +119,7 @@ def identify_command(
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
-        inputs = (description, *recordings)
+        inputs = files if robot else (description, *files)
         judged = identify_and_judge(
             described,
             loaded,
@@ -101,14 +127,16 @@ def identify_command(
             cutoff,
             out,
             gains=gains,
+            hold=hold or (),
+            usual=bare and not rigid,
             report=report,
             inputs=inputs,
             everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains:
-        option = "--gains" if gains else "--cutoff"
+    if cutoff is not None or gains or hold or rigid:
+        option = "--gains" if gains else "--hold" if hold else "--rigid" if rigid else "--cutoff"
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         found = identify_spacecraft(
@@ -120,7 +148,7 @@ def identify_command(
     )
     save_estimate(estimate, output)
     if report is not None:
-        _write_report(found, described, loaded, report, (description, *recordings))
+        _write_report(found, described, loaded, report, (description, *files))
     other = linear.estimate if linear is not None and found.refined is not None else None
     for part in estimate_parts(estimate, other=other, everything=show_all):
         out.print(part, highlight=False)

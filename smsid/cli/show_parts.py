@@ -45,13 +45,15 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
     import numpy as np
 
+    from smsid.cli.tables import shown_unit
+
     channels = []
     for name in recording.channels:
         values, time = recording[name], recording.time(name)
         channels.append(
             {
                 "name": name,
-                "unit": recording.unit(name),
+                "unit": shown_unit(recording, name),
                 "shape": list(values.shape),
                 "rate": 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else None,
                 "from": float(time[0]),
@@ -149,7 +151,7 @@ def mapping(path: Path, everything: bool) -> Iterator[Any]:
     yield f"mapping to {len(found.channel)} channels, role {found.recording.role}"
     table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
     for name, channel in found.channel.items():
-        own = [", ".join(channel.columns), channel.unit or "", ", ".join(channel.labels or ())]
+        own = [", ".join(channel.columns), ", ".join(channel.units), ", ".join(channel.labels or ())]
         table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
     yield from _cut([table], everything)
 
@@ -182,7 +184,8 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
             "parameter", "value", "unit", "prior sigma", title="effects", left=("parameter", "unit")
         )
         for p in parameters:
-            table.add_row(p.name, f"{p.value:.6g}", p.unit, "" if p.sigma is None else f"{p.sigma:.3g}")
+            unit = _unit(model, p.name, p.unit)
+            table.add_row(p.name, f"{p.value:.6g}", unit, "" if p.sigma is None else f"{p.sigma:.3g}")
         tables.append(table)
     if found.sensor:
         names = ("name", "kind", "preset", "rate", "measures")
@@ -191,6 +194,15 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
             table.add_row(s.name, s.kind, s.preset or "", f"{s.rate:g} Hz", ", ".join(s.quantities))
         tables.append(table)
     yield from _cut(tables, everything)
+
+
+def _unit(model: SpacecraftModel, name: str, unit: str) -> str:
+    """Return the unit of an effect's parameter; on joints that slide in metres and newtons."""
+    from smsid.arm.units import joint_unit
+
+    effect = model.description.get_effect(name.partition(".")[0])
+    joints = getattr(effect, "joints", None) or (str(getattr(effect, "joint", "")),)
+    return joint_unit(unit, model, *joints)
 
 
 def _joints(model: SpacecraftModel) -> Table:

@@ -153,6 +153,19 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
     return table
 
 
+def shown_unit(recording: Recording, name: str) -> str:
+    """Return the unit of a channel; of joints that slide their own, as in 'rad, rail m'."""
+    from smsid.recording.channels import SLIDING
+
+    unit = recording.unit(name)
+    sliding = recording.provenance.get("imported", {}).get("sliding", [])
+    if not sliding or unit not in SLIDING or ".joint_" not in name:
+        return unit
+    if set(sliding) >= set(recording.labels.get("joint", ())):
+        return SLIDING[unit]
+    return ", ".join([unit, *(f"{label} {SLIDING[unit]}" for label in sliding)])
+
+
 def recording_table(recording: Recording) -> Table:
     """Return a table of a recording's channels."""
     table = plain_table(
@@ -166,7 +179,7 @@ def recording_table(recording: Recording) -> Table:
         table.add_row(
             name,
             "x".join(map(str, values.shape)),
-            recording.unit(name),
+            shown_unit(recording, name),
             f"{rate:.4g} Hz",
             f"{time[0]:.4g} s",
             f"{time[-1]:.4g} s",

@@ -173,7 +173,8 @@ class Bodies:
         ``fields`` (n, 3, 3) are symmetric matrices G [1/s^2], inertial axes.
         """
         model, data = self.pin, self.data
-        jacobians = pin.computeJointJacobians(model, data, q)  # columns about the inertial origin and axes
+        # columns about the inertial origin and axes
+        jacobians = np.reshape(pin.computeJointJacobians(model, data, q), (6, model.nv))
         places = [data.oMi[j] for j in self.chosen]
         turn = np.array([p.rotation for p in places])
         at = np.array([p.translation for p in places]) + np.einsum("bij,bj->bi", turn, self.lever)

@@ -32,7 +32,10 @@ class Gear(Effect):
         "1", description="turns of the motor per turn of the joint; negative when it reverses"
     )
     torque_gain: float = physical(
-        "1", lower=0.0, default=1.0, description="motor torque per recorded signal [N m per its unit]"
+        "1",
+        default=1.0,
+        description="motor torque per recorded signal [N m per its unit]; negative when it is"
+        " counted the other way",
     )
     also: dict[str, float] = Field(
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.spatial import Motion
+from smsid.effects.spatial import Motion, joint_jacobian
 from smsid.errors import DescriptionError
 
 
 def turns(model: pin.Model, joint: int) -> bool:
     """Whether a joint of one coordinate turns, and does not slide."""
-    jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), joint)
+    jacobian = joint_jacobian(model, model.createData(), pin.neutral(model), joint)
     return not np.abs(jacobian[:3, model.joints[joint].idx_v]).any()
 
 

@@ -49,11 +49,18 @@ class Motion:
         data: Any = self._data
         joint = self.joint
         pin.forwardKinematics(self.pin, data, q, v, np.zeros(self.pin.nv))
-        jacobian = np.zeros((6, self.pin.nv))
-        jacobian += pin.computeJointJacobian(self.pin, data, q, joint)
+        jacobian = joint_jacobian(self.pin, data, q, joint)
         drift = np.array(data.a[joint].vector)
         drift[:3] -= data.oMi[joint].rotation.T @ self.pin.gravity.linear
         return jacobian, np.array(data.v[joint].vector), drift
+
+
+def joint_jacobian(model: pin.Model, data: pin.Data, q: np.ndarray, joint: int) -> np.ndarray:
+    """Return a joint's Jacobian (6, nv), in its own axes: also of a model with one degree of freedom.
+
+    Pinocchio's bindings give matrices of one column as vectors.
+    """
+    return np.array(pin.computeJointJacobian(model, data, q, joint)).reshape(6, model.nv)
 
 
 class ConstantInertia:

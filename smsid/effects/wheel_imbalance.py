@@ -9,6 +9,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.spatial import joint_jacobian
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
@@ -45,7 +46,7 @@ class WheelImbalance(Effect):
 
     def inertia(self, model: pin.Model, joint: int) -> np.ndarray:
         """Return its inertial parameters (10,) in the frame of the wheel's joint."""
-        jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), joint)
+        jacobian = joint_jacobian(model, model.createData(), pin.neutral(model), joint)
         axis = jacobian[3:, model.joints[joint].idx_v]
         reference = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
         first = reference - (reference @ axis) * axis

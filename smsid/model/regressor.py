@@ -73,8 +73,11 @@ class Regressor:
         q, v = np.atleast_2d(q), np.atleast_2d(v)
         model, data, rest, build = self._weightless, self._weightless_data, self._rest, _torque_regressor
         out = np.empty((len(q), rows, self.columns))
+        shape = self.model.nv, self.columns
         for into, q_i, v_i in zip(out, q, v, strict=True):
-            into[:] = build(model, data, q_i, rest, v_i)[:rows]
+            into[:] = np.reshape(build(model, data, q_i, rest, v_i), shape)[
+                :rows
+            ]  # one row comes as a vector
         return out
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -59,6 +59,16 @@ def convert(values: FloatArray, unit: str, to: str, where: str) -> FloatArray:
     return np.asarray(registry.Quantity(values, source).to(target).magnitude, dtype=np.float64)
 
 
+def alike(unit: str, other: str, where: str) -> bool:
+    """Return whether two units are of one dimension, angles counted as one.
+
+    Raises:
+        RecordingError: a unit is unknown.
+    """
+    first, second = _parse(unit, where), _parse(other, where)
+    return bool(first.dimensionality == second.dimensionality and _angles(first) == _angles(second))
+
+
 def check_unit(unit: str, where: str) -> None:
     """Raise `RecordingError` unless pint knows the unit."""
     _parse(unit, where)

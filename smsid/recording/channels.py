@@ -19,6 +19,20 @@ FIXED_LABELS = MappingProxyType({"axis": AXES, "quaternion": QUATERNION_ORDER})
 LABELLED_DIMS = ("joint", "wheel", "mode", "station")
 """Dimensions whose labels a recording states."""
 
+SLIDING = MappingProxyType(
+    {
+        "rad": "m",
+        "rad/s": "m/s",
+        "rad/s^2": "m/s^2",
+        "N m": "N",
+        "N m s/rad": "N s/m",
+        "N m s^2/rad^2": "N s^2/m^2",
+        "N m/rad": "N/m",
+        "kg m^2": "kg",
+    }
+)
+"""Units of a joint that turns, and of the same quantity of one that slides."""
+
 EXTRA = "extra"
 """The source of channels that are outside the catalogue; they state their own unit."""
 

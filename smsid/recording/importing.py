@@ -15,8 +15,15 @@ from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
 from smsid.recording._units import convert
-from smsid.recording.channels import EXTRA, LABELLED_DIMS, Quantity, quantity_of
-from smsid.recording.mapping import ChannelTable, ClockTable, ImportMapping, load_mapping, mapping_path
+from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity, quantity_of
+from smsid.recording.mapping import (
+    ChannelTable,
+    ClockTable,
+    ImportMapping,
+    load_mapping,
+    mapping_path,
+    target_unit,
+)
 from smsid.recording.readers import Columns, parse_number, read_columns
 from smsid.recording.recording import Recording
 
@@ -55,6 +62,9 @@ def import_recording(
     absent = [name for name in rules.channel if job.is_absent(name)]
     if absent:
         provenance["imported"]["absent"] = absent
+    sliding = job.sliding()
+    if sliding:
+        provenance["imported"]["sliding"] = sliding
     recording = job.run(provenance)
     if check:
         try:
@@ -110,7 +120,9 @@ class _Import:
                 channels,
                 labels=self._labels(present),
                 units={
-                    name: table.unit or "1" for name, table in present.items() if name.startswith(f"{EXTRA}.")
+                    name: table.one_unit or "1"
+                    for name, table in present.items()
+                    if name.startswith(f"{EXTRA}.")
                 },
                 provenance=provenance,
                 role=self.rules.recording.role,
@@ -120,6 +132,21 @@ class _Import:
             raise RecordingError(
                 f"{self.file}: {error.message}", advice=error.advice, **error.evidence
             ) from error
+
+    def sliding(self) -> list[str]:
+        """Return the labels of joints that slide: their columns are in metres or newtons."""
+        found: dict[str, None] = {}
+        for name, table in self.rules.channel.items():
+            quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
+            if quantity.is_quaternion or not table.labels or quantity.unit not in SLIDING:
+                continue
+            units = table.units * (len(table.labels) if len(table.units) == 1 else 1)
+            found |= {
+                label: None
+                for label, unit in zip(table.labels, units, strict=False)
+                if target_unit(unit, quantity, name) != quantity.unit
+            }
+        return list(found)
 
     def is_absent(self, name: str) -> bool:
         """Tell whether an optional channel has none of its columns; having some is an error, found later."""
@@ -161,18 +188,30 @@ class _Import:
         return rows
 
     def _channel(self, name: str, table: ChannelTable) -> FloatArray:
-        quantity = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None)
+        quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
         values = self._gathered(name, table, quantity)
         if quantity.is_quaternion:
             values = np.roll(values, -1, axis=1) if table.quaternion == "wxyz" else values
             return conjugate(values) if table.direction == "inertial_to_body" else values
         if quantity.dims:
-            assert table.unit is not None
-            values = convert(values, table.unit, quantity.unit, f"{self.file}, channel '{name}'")
+            values = self._converted(name, table, quantity, values)
         values = self._signed(name, table, values)
         if table.attitude is not None:
             values = self._turned(name, table, values)
         return values
+
+    def _converted(
+        self, name: str, table: ChannelTable, quantity: Quantity, values: FloatArray
+    ) -> FloatArray:
+        """Convert values to the catalogue's unit, column by column where they state their own."""
+        where = f"{self.file}, channel '{name}'"
+        assert table.units
+        if len(table.units) == 1:
+            return convert(values, table.units[0], target_unit(table.units[0], quantity, where), where)
+        out = np.array(values, dtype=np.float64)
+        for k, unit in enumerate(table.units):
+            out[..., k] = convert(out[..., k], unit, target_unit(unit, quantity, where), where)
+        return out
 
     def _gathered(self, name: str, table: ChannelTable, quantity: Quantity) -> FloatArray:
         """Collect the columns of a channel into (N, ...)."""
@@ -356,7 +395,7 @@ class _Import:
         for name, table in present.items():
             if table.labels is None:
                 continue
-            dims = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None).dims
+            dims = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None).dims
             named = [dim for choice in dims for dim in choice if dim in LABELLED_DIMS]
             if not named:
                 raise RecordingError(

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
-from smsid.recording._units import check_unit, convert
-from smsid.recording.channels import EXTRA, Quantity, quantity_of
+from smsid.recording._units import alike, check_unit, convert
+from smsid.recording.channels import EXTRA, SLIDING, Quantity, quantity_of
 from smsid.recording.readers import CsvFormat
 
 Sign = Literal[-1, 1]
@@ -74,7 +74,8 @@ class ChannelTable(_Table):
         columns: columns of a CSV file, one per component; or the name of one array.
         index: of the components to take from one array (N, k).
         time_axis: axis of the array that is time.
-        unit: of the file; converted. Not for attitudes.
+        unit: of the file; converted. Not for attitudes. Of joints one for all columns, or one for each: those
+            that slide in m, mm, N, those that turn in rad, degree, N m.
         frame: 'inertial' or 'body': the axes that vectors are given in, if not those of the catalogue.
         attitude: channel that turns a vector from ``frame`` to the frame of the catalogue.
         quaternion: order of the components, for attitudes.
@@ -87,7 +88,7 @@ class ChannelTable(_Table):
     columns: Annotated[tuple[Text, ...], Field(min_length=1)]
     index: tuple[Annotated[int, Field(ge=0)], ...] | None = None
     time_axis: Annotated[int, Field(ge=0)] = 0
-    unit: Text | None = None
+    unit: Text | Annotated[tuple[Text, ...], Field(min_length=1)] | None = None
     frame: Literal["inertial", "body"] | None = None
     attitude: Text | None = None
     quaternion: Literal["wxyz", "xyzw"] | None = None
@@ -100,9 +101,26 @@ class ChannelTable(_Table):
     def _columns_fit(self) -> ChannelTable:
         if len(set(self.columns)) != len(self.columns):
             raise ValueError("a column is named twice")
+        if isinstance(self.unit, tuple) and len(self.unit) != self.components:
+            raise ValueError(f"{len(self.unit)} units for {self.components} columns")
         if self.index is not None and len(self.columns) > 1:
             raise ValueError("index takes components from one array; name only that")
         return self
+
+    @property
+    def components(self) -> int:
+        """Columns, or components taken from one array."""
+        return len(self.columns) if self.index is None else len(self.index)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The stated unit, or units of the columns."""
+        return () if self.unit is None else (self.unit,) if isinstance(self.unit, str) else self.unit
+
+    @property
+    def one_unit(self) -> str | None:
+        """The unit of all columns; ``None`` when none is stated, or several."""
+        return self.unit if isinstance(self.unit, str) else None
 
 
 class ImportMapping(_Table):
@@ -168,7 +186,7 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
     for name, table in mapping.channel.items():
         place = f"{where}, channel '{name}'"
         try:
-            quantity = quantity_of(name, unit=table.unit if name.startswith(f"{EXTRA}.") else None)
+            quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
         except RecordingError as error:
             quoted = "" if "." in name else f' In TOML: [channel."{name}.<quantity>"], with the quotes.'
             raise RecordingError(
@@ -177,10 +195,10 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
         wrong = _contradiction(table, quantity)
         if wrong:
             raise RecordingError(f"{place}: {wrong[0]}.", advice=wrong[1], channel=name)
-        if not quantity.is_quaternion and table.unit:
-            check_unit(table.unit, place)
+        for unit in () if quantity.is_quaternion else table.units:
+            check_unit(unit, place)
             if quantity.dims:
-                convert(np.zeros(1), table.unit, quantity.unit, place)
+                convert(np.zeros(1), unit, target_unit(unit, quantity, place), place)
         if table.attitude and table.attitude not in mapping.channel:
             raise RecordingError(
                 f"{place}: the attitude '{table.attitude}' is not mapped.",
@@ -201,6 +219,18 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
             f"{where}: no [time], and no [clock.{lone[0]}].",
             advice="State [time] column = '...' and unit = 's', or rate = 100.0 in Hz.",
         )
+
+
+def target_unit(unit: str, quantity: Quantity, where: str) -> str:
+    """Return the unit that a column of a quantity is converted to: of joints that slide, metres and newtons.
+
+    Raises:
+        RecordingError: ``unit`` is unknown.
+    """
+    sliding = SLIDING.get(quantity.unit)
+    if sliding is None or "joint" not in {d for choice in quantity.dims for d in choice}:
+        return quantity.unit
+    return sliding if alike(unit, sliding, where) else quantity.unit
 
 
 def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] | None:

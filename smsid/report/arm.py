@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.arm.identify import ArmIdentification
-from smsid.arm.motion import joint_motion
+from smsid.arm.units import torque_unit
 from smsid.errors import SmsidError
 from smsid.recording import Recording
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
@@ -87,22 +87,28 @@ def arm_report(
 
 
 def torque_traces(found: ArmIdentification, recording: Recording) -> tuple[Trace, ...]:
-    """Return measured and predicted torque of every joint of a recording, filtered as for identification."""
+    """Return measured and predicted torque of every joint of a recording, averaged as for identification."""
     try:
-        motion = joint_motion(found.model, recording, found.motion.cutoff)
+        both = found.compare(recording)
     except SmsidError:
         return ()
-    predicted = found.predict(motion)
-    left = motion.torque - predicted
+    left = both.measured - both.predicted
     names = list(found.model.pin.names)[1:]
-    # low-passed torque has no white noise to compare with: the residual of the fit itself is the scale
+    # means over blocks have no white noise to compare with: the residual of the fit itself is the scale
     fitted = np.sqrt(np.mean(found.residual() ** 2, axis=0))
     out = []
     for k in range(left.shape[1]):
         label = f"{recording.name}: {names[k]}"
+        unit = torque_unit(found.model, k)
         out.append(
             Trace(
-                label, "N m", motion.time, motion.torque[:, k], predicted[:, k], left[:, k], float(fitted[k])
+                label,
+                unit,
+                both.time,
+                both.measured[:, k],
+                both.predicted[:, k],
+                left[:, k],
+                float(fitted[k]),
             )
         )
     return tuple(out)

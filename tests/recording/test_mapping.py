@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from smsid.errors import RecordingError
-from smsid.recording import ImportMapping, bundled_mappings, load_mapping
+from smsid.recording import ImportMapping, bundled_mappings, import_recording, load_mapping
+from smsid.recording.mapping import parse_mapping
 
 GOOD = """
 [time]
@@ -119,3 +121,34 @@ def test_channels_that_contradict_the_catalogue_are_named(text, message, tmp_pat
 def test_a_missing_mapping_is_named(tmp_path):
     with pytest.raises(RecordingError, match="does not exist"):
         load_mapping(tmp_path / "gone.toml")
+
+
+def test_joints_have_a_unit_for_each_column(tmp_path):
+    (tmp_path / "log.csv").write_text(
+        "t,rail,swing,force,torque\n" + "".join(f"{0.01 * k},{k},{90 + k},{k},{k}\n" for k in range(20))
+    )
+    tree = {
+        "time": {"column": "t", "unit": "s"},
+        "channel": {
+            "encoder.joint_position": {
+                "columns": ["rail", "swing"],
+                "unit": ["mm", "degree"],
+                "labels": ["rail", "swing"],
+            },
+            "drive.joint_torque": {
+                "columns": ["force", "torque"],
+                "unit": ["N", "N m"],
+                "labels": ["rail", "swing"],
+            },
+        },
+    }
+    found = import_recording(tmp_path / "log.csv", parse_mapping(tree), check=False)
+    np.testing.assert_allclose(found["encoder.joint_position"][5], [0.005, np.radians(95.0)])
+    np.testing.assert_allclose(found["drive.joint_torque"][5], [5.0, 5.0])
+    assert found.provenance["imported"]["sliding"] == ["rail"]
+    tree["channel"]["encoder.joint_position"]["unit"] = ["mm"]
+    with pytest.raises(RecordingError, match="1 units for 2 columns"):
+        parse_mapping(tree)
+    tree["channel"]["encoder.joint_position"]["unit"] = ["kg", "degree"]
+    with pytest.raises(RecordingError, match="cannot become"):
+        parse_mapping(tree)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from smsid.arm.columns import torque_columns
 from smsid.arm.motion import measured_channel
+from smsid.arm.units import joint_unit, slides
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.effects import (
     ActuatorDelay,
@@ -99,8 +100,17 @@ def torque_candidates(
     if known:
         found += _bodies(equations)
     found += _users(equations)
+    found = [_in_own_units(c, equations) for c in found]
     taken = {(e.kind, getattr(e, "joint", None) or getattr(e, "joints", None)) for e in description.effect}
     return tuple(c for c in found if not _listed(c, taken))
+
+
+def _in_own_units(candidate: TorqueCandidate, equations: TorqueEquations) -> TorqueCandidate:
+    """Return a candidate at joints that slide in metres and newtons."""
+    joints = [j for j in candidate.joints if j in equations.names]
+    if not joints or len({slides(equations.model, j) for j in joints}) > 1:
+        return candidate
+    return replace(candidate, units=tuple(joint_unit(u, equations.model, *joints) for u in candidate.units))
 
 
 def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:

@@ -14,7 +14,7 @@ from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
-from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
+from smsid.diagnose.torque.equations import TorqueEquations, require_excitation, torque_equations
 from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
@@ -68,6 +68,7 @@ def diagnose_torques(
     recording = recordings[0]
     recording.check()
     equations = torque_equations(description, recording, cutoff=cutoff)
+    require_excitation(equations, recording)
     if len(equations.time) < SHORTEST:
         raise RecordingError(
             f"'{recording.name}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",

@@ -133,6 +133,29 @@ def torque_equations(
     )  # fmt: skip
 
 
+def require_excitation(equations: TorqueEquations, recording: Recording) -> None:
+    """Raise `RecordingError` for a recording without motion, or without torque."""
+    moved = np.ptp(equations.angles, axis=0) if len(equations.angles) else np.zeros(0)
+    still = [n for n, size in zip(equations.names, moved, strict=True) if not size > 0.0]
+    if len(still) == len(equations.names):
+        raise RecordingError(
+            f"No joint of '{recording.name}' moves: {', '.join(still)}.",
+            advice="Record a motion.",
+            still=still,
+        )
+    idle = [
+        n
+        for n, k in zip(equations.names, range(len(equations.names)), strict=True)
+        if not np.ptp(equations.motion.torque[:, k]) > 0.0
+    ]
+    if len(idle) == len(equations.names):
+        raise RecordingError(
+            f"The torques of '{recording.name}' are constant: {', '.join(idle)}.",
+            advice="Is the right channel mapped?",
+            idle=idle,
+        )
+
+
 def motion_cutoff(model: SpacecraftModel, recording: Recording) -> float:
     """Return the highest low-pass at which noise of the angles stays out of the accelerations [Hz].
 

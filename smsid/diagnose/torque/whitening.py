@@ -17,6 +17,10 @@ MOST_ORDER = 6
 CLUSTERS = 40
 
 
+LEAST = 1e-12
+"""Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
+
+
 @dataclass(frozen=True)
 class Whitening:
     """Coefficients (joints, order) of each joint's autoregression, ``sigma`` (joints,) of its innovations."""
@@ -52,7 +56,7 @@ class Whitening:
             coefficients[j, : len(own)] = own
         innovations = cls(coefficients, np.ones(joints)).apply(residual)
         variance = np.mean(innovations**2, axis=0) * n / np.maximum(n - np.asarray(parameters), n / 4)
-        return cls(coefficients, np.sqrt(variance + floor**2))
+        return cls(coefficients, np.sqrt(variance + floor**2 + LEAST**2))
 
 
 def _autoregression(x: np.ndarray, most: int) -> np.ndarray:

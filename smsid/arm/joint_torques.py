@@ -1,0 +1,124 @@
+"""The torque equations of a recording: columns and torques, averaged over the same short blocks of time."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.arm.columns import joint_index, torque_columns
+from smsid.arm.smooth_motion import SmoothMotion
+from smsid.effects import Effect
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+
+BLOCKS = (600, 4000)
+"""Least and most blocks that a recording is averaged into, if it has the samples."""
+
+PER_PERIOD = 2.5
+"""Blocks per period of the cutoff."""
+
+CHUNK = 4000
+SIGN_FIELD = "smoothing"
+
+
+@dataclass(frozen=True)
+class JointTorques:
+    """Torque equations ``rows @ x = torque`` of blocks of time.
+
+    ``time`` (B,) [s], ``rows`` (B, nv, n), ``torque`` (B, nv) [N m | N], ``names`` and ``units`` (n,) of x,
+    ``starts`` (B,) where the blocks begin in the motion. What a block leaves out is missing on both sides of
+    the equations: its length changes how much is known, and nothing else.
+    """
+
+    time: np.ndarray
+    rows: np.ndarray
+    torque: np.ndarray
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    starts: np.ndarray
+    length: int
+
+
+def block_length(motion: SmoothMotion, cutoff: float | None = None) -> int:
+    """Return the samples of a block.
+
+    As many as a cutoff [Hz] asks for; by default that of the joint whose motion is followed least far:
+    above it, torques cannot be predicted.
+    """
+    if cutoff is not None:
+        return max(1, round(1.0 / (PER_PERIOD * cutoff * motion.step)))
+    least = min(j.cutoff for j in motion.joints)
+    duration = len(motion.time) * motion.step
+    count = np.clip(PER_PERIOD * least * duration, *BLOCKS)
+    return max(1, int(len(motion.time) / count))
+
+
+def joint_torques(
+    model: SpacecraftModel, motion: SmoothMotion, length: int, widths: Mapping[str, float] | None = None
+) -> JointTorques:
+    """Return the equations of a motion; ``widths`` are those of the sign of effects' friction [rad/s |
+    m/s]."""
+    links = Regressor(model)
+    starts = motion.blocks(length)
+    effects = [with_width(e, (widths or {}).get(e.name), model, motion) for e in model.description.effect]
+    averages = []
+    count = np.diff(np.append(starts, len(motion.time)))
+    edges = [0, *range(max(CHUNK // length, 1), len(starts), max(CHUNK // length, 1)), len(starts)]
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    for a, b in itertools.pairwise(edges):
+        within = slice(int(starts[a]), int(starts[b]) if b < len(starts) else len(motion.time))
+        q, v, acc = motion.q[within], motion.v[within], motion.a[within]
+        extra = [c for e in effects for c in torque_columns(e, model, v, acc)]
+        names, units = tuple(c.name for c in extra), tuple(c.unit for c in extra)
+        rows = np.concatenate([links.torque(q, v, acc), *(c.values[:, :, None] for c in extra)], axis=2)
+        averages.append(np.add.reduceat(rows, starts[a:b] - within.start, axis=0))
+    return JointTorques(
+        block_means(motion.time, starts),
+        np.concatenate(averages) / count[:, None, None],
+        block_means(motion.torque, starts),
+        links.names + names,
+        links.units + units,
+        starts,
+        length,
+    )
+
+
+def block_means(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Return the means of values (N, ...) over blocks that begin at ``starts`` (B,): (B, ...)."""
+    count = np.diff(np.append(starts, len(values)))
+    return np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def with_width(effect: Effect, width: float | None, model: SpacecraftModel, motion: SmoothMotion) -> Effect:
+    """Return an effect whose sign of the rate is averaged over what is unknown of the rate.
+
+    The mean of ``tanh(v / w)`` over a normal v with standard deviation s is ``tanh(v / sqrt(w^2 + pi s^2 /
+    2))`` but for 2 % (exact for the error function in place of tanh).
+    """
+    if not hasattr(effect, SIGN_FIELD):
+        return effect
+    own = getattr(effect, SIGN_FIELD) if width is None else width
+    spread = rate_spread(effect, model, motion)
+    return effect.model_copy(update={SIGN_FIELD: float(np.sqrt(own**2 + 0.5 * np.pi * spread**2))})
+
+
+def sign_rate(effect: Effect, model: SpacecraftModel, v: np.ndarray) -> np.ndarray:
+    """Return the rate (N,) whose sign an effect takes, from rates (N, nv)."""
+    index, weights = _places(effect, model)
+    return v[:, index] @ weights
+
+
+def rate_spread(effect: Effect, model: SpacecraftModel, motion: SmoothMotion) -> float:
+    """Return the standard deviation of the rate whose sign an effect takes."""
+    index, weights = _places(effect, model)
+    return float(np.sqrt(np.sum((weights * motion.rate_sigma[index]) ** 2)))
+
+
+def _places(effect: Effect, model: SpacecraftModel) -> tuple[list[int], np.ndarray]:
+    joints = getattr(effect, "joints", None) or (getattr(effect, "joint", None),)
+    index = [joint_index(model, effect, str(n)) for n in joints]
+    return index, np.asarray(getattr(effect, "weights", (1.0,)), dtype=float)

@@ -1,0 +1,189 @@
+"""What a recording says about an arm's joints: readings at the joints, in stretches without gaps."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.arm.joints import with_joint_order
+from smsid.effects import Gear, JointOffset
+from smsid.effects.gear import gear_matrix
+from smsid.errors import RecordingError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+MOTOR = "motor"
+"""Source of channels measured at the motors; every other source is at the joints."""
+
+GAP = 5.0
+"""Median steps from which on a step is a gap."""
+
+TURN = 2.0 * np.pi
+JUMP = 0.25
+"""How far a jump may be from whole turns, as a share of a turn, to be the encoder's and not the joint's."""
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """What was measured, at the joints, each on its own clock and in the model's order of joints.
+
+    ``position_time`` (N,) [s] and ``position`` (N, joints) [rad | m]; ``velocity_time`` (K,) and ``velocity``
+    (K, joints), empty where no rate was measured; ``torque_time`` (M,) and ``torque`` (M, joints)
+    [N m | N]. Rows with a sample missing are left out. ``unwrapped`` counts the whole turns that encoders
+    jumped by, by joint.
+    """
+
+    position_time: np.ndarray
+    position: np.ndarray
+    velocity_time: np.ndarray
+    velocity: np.ndarray
+    torque_time: np.ndarray
+    torque: np.ndarray
+    unwrapped: dict[str, int]
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """Stretches of the positions without a gap."""
+        steps = np.diff(self.position_time)
+        cuts = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+        edges = [0, *cuts.tolist(), len(self.position_time)]
+        return tuple(slice(a, b) for a, b in itertools.pairwise(edges))
+
+
+def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bool = True) -> JointReadings:
+    """Return the readings of a recording at the joints.
+
+    Channels of the source ``motor`` are taken to the joints by the description's `Gear` effects;
+    `JointOffset` effects are added to the angles. Encoders that begin anew after each turn are unwrapped.
+
+    Args:
+        model: a welded arm.
+        recording: with ``<source>.joint_position`` and ``<source>.joint_torque``; ``joint_velocity`` is taken
+            where it was measured.
+        velocity: whether to take measured rates.
+
+    Raises:
+        RecordingError: a channel is missing, joints are unlabelled or not the model's, nothing moves, or an
+            encoder jumps by a turn that its joint cannot make.
+        DescriptionError: the gears do not fit.
+    """
+    position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
+    recording, names = with_joint_order(model, recording), model.arm_joints.names
+    order = np.argsort(model.arm_joints.v)
+    gears = [e for e in model.description.effect if isinstance(e, Gear)]
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    turns: dict[str, int] = {}
+    channels = {"position": position, "torque": torque}
+    rates = [
+        n
+        for n in recording.channels
+        if n.endswith(".joint_velocity") and not n.startswith(("command.", "truth."))
+    ]
+    if velocity and len(rates) == 1:
+        channels["velocity"] = rates[0]
+    for what, channel in channels.items():
+        values, times = np.asarray(recording[channel], dtype=float), np.asarray(recording.time(channel))
+        whole = np.isfinite(values).all(axis=1) & np.isfinite(times)
+        values, times = values[whole], times[whole]
+        _require_samples(values, channel)
+        at_motor = channel.startswith(f"{MOTOR}.")
+        if what == "position":
+            values, turns = _unwrapped(model, names, values, channel, at_motor=at_motor)
+        if at_motor:
+            matrix, gain = gear_matrix(gears, names)
+            values = (values * gain) @ matrix if what == "torque" else np.linalg.solve(matrix, values.T).T
+        if what == "position":
+            zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
+            values = values + np.array([zero.get(name, 0.0) for name in names])
+        found[what] = times, values[:, order]
+    none = np.zeros(0), np.zeros((0, len(names)))
+    return JointReadings(*found["position"], *found.get("velocity", none), *found["torque"], turns)
+
+
+def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
+    """Return the recording with encoders that begin anew after each turn unwrapped.
+
+    Raises:
+        RecordingError: as `joint_readings`.
+    """
+    channel = measured_channel(recording, "joint_position")
+    ordered = with_joint_order(model, recording)
+    at_motor = channel.startswith(f"{MOTOR}.")
+    values, turns = _unwrapped(
+        model, model.arm_joints.names, np.asarray(ordered[channel]), channel, at_motor=at_motor
+    )
+    return ordered.with_channels({channel: values}) if turns else ordered
+
+
+def measured_channel(recording: Recording, quantity: str) -> str:
+    """Return the name of the channel of a quantity: measured rather than commanded.
+
+    Raises:
+        RecordingError: none, or several.
+    """
+    found = [name for name in recording.channels if name.endswith(f".{quantity}")]
+    measured = [name for name in found if not name.startswith(("command.", "truth."))]
+    chosen = measured or [name for name in found if name.startswith("command.")]
+    if len(chosen) != 1:
+        raise RecordingError(
+            f"The recording has {len(chosen)} channels of '{quantity}' to choose from: "
+            f"{', '.join(chosen) or 'none'}.",
+            advice=f"It takes exactly one, such as 'encoder.{quantity}', or '{MOTOR}.{quantity}' at the "
+            "motors; leave the others out with recording.without(...).",
+            quantity=quantity,
+            found=tuple(chosen),
+        )
+    return chosen[0]
+
+
+def whole_turns(values: np.ndarray) -> np.ndarray:
+    """Return the whole turns (N, joints) that an encoder has jumped by up to every sample [turns].
+
+    A jump counts when it is a whole number of turns but for `JUMP`, and the steps beside it are small.
+    """
+    steps = np.diff(values, axis=0)
+    turns = np.round(steps / TURN)
+    near = np.abs(steps - TURN * turns) < JUMP * TURN
+    usual = 10.0 * np.median(np.abs(steps), axis=0) + 0.05 * TURN
+    jumps = np.where(near & (turns != 0.0) & (np.abs(steps - TURN * turns) < usual), -turns, 0.0)
+    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(jumps, axis=0)])
+
+
+def _unwrapped(
+    model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str, *, at_motor: bool
+) -> tuple[np.ndarray, dict[str, int]]:
+    from smsid.effects.rotor import turns as rotates
+
+    turns = whole_turns(values)
+    jumped = {}
+    for k, name in enumerate(names):
+        count = int(np.count_nonzero(np.diff(turns[:, k])))
+        joint = int(model.pin.getJointId(name))
+        if not count or not (at_motor or rotates(model.pin, joint)):
+            continue
+        place = model.pin.joints[joint].idx_q
+        free = model.pin.joints[joint].nq == 2
+        span = np.inf if free else model.pin.upperPositionLimit[place] - model.pin.lowerPositionLimit[place]
+        if not at_motor and not span >= TURN:
+            first = int(np.flatnonzero(np.diff(turns[:, k]))[0]) + 1
+            raise RecordingError(
+                f"'{channel}' of joint '{name}' jumps by a whole turn {count} times, first at sample "
+                f"{first}, but its limits in the URDF leave it {np.degrees(span):.0f} degrees.",
+                advice="Mend the encoder's zero in the log, or the joint's limits or type in the URDF.",
+                joint=name,
+                jumps=count,
+                sample=first,
+            )
+        jumped[name] = count
+        values = np.array(values)
+        values[:, k] += TURN * turns[:, k]
+    return values, jumped
+
+
+def _require_samples(values: np.ndarray, channel: str) -> None:
+    if len(values) < 50:
+        raise RecordingError(
+            f"'{channel}' has {len(values)} whole samples.", advice="Record longer.", channel=channel
+        )

@@ -1,0 +1,164 @@
+"""The motion of an arm in a recording, smoothed, at the instants its torques were measured."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.arm.readings import JointReadings, joint_readings
+from smsid.arm.smoothing import LEAST, Samples, SmoothJoint, smooth_joint
+from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+STILL = 10.0
+"""Standard deviations of an encoder's noise that a joint must move by to have moved."""
+
+
+@dataclass(frozen=True)
+class SmoothMotion:
+    """Joint motion and torque at N instants, in the model's order of joints.
+
+    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s,
+    per s], ``torque`` (N, nv) [N m | N], ``stretch`` (N,) number of the stretch without gaps. ``joints``
+    say how well the motion is known.
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    torque: np.ndarray
+    stretch: np.ndarray
+    joints: tuple[SmoothJoint, ...]
+    readings: JointReadings
+
+    @property
+    def cutoff(self) -> float:
+        """Highest frequency that the motion of a joint was followed to [Hz]."""
+        return max(j.cutoff for j in self.joints)
+
+    @property
+    def rate_sigma(self) -> np.ndarray:
+        """Standard deviations (nv,) of the rates."""
+        return np.array([j.sigma[1] for j in self.joints])
+
+    @property
+    def step(self) -> float:
+        """Time between two samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def blocks(self, length: int) -> np.ndarray:
+        """Return where blocks of ``length`` samples begin (B,).
+
+        None holds a gap, and short ones are the last of their stretch.
+        """
+        edges = np.flatnonzero(np.diff(self.stretch)) + 1
+        bounds = [0, *edges.tolist(), len(self.time)]
+        starts = [np.arange(a, max(b - length // 2, a + 1), length) for a, b in itertools.pairwise(bounds)]
+        return np.concatenate(starts)
+
+
+def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
+    """Smooth the angles of a recording, with its measured rates; return motion where torque was measured.
+
+    Cutoffs and noise are found for each joint by itself, see `smooth_joint`. The ends of every stretch, where
+    the motion is known less well, are left out.
+
+    Args:
+        model: a welded arm.
+        recording: see `joint_readings`; any clock, with jitter and gaps.
+
+    Raises:
+        RecordingError: as `joint_readings`, or stretches are too short.
+        NotIdentifiableError: no joint moves.
+        DescriptionError: the gears do not fit.
+    """
+    readings = joint_readings(model, recording)
+    pieces = [s for s in readings.stretches if s.stop - s.start >= LEAST]
+    if not pieces:
+        raise RecordingError("All stretches without gaps are too short.", advice="Record without gaps.")
+    joints = tuple(
+        smooth_joint([_samples(readings, s, k) for s in pieces]) for k in range(readings.position.shape[1])
+    )
+    _require_motion(model, readings, joints)
+    edge = max(j.edge for j in joints)
+    chosen: list[tuple[np.ndarray, int]] = []
+    for number, s in enumerate(pieces):
+        start, end = readings.position_time[s][[0, -1]]
+        inner = min(edge, 0.1 * (end - start))
+        inside = (readings.torque_time >= start + inner) & (readings.torque_time <= end - inner)
+        chosen.append((np.flatnonzero(inside), number))
+    index = np.concatenate([i for i, _ in chosen])
+    stretch = np.concatenate([np.full(i.size, n) for i, n in chosen])
+    if index.size < 50:
+        raise RecordingError(
+            f"{index.size} torque samples lie within the motion.", advice="Do both clocks start together?"
+        )
+    values = [
+        np.concatenate([_along(joints, n, readings.torque_time[i], d) for i, n in chosen]) for d in range(3)
+    ]
+    q = np.array([model.set_joint_angles(model.home, x) for x in values[0]])
+    return SmoothMotion(
+        readings.torque_time[index],
+        q,
+        values[1],
+        values[2],
+        readings.torque[index],
+        stretch,
+        joints,
+        readings,
+    )
+
+
+def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
+    """Return several recordings' motion as one of more stretches; each joint as uncertain as in the worst."""
+    first = motions[0]
+    if len(motions) == 1:
+        return first
+    offsets = np.cumsum([0, *(int(m.stretch[-1]) + 1 for m in motions[:-1])])
+    return SmoothMotion(
+        np.concatenate([m.time for m in motions]),
+        np.concatenate([m.q for m in motions]),
+        np.concatenate([m.v for m in motions]),
+        np.concatenate([m.a for m in motions]),
+        np.concatenate([m.torque for m in motions]),
+        np.concatenate([m.stretch + k for m, k in zip(motions, offsets.tolist(), strict=True)]),
+        tuple(
+            max(same, key=lambda j: float(j.sigma[1]))
+            for same in zip(*(m.joints for m in motions), strict=True)
+        ),
+        first.readings,
+    )
+
+
+def _along(joints: Sequence[SmoothJoint], number: int, times: np.ndarray, derivative: int) -> np.ndarray:
+    """Derivatives (n, joints) of the splines of one stretch."""
+    return np.column_stack([j.splines[number](times, nu=derivative) for j in joints])
+
+
+def _samples(readings: JointReadings, stretch: slice, joint: int) -> Samples:
+    times = readings.position_time[stretch]
+    within = (readings.velocity_time >= times[0]) & (readings.velocity_time <= times[-1])
+    return Samples(
+        times,
+        readings.position[stretch, joint],
+        readings.velocity_time[within],
+        readings.velocity[within, joint],
+    )
+
+
+def _require_motion(model: SpacecraftModel, readings: JointReadings, joints: Sequence[SmoothJoint]) -> None:
+    moved = np.ptp(readings.position, axis=0)
+    still = [
+        n for n, m, j in zip(model.arm_joints.names, moved, joints, strict=True) if not m > STILL * j.noise
+    ]
+    if len(still) == len(joints):
+        raise NotIdentifiableError(
+            f"No joint moves: {', '.join(still)} stay within their encoders' noise.",
+            advice="Record a motion.",
+            still=tuple(still),
+        )

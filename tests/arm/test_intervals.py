@@ -1,0 +1,135 @@
+"""Intervals of an arm hold the truth, at every option; nothing is biased by what nobody sees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.arm import identify_arm, with_joint_effects
+from smsid.arm.regression import solve_joints
+from smsid.description import Description
+from smsid.recording import Recording
+
+URDF = """<robot name="two"><link name="base"/>
+<link name="l1"><inertial><origin xyz="0.3 0 0"/><mass value="5"/>
+<inertia ixx="0.01" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" effort="50" velocity="5"/></joint>
+<link name="l2"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+<inertia ixx="0.005" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.6 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="50" velocity="5"/></joint></robot>"""
+VISCOUS, COULOMB = np.array([2.0, 1.0]), np.array([3.0, 1.5])
+SEEDS = 12
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory) -> Description:
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "two.urdf").write_text(URDF)
+    bare = Description(name="two", urdf="two.urdf", folder=folder, root="fixed", gravity=(0.0, 0.0, -9.81))
+    return with_joint_effects(bare, ("j1", "j2"), "joint_friction")
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Motion and rigid torques by rate: sums of five sines."""
+    model = pin.buildModelFromXML(URDF)
+    made = {}
+
+    def at(rate: float):
+        if rate not in made:
+            t = np.arange(0.0, 20.0, 1.0 / rate)
+            draw = np.random.default_rng(1)
+            omega = 2.0 * np.pi * 0.1 * np.arange(1, 6)
+            size, phase = draw.uniform(0.1, 0.4, (2, 5, 1)), draw.uniform(0.0, 6.0, (2, 5, 1))
+            arg = omega[:, None] * t + phase
+            q = np.sum(size * np.sin(arg), axis=1).T
+            v = np.sum(size * omega[:, None] * np.cos(arg), axis=1).T
+            a = -np.sum(size * omega[:, None] ** 2 * np.sin(arg), axis=1).T
+            data = model.createData()
+            made[rate] = t, q, v, np.array([pin.rnea(model, data, *x) for x in zip(q, v, a, strict=True)])
+        return made[rate]
+
+    return at
+
+
+def scores(arm, clean, *, rate=100.0, noise=1e-4, width=0.005, cutoff=None, seeds=SEEDS) -> np.ndarray:
+    """Deviations (seeds, parameters) from the truth in standard deviations."""
+    t, q, v, rigid = clean(rate)
+    out = []
+    for seed in range(seeds):
+        draw = np.random.default_rng(100 + seed)
+        torque = rigid + VISCOUS * v + COULOMB * np.tanh(v / width) + [0.5, 0.2] * draw.normal(size=v.shape)
+        channels = {"e.joint_position": q + noise * draw.normal(size=q.shape), "d.joint_torque": torque}
+        log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+        found = identify_arm(arm, log, cutoff=cutoff).estimate
+        truth = {f"friction_j{k + 1}.viscous": x for k, x in enumerate(VISCOUS)}
+        truth |= {f"friction_j{k + 1}.coulomb": x for k, x in enumerate(COULOMB)}
+        out.append([(p.value - truth.get(p.name, p.nominal)) / p.sigma for p in found.parameters])
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {},
+        {"cutoff": 20.0},
+        {"cutoff": 3.0},
+        {"width": 0.05},
+        {"noise": 2e-4},
+        {"rate": 250.0, "noise": 1e-5, "seeds": 8},
+    ],
+    ids=str,
+)
+def test_intervals_hold_at_every_option(arm, clean, option):
+    z = scores(arm, clean, **option)
+    inside = float(np.mean(np.abs(z) < 1.96))
+    band = 3.0 * np.sqrt(0.05 * 0.95 / z.size)
+    assert 0.95 - band < inside
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.25
+    # the mean of a parameter's deviations over the seeds is chance
+    assert np.abs(z.mean(axis=0)).max() < 3.2 / np.sqrt(len(z))
+
+
+def test_the_width_of_frictions_sign_is_found_and_kept_in_the_description(arm, clean):
+    t, q, v, rigid = clean(100.0)
+    draw = np.random.default_rng(3)
+    torque = rigid + VISCOUS * v + COULOMB * np.tanh(v / 0.03) + [0.5, 0.2] * draw.normal(size=v.shape)
+    channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape), "d.joint_torque": torque}
+    log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+    found = identify_arm(arm, log)
+    for w in found.widths:
+        assert w.status == "found" and abs(np.log(w.value / 0.03)) < 4.0 * w.sigma < 2.0
+        assert found.description.get_effect(w.effect).smoothing == w.value
+    stated = [e.model_copy(update={"smoothing": 0.01}) for e in arm.effect]
+    again = identify_arm(arm.with_effects(*stated), log)
+    assert [w.status for w in again.widths] == ["stated", "stated"]
+
+
+def test_two_recordings_tell_more_than_one(arm, clean):
+    t, q, v, rigid = clean(100.0)
+    logs = []
+    for seed, part in enumerate((slice(0, 1000), slice(1000, 2000))):
+        draw = np.random.default_rng(seed)
+        torque = rigid + VISCOUS * v + COULOMB * np.tanh(v / 0.005) + 0.2 * draw.normal(size=v.shape)
+        channels = {"e.joint_position": q[part] + 1e-5 * draw.normal(size=q[part].shape)}
+        channels["d.joint_torque"] = torque[part]
+        logs.append(
+            Recording.from_arrays(t[part], channels, labels={"joint": ("j1", "j2")}, role="estimation")
+        )
+    one, both = identify_arm(arm, logs[0]).estimate, identify_arm(arm, logs).estimate
+    viscous = both["friction_j1.viscous"]
+    assert viscous.sigma < one["friction_j1.viscous"].sigma
+    assert abs(viscous.value - 2.0) < 4.0 * viscous.sigma
+
+
+def test_misfit_widens_intervals(rng):
+    """A parameter that differs from stretch to stretch is told no better than it differs."""
+    rows = rng.normal(size=(2000, 1, 3))
+    drift = np.repeat(rng.normal(size=20), 100)
+    torque = np.einsum("tjn,n->tj", rows, np.array([1.0, 2.0, 3.0])) + 0.1 * rng.normal(size=(2000, 1))
+    even = solve_joints(rows, torque)
+    uneven = solve_joints(rows, torque + drift[:, None] * rows[:, :, 0])
+    assert uneven.sigma[0] > 0.15 and even.sigma[0] < 0.01

@@ -1,0 +1,123 @@
+"""Mechanisms of one joint: Pinocchio's bindings give their matrices as vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from typer.testing import CliRunner
+
+from smsid.arm import identify_arm, with_joint_effects
+from smsid.cli.app import app
+from smsid.description import Description
+from smsid.diagnose import diagnose
+from smsid.effects.rotor import turns
+from smsid.effects.spatial import Motion
+from smsid.model import build_model
+from smsid.model.regressor import Regressor
+from smsid.recording import Recording, save_recording
+
+URDF = """<robot name="axis"><link name="base"/>
+<link name="carriage"><inertial><mass value="90"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="{kind}"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="500" velocity="1"/></joint></robot>"""
+KINDS = ("joint_friction", "torque_offset")
+PUBLISHED = {"mass": 95.109, "viscous": 203.503, "coulomb": 20.394, "offset": -3.165}
+
+
+def axis(tmp_path, kind="prismatic"):
+    (tmp_path / "axis.urdf").write_text(URDF.format(kind=kind))
+    return Description(
+        name="axis", urdf="axis.urdf", folder=tmp_path, root="fixed", gravity=(0.0, 0.0, -9.81)
+    )
+
+
+def log(rng, still=False, idle=False):
+    t = np.arange(0.0, 12.0, 0.004)
+    q = 0.1 * np.sin(1.3 * t) + 0.05 * np.sin(3.1 * t + 1.0)
+    v = 0.13 * np.cos(1.3 * t) + 0.155 * np.cos(3.1 * t + 1.0)
+    a = -0.169 * np.sin(1.3 * t) - 0.4805 * np.sin(3.1 * t + 1.0)
+    force = 95.0 * a + 200.0 * v + 20.0 * np.sign(v) - 3.0 + rng.normal(size=t.size)
+    q = q + 1e-6 * rng.normal(size=t.size)
+    channels = {"encoder.joint_position": (0.0 if still else 1.0) * q[:, None]}
+    channels["drive.joint_torque"] = (0.0 if idle else 1.0) * force[:, None]
+    return Recording.from_arrays(t, channels, labels={"joint": ("slide",)}, role="estimation", name="log")
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute", "continuous"])
+def test_jacobians_and_regressors_of_one_joint_are_matrices(tmp_path, kind):
+    model = build_model(axis(tmp_path, kind))
+    assert turns(model.pin, 1) == (kind != "prismatic")
+    jacobian, velocity, _ = Motion(model.pin, 1).at(model.home, np.ones(1))
+    assert jacobian.shape == (6, 1)
+    np.testing.assert_allclose(jacobian[:, 0], velocity)
+    rows = Regressor(model).generalised_momentum(model.home[None], np.ones((1, 1)))
+    parameters = Regressor(model).parameters
+    expected = 90.0 if kind == "prismatic" else 0.1
+    assert float(rows[0, 0] @ parameters) == pytest.approx(expected)
+
+
+def test_a_sliding_axis_is_identified_in_metres_and_newtons(tmp_path, rng):
+    found = identify_arm(with_joint_effects(axis(tmp_path), ("slide",), *KINDS), log(rng)).estimate
+    truth = {
+        "carriage.m": (95.0, "kg"),
+        "friction_slide.viscous": (200.0, "N s/m"),
+        "friction_slide.coulomb": (20.0, "N"),
+        "bias_slide.torque": (-3.0, "N"),
+    }
+    for name, (value, unit) in truth.items():
+        p = found[name]
+        assert p.unit == unit and abs(p.value - value) < 4.0 * p.sigma < 0.2 * abs(value)
+
+
+def test_one_joint_is_diagnosed(tmp_path, rng):
+    result = diagnose(axis(tmp_path), [log(rng)]).diagnosis
+    assert result.verdict in ("explained", "unexplained")
+    units = {p.unit for c in result.causes if c.effect == "joint_friction" for p in c.parameters}
+    assert units and units <= {"N s/m", "N", "m/s"}
+
+
+@pytest.mark.parametrize(("what", "words"), [("still", "moves"), ("idle", "constant")])
+def test_a_log_without_motion_or_torque_is_not_evaluated(tmp_path, rng, what, words):
+    result = diagnose(axis(tmp_path), [log(rng, **{what: True})]).diagnosis
+    assert result.verdict == "not_evaluated" and words in result.sentence
+
+
+def test_the_command_takes_a_bare_urdf(tmp_path, rng):
+    axis(tmp_path)
+    save_recording(log(rng), tmp_path / "log.nc")
+    arguments = ["identify", tmp_path / "axis.urdf", tmp_path / "log.nc", "-o", tmp_path / "e.json"]
+    shown = CliRunner().invoke(app, [str(x) for x in arguments])
+    assert shown.exit_code == 0, shown.output
+    assert "friction_slide.viscous" in shown.output and "N s/m" in shown.output
+    assert "it is noise" in shown.output
+    rigid = CliRunner().invoke(app, [*(str(x) for x in arguments), "--rigid"])
+    assert rigid.exit_code == 0, rigid.output
+    assert "hint" in rigid.output and "friction" in rigid.output
+
+
+def test_emps_gives_the_published_values(tmp_path):
+    if not _emps():
+        pytest.skip("SMSID_DATA has no copy of emps")
+    data = loadmat(_emps())
+    t, q, force = (data[k].ravel() for k in ("t", "qm", "vir"))
+    channels = {
+        "encoder.joint_position": q[:, None],
+        "drive.joint_torque": float(data["gtau"].item()) * force[:, None],
+    }
+    recording = Recording.from_arrays(
+        t, channels, labels={"joint": ("slide",)}, role="estimation", name="emps"
+    )
+    found = identify_arm(with_joint_effects(axis(tmp_path), ("slide",), *KINDS), recording).estimate
+    names = ("carriage.m", "friction_slide.viscous", "friction_slide.coulomb", "bias_slide.torque")
+    for name, published in zip(names, PUBLISHED.values(), strict=True):
+        assert found[name].value == pytest.approx(published, rel=0.01)
+
+
+def _emps():
+    import os
+    from pathlib import Path
+
+    place = Path(os.environ.get("SMSID_DATA", "")) / "emps" / "DATA_EMPS.mat"
+    return str(place) if place.is_file() else ""
