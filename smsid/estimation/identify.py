@@ -7,14 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from smsid.description.schema import Description
-from smsid.errors import (
-    DescriptionError,
-    InconsistentChannelsError,
-    NotIdentifiableError,
-    RecordingError,
-    SimulationError,
-    SmsidError,
-)
+from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
 from smsid.estimation.batch_check import batch_contradictions, batch_quality
 from smsid.estimation.contradictions import Contradiction
 from smsid.estimation.fit_quality import FitQuality
@@ -88,9 +81,9 @@ def identify_spacecraft(
     if not reason:
         try:
             return _batch(description, recordings, cad, tell)
-        except InconsistentChannelsError:
-            raise
-        except (RecordingError, NotIdentifiableError, DescriptionError, SimulationError) as error:
+        except (RecordingError, NotIdentifiableError) as error:
+            if not error.evidence.get("other_flight"):  # it is bad, not of another kind
+                raise
             reason = f"the recordings are not the paper's experiments: {error.message}"
     if tell is not None:
         tell(f"taken as flights: {reason}")

@@ -128,6 +128,7 @@ def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
             f"'{recording.name}' rotates at up to {worst:.3g} rad/s, so it is no Exp. 1 (pure translation).",
             advice=f"Hold the attitude to {HOLDING:g} rad/s, or give it as Exp. 2 (no thrust).",
             rate=worst,
+            other_flight=True,
         )
 
 

@@ -59,6 +59,7 @@ class Roles:
                     else f"The description needs a sensor of kind '{kind}' that measures them.",
                     missing=wanted,
                     present=list(recording.channels),
+                    other_flight=True,
                 )
             return None
 

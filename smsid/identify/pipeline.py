@@ -87,6 +87,7 @@ def _identify(
             f"{len(floating)} recordings of Exp. 2 were given ({', '.join(r.name for r in floating)}); the "
             "linear method takes one.",
             advice="Give one recording without thrust.",
+            other_flight=True,
         )
     parameters: list[ParameterEstimate] = []
     notes = left_out + [note for m in mends for note in m.notes]

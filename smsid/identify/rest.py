@@ -44,4 +44,5 @@ def check_at_rest(name: str, rates: Mapping[str, tuple[np.ndarray, np.ndarray, s
                 quantity=label,
                 start=start,
                 allowed=allowed,
+                other_flight=True,
             )

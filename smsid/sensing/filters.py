@@ -191,6 +191,7 @@ def _prepare(
             advice="Lower the cutoff, or record faster.",
             cutoff=cutoff,
             nyquist=0.5 * rate,
+            other_flight=True,  # too slow for the paper's method, which is no fault of the recording
         )
     if order < 1:
         raise RecordingError(f"A filter of order {order}.", advice="Give 1 or more.", order=order)
