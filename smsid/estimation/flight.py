@@ -18,6 +18,7 @@ from smsid.estimation.measurements import Block, Measured, measured
 from smsid.estimation.parameter_vector import Point
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.checks.sample_faults import outliers
 from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
@@ -27,6 +28,8 @@ UNKNOWN = 3.0  # times its root mean square that a torque which is not known may
 STILL = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
+WIDEST = 20  # readings of a component from twice which on its outliers can be told
+READINGS = 8.0  # standard deviations of its stated noise that an outlier is off by at least
 
 Drive = Literal["command", "measured", "locked"]
 
@@ -78,6 +81,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
             advice="Record longer.",
             samples=len(data.times),
         )
+    data, dropped = _without_outliers(data)
     inputs = input_channels(model, recording)
     drives, notes = _drives(point, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
@@ -93,9 +97,28 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         begin=initial_belief(model, data, locked, options.initial),
         unknown_inputs=(*unknown, *further),
     )
-    notes += held
+    notes += held + dropped
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
+
+
+def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
+    """Return the readings without isolated outliers, and what was left out, in words."""
+    bad = np.zeros(data.values.shape, dtype=bool)
+    for block in data.blocks:
+        if block.quantity == "attitude":
+            continue
+        for row in range(block.rows.start, block.rows.stop):
+            there = np.flatnonzero(np.isfinite(data.values[:, row]))
+            if len(there) > 2 * WIDEST:
+                bad[there, row] = outliers(data.values[there, row], READINGS * data.sigma[row])
+    if not bad.any():
+        return data, []
+    notes = [
+        f"{bad[:, row].sum()} isolated outliers of {data.names[row]} left out"
+        for row in np.flatnonzero(bad.any(axis=0))
+    ]
+    return data.without(bad), notes
 
 
 def likely_timing(recording: Recording) -> Timing:

@@ -12,6 +12,7 @@ from smsid.recording.checks.finding import Finding
 
 FloatArray = NDArray[np.float64]
 
+WILD = 1e3  # times the largest of the rest: no reading of a sensor
 OUTLIER_SIGMAS, OUTLIER_RANGE = 20.0, 0.5
 """An outlier stands off the running median by both: noise sigmas, and share of the range of the rest."""
 MAX_OUTLIERS = 0.1
@@ -57,7 +58,7 @@ def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) 
         "outlier",
         "",
         (float(count), worst, rest),
-        worst > 3.0 * rest or count > 0.005 * x.size,
+        worst > WILD * rest,  # others are left out by identification, which says so
         f"'{channel}' {component} has {count} isolated outliers of {x.size} samples, the first at "
         f"t = {t[first]:.6g} s: up to {worst:.4g} where the rest stays below {rest:.4g}.",
         "Remove these samples, or cut the log with window(t0, t1).",
