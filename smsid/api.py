@@ -19,7 +19,7 @@ from smsid.identify.estimate import Estimate
 from smsid.recording import Recording, load_recording
 
 if TYPE_CHECKING:
-    from smsid.control.design import Design
+    from smsid.control.design import Design as ControllerDesign
     from smsid.diagnose.diagnose import Diagnosed
     from smsid.experiments import Experiment
     from smsid.export.folder import Export
@@ -148,7 +148,7 @@ def design_controller(
     uncertainty: float | None = None,
     samples: int = 1000,
     seed: int = 0,
-) -> Design:
+) -> ControllerDesign:
     """Design model-based PD with an H-infinity term from what is identified.
 
     Args:
