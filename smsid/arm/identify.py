@@ -70,6 +70,7 @@ class TorqueComparison:
     predicted: np.ndarray
 
 
+@short_repr
 @dataclass(frozen=True)
 class ArmIdentification:
     """An identified arm.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.arm.columns import joint_index, torque_columns
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Effect
@@ -24,6 +25,7 @@ CHUNK = 4000
 SIGN_FIELD = "smoothing"
 
 
+@short_repr
 @dataclass(frozen=True)
 class JointTorques:
     """Torque equations ``rows @ x = torque`` of blocks of time.

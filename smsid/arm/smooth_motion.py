@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.arm.readings import JointReadings, joint_readings
 from smsid.arm.smoothing import LEAST, Samples, SmoothJoint, smooth_joint
 from smsid.errors import NotIdentifiableError, RecordingError
@@ -18,6 +19,7 @@ STILL = 10.0
 """Standard deviations of an encoder's noise that a joint must move by to have moved."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class SmoothMotion:
     """Joint motion and torque at N instants, in the model's order of joints.
