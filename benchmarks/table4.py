@@ -28,7 +28,7 @@ from _table4_text import markdown  # noqa: E402
 from smsid._files import atomic_write  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.table4 import CONTROLLERS, Case, Run, Study, Variant, cases  # noqa: E402
-from smsid.control.table4_summary import improvements, orderings, summarise  # noqa: E402
+from smsid.control.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
@@ -91,7 +91,7 @@ def main() -> None:
         identify_up_to(IDENTIFIED, exact, model.joint_angles(model.home), options.minutes)
     done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
     draws = {v: options.draws if v in (MAIN.name, QUIET, GYRO) else options.other_draws for v in VARIANTS}
-    printed = [c for c in cases() if c.paper]
+    in_print = [c for c in cases() if c.paper]
 
     def flights(variants: Sequence[str], wanted: Sequence[Case], begin: int) -> list[tuple]:
         found = []
@@ -105,10 +105,10 @@ def main() -> None:
     jobs = []
     for begin in range(0, draws[MAIN.name], TOGETHER):
         jobs += flights([MAIN.name], cases(), begin)
-    jobs += flights(list(VARIANTS), printed, 0)
+    jobs += flights(list(VARIANTS), in_print, 0)
     for many in (QUIET, GYRO):
         for begin in range(0, draws[many], TOGETHER):
-            jobs += flights([many], printed, begin)
+            jobs += flights([many], in_print, begin)
     jobs = [job for job in jobs if job[0] in asked]
     jobs = list({(v, c, k, d[0]): (v, c, k, d) for v, c, k, d in jobs}.values())
     jobs = [] if options.summary_only else jobs
@@ -125,6 +125,9 @@ def main() -> None:
     runs, before = known(), {}
     if (RESULTS / "table4.json").is_file():
         before = json.loads((RESULTS / "table4.json").read_text(encoding="utf-8"))["variants"]
+    of = {c.name: c for c in cases()}
+    for row in (row for variant in before.values() for row in variant["rows"]):
+        row |= printed(of[row["case"]], row["controller"])
     result = {
         "environment": environment("pin", "numpy", "scipy"),
         "identified_models": {

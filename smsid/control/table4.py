@@ -32,8 +32,8 @@ IDENTIFIED_LEVEL = 0.006
 PRINTED_UNITS = {"deg": float(np.pi / 180.0), "rad": 1.0}
 """What the printed numbers of Table 4 may be in, and what takes them to [rad]. The paper does not say."""
 PRINTED_UNIT = "deg"
-"""The unit that fits: noise-free PD then lies within a factor of two of the print in every row of it, in
-radians the printed joint errors would be 22 to 28 times what the wanted acceleration itself gives."""
+"""The unit that fits: with an integrated gyro every printed number is then within 0.5 to 3.2 times ours. In
+radians the printed joint errors times K_P would be 22 to 28 times the wanted acceleration (`table4.md`)."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,12 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.identify.commanded import acting
+from smsid.identify.exp1_panels import (
+    PanelShares,
+    identify_axis_of_panels,
+    panels_of,
+    symbol_of,
+)
 from smsid.identify.exp1_result import (
     SeenModes,
     TranslationResult,
@@ -24,8 +30,7 @@ from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, identify_axis, panel_weights
-from smsid.identify.translation_tied import identify_axis_tied
+from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -65,6 +70,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     wanted: set[str] = set()
     fallen: dict[str, str] = {}  # why what an axis gave is not to be believed
     reasons: dict[str, str] = {}  # why an axis gave nothing
+    shares: dict[str, PanelShares] = {}  # what panels that are not told apart have in common
     for recording in [order_columns(r, model) for r in recordings]:
         _check_attitude_held(model, recording)
         notes += _check_start(model, recording)
@@ -79,15 +85,17 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 reasons[axis] = str(error.message)
                 continue
             tanks, marks = len(model.slosh), _marks(model, "xyz".index(axis))
-            for way, method, kept in (
-                ("", identify_axis_tied, axes),
-                (" as printed", identify_axis, printed),
-            ):
-                try:
-                    kept[axis] = method(data, tanks, marks)
-                except NotIdentifiableError as error:
-                    notes.append(f"axis {axis} of '{recording.name}'{way}: {error}")
-                    reasons[axis] = str(error.message)
+            try:
+                axes[axis], own = identify_axis_of_panels(data, tanks, marks)
+                shares |= {s.symbol: s for s in own}
+            except NotIdentifiableError as error:
+                notes.append(f"axis {axis} of '{recording.name}': {error}")
+                reasons[axis] = str(error.message)
+            try:
+                printed[axis] = _of_all_panels(identify_axis(data, tanks, marks), data)
+            except NotIdentifiableError as error:
+                notes.append(f"axis {axis} of '{recording.name}' as printed: {error}")
+                reasons[axis] = str(error.message)
             if axis not in axes and axis in printed:
                 axes[axis] = printed[axis]
                 notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
@@ -112,7 +120,9 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     believed = len(fallen) < len(axes)
     if believed:  # what axes share, the others tell
         axes |= {a: alone(axes[a]) for a in fallen}
-    found = assemble(model, list(axes.values()), modes, notes, tuple(printed.values()))
+    found = assemble(
+        model, list(axes.values()), modes, notes, tuple(printed.values()), tuple(shares.values())
+    )
     parameters = [doubted(p, fallen, everything=not believed) for p in found.parameters]
     parameters += left_as_described(model, {p.name for p in parameters}, reasons)
     return replace(found, parameters=tuple(parameters), believed=believed)
@@ -176,7 +186,8 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         drift=drift,
         drift_time=drift_time,
     )
-    return _with_panel(data, recording, roles, moving, k, fs) if moving else data
+    one = len(model.appendages) == 1
+    return _with_panels(data, recording, roles, moving, k, fs, one=one) if moving else data
 
 
 def _noise(x: np.ndarray) -> float:
@@ -209,16 +220,27 @@ def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarra
     return np.where(time < source[0] - 0.5 * step, 0.0, held)
 
 
-def _with_panel(
+def _of_all_panels(found: AxisEstimate, data: AxisData) -> AxisEstimate:
+    """Return an estimate with one factor for all panels, its density named after them."""
+    names = [x for p in data.panel_forces for x in panels_of(p.name)]
+    return replace(found, names=tuple(symbol_of(names) if n == "rho" else n for n in found.names))
+
+
+def _with_panels(
     data: AxisData,
     recording: Recording,
     roles: Roles,
     moving: list[AppendageJoints],
     axis: int,
     fs: float,
+    *,
+    one: bool,
 ) -> AxisData:
-    """Add the inertia force of bending at the described density, and its sensors' weights and errors."""
-    force, weights, noises, biases, drifts = np.zeros(len(data.time)), [], [], [], []
+    """Add the inertia forces of bending at the described density, and their sensors' weights and errors.
+
+    ``one``: the spacecraft's only appendage, whose density is just ``rho``.
+    """
+    forces, biases = [], []
     for joints in moving:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
@@ -241,21 +263,21 @@ def _with_panel(
                 advice="Describe fewer modes, or add stations.",
             )
         w = panel_weights(shapes[:, seen], along[seen])
-        force += (y - data.acceleration[:, None]) @ w
-        weights.append(w)
+        force = (y - data.acceleration[:, None]) @ w
         raw = recording[f"{sensor.name}.acceleration"][:, :, axis]
-        noises.append(_noise(raw) * np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
+        noise = _noise(raw) * float(np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
+        forces.append(PanelForce(symbol_of(() if one else (name,)), force, w, noise, *_drift(sensor)))
         biases.append(_bias(sensor))
-        drifts.append(_drift(sensor))
-    drift, drift_time = max(drifts)
+    drift, drift_time = max((p.drift, p.drift_time) for p in forces)
     return replace(
         data,
-        panel=force,
-        panel_weights=np.concatenate(weights),
-        panel_noise=float(np.max(noises)),
+        panel=np.sum([p.force for p in forces], axis=0),
+        panel_weights=np.concatenate([p.weights for p in forces]),
+        panel_noise=max(p.noise for p in forces),
         panel_bias=float(np.max(biases)),
         panel_drift=drift,
         panel_drift_time=drift_time,
+        panels=tuple(forces),
     )
 
 
