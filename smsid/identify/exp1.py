@@ -39,6 +39,8 @@ from smsid.sensing import Sensor, zero_phase
 from smsid.simulate.truth import station_indices
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
+ABOVE_MODES = 1.5  # times the highest described mode: a cantilever's next is at twice, and is not in its p
+FEWEST_PERIODS = 20.0  # of the cut-off in a record: below, the filter's ends reach too far in
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
@@ -171,8 +173,10 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     force = _held(thrust.times, thrust.values[:, k], time)
     fs = rate_of(recording, imu, "acceleration")
 
+    cutoff = _cut_off(moving, float(time[-1] - time[0]))
+
     def smooth(x: np.ndarray) -> np.ndarray:
-        return zero_phase(x, fs, SMOOTHING)
+        return zero_phase(x, fs, cutoff)
 
     drift, drift_time = _drift(imu)
     data = AxisData(
@@ -187,7 +191,18 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         drift_time=drift_time,
     )
     one = len(model.appendages) == 1
-    return _with_panels(data, recording, roles, moving, k, fs, one=one) if moving else data
+    return _with_panels(data, recording, roles, moving, k, fs, cutoff, one=one) if moving else data
+
+
+def _cut_off(moving: list[AppendageJoints], duration: float) -> float:
+    """Return the low-pass' cut-off [Hz]: below the first mode that a description of ``moving`` leaves out.
+
+    The stations see every mode, the clamped shapes of the described ones turn what they see into p: modes
+    beyond would count as more of these. ``duration`` of the record [s].
+    """
+    highest = [max((m.frequency for m in j.appendage.modal_data()), default=np.inf) for j in moving]
+    lowest = min(highest, default=np.inf)
+    return float(min(SMOOTHING, max(ABOVE_MODES * lowest, FEWEST_PERIODS / duration)))
 
 
 def _noise(x: np.ndarray) -> float:
@@ -233,6 +248,7 @@ def _with_panels(
     moving: list[AppendageJoints],
     axis: int,
     fs: float,
+    cutoff: float,
     *,
     one: bool,
 ) -> AxisData:
@@ -249,7 +265,7 @@ def _with_panels(
                 f"'{name}' bends along this axis but the recording has no accelerometers on it.",
                 advice=f"Record a sensor of kind 'accelerometers' with appendage = \"{name}\".",
             )
-        y = sampled(recording, sensor, "acceleration", data.time, SMOOTHING)[:, :, axis]
+        y = sampled(recording, sensor, "acceleration", data.time, cutoff)[:, :, axis]
         chosen = station_indices(joints, sensor)
         modes = joints.appendage.modal_data()
         rotation = joints.placement.rotation

@@ -20,7 +20,7 @@ from .support import TANK, M, paper
 
 RATE = 50.0
 NOISE = 1e-5  # [m/s^2]
-MODES = paper().get_effect("panel").modal_data()
+MODES = paper().get_effect("panel").model_copy(update={"modes": 8}).modal_data()
 SHAPE = np.array([m.shape for m in MODES])[:, :, 2]  # (modes, stations)
 
 
@@ -53,18 +53,18 @@ def described(beams: tuple[Beam, ...]) -> Description:
     return d.model_copy(update={"effect": tuple(effects), "sensor": tuple(sensors)})
 
 
-def flown(axis: str, beams: tuple[Beam, ...], seed: int, mass: float = M) -> Recording:
-    """Exp. 1 along one axis: base, tank, and the beams that bend along it."""
+def flown(axis: str, beams: tuple[Beam, ...], seed: int, mass: float = M, modes: int = 3) -> Recording:
+    """Exp. 1 along one axis: base, tank, and the beams that bend along it, with ``modes`` each."""
     k = "xyz".index(axis)
     bending = [b for b in beams if b.axis == axis]
-    n = 2 + 3 * len(bending)
+    n = 2 + modes * len(bending)
     inertia, stiff, damp = np.zeros((3, n, n))
     inertia[0, 0] = mass
     m_s, stiff[1, 1], damp[1, 1] = TANK
     inertia[1, 1] = inertia[0, 1] = inertia[1, 0] = m_s
     for j, b in enumerate(bending):
-        for i in range(3):
-            at, w = 2 + 3 * j + i, 2 * np.pi * MODES[i].frequency * np.sqrt(b.stiffness / b.density)
+        for i in range(modes):
+            at, w = 2 + modes * j + i, 2 * np.pi * MODES[i].frequency * np.sqrt(b.stiffness / b.density)
             inertia[at, at], inertia[0, at] = 1.0, np.sqrt(b.density) * MODES[i].translation[2]
             inertia[at, 0] = inertia[0, at]
             stiff[at, at], damp[at, at] = w * w, 0.01 * w
@@ -95,15 +95,15 @@ def flown(axis: str, beams: tuple[Beam, ...], seed: int, mass: float = M) -> Rec
     for b in beams:
         y = np.repeat(acc[:, :1], 3, axis=1)
         if b in bending:
-            at = 2 + 3 * bending.index(b)
-            y = y + acc[:, at : at + 3] @ SHAPE / np.sqrt(b.density)
+            at = 2 + modes * bending.index(b)
+            y = y + acc[:, at : at + modes] @ SHAPE[:modes] / np.sqrt(b.density)
         channels[f"{b.name}.acceleration"] = noisy(along(y))
     return Recording.from_arrays(t, channels, name=f"exp1_{axis}")
 
 
-def identified(beams: tuple[Beam, ...], axes: str, seed: int, **changes: float):
+def identified(beams: tuple[Beam, ...], axes: str, seed: int):
     model = build_model(described(beams))
-    return identify_translation(model, [flown(a, beams, seed, **changes) for a in axes])
+    return identify_translation(model, [flown(a, beams, seed) for a in axes])
 
 
 def z_of(found, name: str, truth: float) -> float:
@@ -167,3 +167,15 @@ def test_axes_that_contradict_each_other_are_not_pooled():
     assert mass.sigma > 1.0  # a mean of two that differ by 22 kg is known no better than that
     agreed = identify_translation(model, [flown("y", beams, 0), flown("z", beams, 0)])
     assert not agreed.combined.contradictions and agreed.combined.agreements
+
+
+def test_more_true_modes_than_described_stay_within_the_interval():
+    """Eight against three: with a low-pass above the fourth the density came out 2 % low, 40 to 60 sigmas."""
+    beams, z, off = (Beam("panel", "z"),), [], []
+    model = build_model(described(beams))
+    for seed in range(12):
+        found = identify_translation(model, [flown("z", beams, seed, modes=8)])
+        z.append([z_of(found, "panel.linear_density", 16.2), z_of(found, "total.mass", M)])
+        off.append(found.density_factor("panel") - 1.0)
+    assert np.abs(np.mean(z, axis=0)).max() < 1.5 and np.abs(z).max() < 4.5, z
+    assert abs(np.mean(off)) < 5e-4
