@@ -20,8 +20,8 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
+from smsid.identify.combined import combine
 from smsid.identify.pipeline import Identification, identify
-from smsid.identify.translation import combine
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording

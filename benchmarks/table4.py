@@ -28,12 +28,12 @@ from _table4_text import markdown  # noqa: E402
 from smsid._files import atomic_write  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.table4 import CONTROLLERS, Case, Run, Study, Variant, cases  # noqa: E402
-from smsid.control.table4_summary import improvements, orderings, summarise  # noqa: E402
+from smsid.control.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
-MAIN, QUIET = Variant(), "no noise"
+MAIN, QUIET, GYRO = Variant(), "no noise", "integrated gyro"
 VARIANTS = {
     v.name: v
     for v in (
@@ -46,6 +46,7 @@ VARIANTS = {
         Variant("no noise, common factor", noise=0.0, draw="common"),
         Variant("a call late", delay=1),
         Variant("50 Hz", rate=50.0),
+        Variant(GYRO, attitude_noise=2e-6, gyro_noise=1e-6),
     )
 }
 IDENTIFIED = 100  # models
@@ -71,11 +72,17 @@ def known() -> list[Run]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=100, help="of the first two variants")
+    parser.add_argument("--draws", type=int, default=100, help="of main, no noise and integrated gyro")
     parser.add_argument("--other-draws", type=int, default=20, help="of every other variant")
     parser.add_argument("--minutes", type=float, default=30.0, help="stop starting flights after this long")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--summary-only", action="store_true")
+    parser.add_argument(
+        "--variant",
+        action="append",
+        choices=list(VARIANTS),
+        help="fly this one; what stands in table4.json of the others stays (again for more)",
+    )
     options = parser.parse_args()
     LINES.parent.mkdir(exist_ok=True)
     if not options.summary_only:
@@ -83,8 +90,8 @@ def main() -> None:
         exact = ReducedDynamics(model)
         identify_up_to(IDENTIFIED, exact, model.joint_angles(model.home), options.minutes)
     done = {(r.variant, r.case, r.controller, r.draw) for r in known()}
-    draws = {v: options.draws if v in (MAIN.name, QUIET) else options.other_draws for v in VARIANTS}
-    printed = [c for c in cases() if c.paper]
+    draws = {v: options.draws if v in (MAIN.name, QUIET, GYRO) else options.other_draws for v in VARIANTS}
+    in_print = [c for c in cases() if c.paper]
 
     def flights(variants: Sequence[str], wanted: Sequence[Case], begin: int) -> list[tuple]:
         found = []
@@ -94,12 +101,15 @@ def main() -> None:
                 found.append((v, c.name, k, left))
         return found
 
+    asked = options.variant or list(VARIANTS)
     jobs = []
     for begin in range(0, draws[MAIN.name], TOGETHER):
         jobs += flights([MAIN.name], cases(), begin)
-    jobs += flights(list(VARIANTS), printed, 0)
-    for begin in range(0, draws[QUIET], TOGETHER):
-        jobs += flights([QUIET], cases(), begin)
+    jobs += flights(list(VARIANTS), in_print, 0)
+    for many in (QUIET, GYRO):
+        for begin in range(0, draws[many], TOGETHER):
+            jobs += flights([many], in_print, begin)
+    jobs = [job for job in jobs if job[0] in asked]
     jobs = list({(v, c, k, d[0]): (v, c, k, d) for v, c, k, d in jobs}.values())
     jobs = [] if options.summary_only else jobs
     begin = time.monotonic()
@@ -112,7 +122,12 @@ def main() -> None:
                 file.flush()
             done_jobs = min(at + options.workers, len(jobs))
             print(f"{done_jobs}/{len(jobs)} jobs, {time.monotonic() - begin:.0f} s", flush=True)
-    runs = known()
+    runs, before = known(), {}
+    if (RESULTS / "table4.json").is_file():
+        before = json.loads((RESULTS / "table4.json").read_text(encoding="utf-8"))["variants"]
+    of = {c.name: c for c in cases()}
+    for row in (row for variant in before.values() for row in variant["rows"]):
+        row |= printed(of[row["case"]], row["controller"])
     result = {
         "environment": environment("pin", "numpy", "scipy"),
         "identified_models": {
@@ -127,8 +142,10 @@ def main() -> None:
                 "orderings": orderings(chosen),
                 "improvements": improvements(chosen),
             }
-            for name in VARIANTS
             if (chosen := [r for r in runs if r.variant == name])
+            else before[name]
+            for name in VARIANTS
+            if name in before or any(r.variant == name for r in runs)
         },
     }
     print(write_result("table4", result))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -84,6 +85,28 @@ def identify_command(
         list[str] | None,
         typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
     ] = None,
+    modal: Annotated[
+        str | None,
+        typer.Option(
+            help="--method paper: bending in Exp. 2 by a Kalman smoother (smoother, the default) or by "
+            "integrating the accelerometers as the paper prints it, (31)-(32) (printed)"
+        ),
+    ] = None,
+    tracked_point: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="where the pose sensor sits, the tracked point P, in the bus frame [m], instead of the "
+            "description's; an IMU at the same place goes with it",
+        ),
+    ] = None,
+    find_tracked_point: Annotated[
+        bool,
+        typer.Option(
+            "--find-tracked-point",
+            help="--method paper: take P, r_p/b of the paper, for unknown and find it from Exp. 2",
+        ),
+    ] = False,
     show_all: ShowAll = False,
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="go on although channels contradict each other")
@@ -97,6 +120,7 @@ def identify_command(
     from smsid.description import load_description
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
+    from smsid.identify.pose_point import with_tracked_point
     from smsid.recording import load_recording
 
     _method(method)
@@ -116,6 +140,18 @@ def identify_command(
             "--cad is for maximum likelihood of a spacecraft.",
             advice='Leave it out, or use --method ml with root = "free".',
         )
+    if modal not in (None, "smoother", "printed"):
+        raise SmsidError(f"There is no modal estimator '{modal}'.", advice="Use smoother or printed.")
+    for option, given in (("--modal", modal is not None), ("--find-tracked-point", find_tracked_point)):
+        if given and (method != "paper" or described.root == "fixed"):
+            raise SmsidError(
+                f"{option} is for the paper's method of a spacecraft.",
+                advice="Add --method paper, or leave it out.",
+            )
+    if tracked_point is not None:
+        if described.root == "fixed":
+            raise SmsidError("--tracked-point is for spacecraft.", advice="Leave it out.")
+        described = with_tracked_point(described, _point(tracked_point))
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
@@ -139,9 +175,12 @@ def identify_command(
         option = "--gains" if gains else "--hold" if hold else "--rigid" if rigid else "--cutoff"
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
-        found = identify_spacecraft(
-            described, loaded, method=_method(method), cad=cad, options=_flight(drive, at_rest), tell=tell
-        )
+        if modal is not None or find_tracked_point:
+            found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
+        else:
+            found = identify_spacecraft(
+                described, loaded, method=_method(method), cad=cad, options=_flight(drive, at_rest), tell=tell
+            )
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (
         linear.estimate.timing["total"] if found.refined and linear else 0.0
@@ -203,3 +242,24 @@ def _write_report(
     with working("writing the report"):
         origin = provenance([*files_of(described, inputs[0]), *inputs[1:]])
         write_report(identify_report(described, loaded, found.linear, found.refined, origin), report)
+
+
+def _by_the_paper(described: Description, loaded: list[Recording], printed: bool, find: bool) -> Identified:
+    """Return what the paper's method finds, bending as ``printed``, the tracked point unknown to ``find``."""
+    from smsid.estimation.identify import Identified
+    from smsid.identify.pipeline import identify
+
+    linear = identify(described, loaded, modal="printed" if printed else "smoother", refine_pose_point=find)
+    return Identified(linear.estimate, linear)
+
+
+def _point(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise SmsidError(
+            f"--tracked-point '{text}' is no point.", advice="Give three numbers [m]: 0.5,1.5,0.6."
+        ) from None
+    if not all(isfinite(v) for v in (x, y, z)):
+        raise SmsidError(f"--tracked-point '{text}' is not finite.", advice="Give three numbers [m].")
+    return x, y, z

@@ -12,7 +12,7 @@ from rich.console import Console, RenderableType
 from smsid._files import atomic_write
 from smsid.cli.output import working
 from smsid.control.identified_model import identified_model
-from smsid.control.table4 import CONTROLLERS, Study, Variant, cases
+from smsid.control.table4 import CONTROLLERS, PRINTED_UNIT, Study, Variant, cases
 from smsid.control.table4_summary import improvements, orderings, summarise
 from smsid.description.schema import Description
 from smsid.errors import ControlError
@@ -48,6 +48,7 @@ def fly_study(
     result = {
         "schema": 1,
         "kind": "control_study",
+        "paper_unit": PRINTED_UNIT,
         "case_D": "a drawn error" if estimate is None else "the estimate's model",
         "rows": rows,
         "orderings": orderings(runs),
@@ -91,6 +92,7 @@ def document_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
             ]
         table.add_row(*cells)
     yield table
+    yield "The paper's numbers have no unit in print: they are read in degrees, which fits (docs: Control)."
 
 
 def _verdict(found: Mapping[str, Any]) -> str:

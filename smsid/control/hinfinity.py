@@ -103,11 +103,11 @@ def feasible(plant: Plant, gamma: float) -> bool:
 
 def _attempt(plant: Plant, gamma: float) -> StateSpace | None:
     """Return the central controller for gamma, or nothing when there is none."""
-    s = plant.system
+    s = plant.system.balanced()
     controller = central_controller(s, plant.controls, plant.measurements, gamma)
     if controller is None:
         return None
-    closed = lower_lft(s, controller)
+    closed = lower_lft(s, controller).balanced()
     if not closed.stable or hinf_norm(closed, tolerance=1e-7)[0] > gamma * (1.0 + 1e-6):
         return None
     return controller

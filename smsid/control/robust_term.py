@@ -21,7 +21,7 @@ import numpy as np
 
 from smsid.control.gains import Gains
 from smsid.control.hinfinity import Plant, Synthesis, feasible, synthesize
-from smsid.control.statespace import StateSpace, hinf_norm, stack
+from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.control.weights import ROLL_OFF, SLOWEST, Weights
 from smsid.errors import ControlError
 
@@ -175,11 +175,7 @@ def _smallest(
         while not _reaches(kp, kd, weights, high * passive):
             high *= 10.0
             if high > 1e7:
-                raise ControlError(
-                    "No H-infinity term keeps the loop robust, whatever error is allowed.",
-                    advice="Too much uncertainty for these gains and this crossover: lower the gains, raise "
-                    "the crossover (a faster controller, less delay), or identify first.",
-                )
+                raise _none_found(kp, kd, weights, high * passive)
     else:
         low = 0.3 * high
         while _reaches(kp, kd, weights, low * passive):
@@ -196,6 +192,35 @@ def _smallest(
         if _reaches(kp, kd, weights, high * passive):
             break
     return high
+
+
+def _none_found(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> ControlError:
+    """Return why there is no term although ``error`` (k,) [rad] is allowed: the loop, or our arithmetic.
+
+    No term at all, u_inf = 0, is a controller as well: where it meets the norm, one exists.
+    """
+    plant, k = error_plant(kp, kd, weights, error), len(kp)
+    nothing = StateSpace(np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k)))
+    alone, _ = hinf_norm(lower_lft(plant.system.balanced(), nothing))
+    if alone < 1.0:
+        return ControlError(
+            f"The H-infinity synthesis failed numerically: PD alone meets its bound (norm {alone:.3g}), but "
+            "no controller was computed.",
+            advice="The weights are too far apart in size: give noise and disturbance that are nearer to "
+            "what the flight will see, or fly PD alone.",
+            norm_of_pd=alone,
+            disturbance=weights.disturbance,
+            angle_noise=weights.angle_noise,
+            rate_noise=weights.rate_noise,
+        )
+    return ControlError(
+        "No H-infinity term keeps the loop robust, whatever error is allowed.",
+        advice=f"Too much uncertainty ({100.0 * weights.uncertainty:.3g} %) for these gains and a crossover "
+        f"of {weights.crossover:.3g} rad/s: lower the gains, raise the crossover (a faster controller, less "
+        "delay), or identify first.",
+        norm_of_pd=alone,
+        uncertainty=weights.uncertainty,
+    )
 
 
 def error_plant(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> Plant:

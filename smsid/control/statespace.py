@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, matrix_balance
 
 from smsid.errors import ControlError
 
@@ -65,6 +65,22 @@ class StateSpace:
     def scaled(self, left: np.ndarray, right: np.ndarray) -> StateSpace:
         """Return left @ self @ right, matrices (q, p) and (m, r)."""
         return StateSpace(self.a, self.b @ right, left @ self.c, left @ self.d @ right, self.period)
+
+    def balanced(self) -> StateSpace:
+        """Return the same system with its states scaled, by powers of two, until rows match columns in size.
+
+        Units of states, and sensors of any quality, then cost no digits (Osborne's balancing of A, B and C).
+        """
+        n = self.order
+        if not n:
+            return self
+        whole = np.zeros((n + 1, n + 1))
+        whole[:n, :n] = np.abs(self.a)
+        whole[:n, n] = np.linalg.norm(self.b, axis=1)
+        whole[n, :n] = np.linalg.norm(self.c, axis=0)
+        _, (scale, _) = matrix_balance(whole, permute=False, separate=True)
+        t = scale[:n] / scale[n]
+        return StateSpace(self.a * t / t[:, None], self.b / t[:, None], self.c * t, self.d, self.period)
 
     def sampled(self, period: float) -> StateSpace:
         """Return the bilinear (Tustin) discretisation at ``period`` [s]; stable stays stable."""

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smsid.control.table4 import CONTROLLERS, Case, Run
+from smsid.control.table4 import CONTROLLERS, PRINTED_UNIT, PRINTED_UNITS, Case, Run
 
 FEWEST = 5
 """Draws below which no ordering is decided."""
 
 
 def summarise(runs: Sequence[Run], wanted: Sequence[Case]) -> list[dict[str, object]]:
-    """Return a row per case and controller: medians and 95 % intervals of e_b, e_i, the paper's beside."""
+    """Return a row per case and controller: medians and 95 % intervals of e_b, e_i, the paper's beside.
+
+    All in [rad]; the paper's are taken for `PRINTED_UNIT`.
+    """
     rows: list[dict[str, object]] = []
     for case in wanted:
         for controller in CONTROLLERS:
@@ -29,14 +32,19 @@ def summarise(runs: Sequence[Run], wanted: Sequence[Case]) -> list[dict[str, obj
                 "draws": len(found),
                 "runs_at_a_limit": sum(bool(r.saturated) for r in found),
             }
-            for k, name in enumerate(("base", "joints")):
+            for name in ("base", "joints"):
                 values = np.array([getattr(r, name) for r in found])
                 low, middle, high = np.percentile(values, [2.5, 50.0, 97.5])
                 row[f"e_{name}"] = {"median": float(middle), "interval": [float(low), float(high)]}
-                if controller in case.paper:
-                    row[f"e_{name}_paper"] = case.paper[controller][k]
-            rows.append(row)
+            rows.append(row | printed(case, controller))
     return rows
+
+
+def printed(case: Case, controller: str) -> dict[str, float]:
+    """Return the paper's e_b and e_i of a row [rad], read in `PRINTED_UNIT`; nothing where it has none."""
+    found = case.paper.get(controller)
+    scale = PRINTED_UNITS[PRINTED_UNIT]
+    return {} if found is None else {"e_base_paper": scale * found[0], "e_joints_paper": scale * found[1]}
 
 
 def orderings(runs: Sequence[Run]) -> list[dict[str, object]]:

@@ -6,6 +6,7 @@ least squares.
 """
 
 from smsid._callable import make_callable
+from smsid.identify.combined import Agreement, Combined, combine
 from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate, save_estimate
 from smsid.identify.exp1 import identify_translation
 from smsid.identify.exp1_result import TranslationResult
@@ -25,9 +26,10 @@ from smsid.identify.ssi_input import ssi_cov_input
 from smsid.identify.ssi_uncertainty import UncertainPoles, ssi_cov_uncertain
 from smsid.identify.streamed import StreamedMomentum, identify_streamed
 from smsid.identify.tls import TlsSolution, total_least_squares
-from smsid.identify.translation import AxisData, AxisEstimate, Combined, combine, identify_axis
+from smsid.identify.translation import AxisData, AxisEstimate, identify_axis
 
 __all__ = [
+    "Agreement",
     "AxisData",
     "AxisEstimate",
     "Combined",

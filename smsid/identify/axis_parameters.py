@@ -12,13 +12,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Kind = tuple[str, int]  # signal ('f', 'p' or 'a') and number of integrations
+Kind = tuple[str, int]  # signal ('f', 'a', or 'p', 'p2', ... by panel) and number of integrations
 STEP = 1e-30  # of the complex-step derivative, which has no cancellation
 
 
-def kinds_of(tanks: int, panel: bool) -> list[Kind]:
-    """Return what each column of (25) or (27) is, in their order, generalised to more tanks."""
-    signals = ("f", "p", "a") if panel else ("f", "a")
+def panel_signals(panels: int) -> tuple[str, ...]:
+    """Return the names of the panels' signals: p, p2, p3, ..."""
+    return tuple("p" if i == 0 else f"p{i + 1}" for i in range(panels))
+
+
+def kinds_of(tanks: int, panels: int) -> list[Kind]:
+    """Return what each column of (25) or (27) is, in their order, generalised to more tanks and panels."""
+    signals = ("f", *panel_signals(panels), "a")
     kinds = [(s, 0) for s in signals if s != "a"]
     return kinds + [(s, j) for j in range(2 * tanks, 0, -1) for s in signals]
 
@@ -28,12 +33,12 @@ def column_names(kinds: list[Kind]) -> list[str]:
     return [f"{signal} integrated {j} times" if j else signal for signal, j in kinds]
 
 
-def parameter_names(tanks: int, panel: bool, marks: Sequence[str] | None) -> tuple[str, ...]:
-    """Return M, per tank m_s, k_s, b_s with its mark, and rho."""
+def parameter_names(tanks: int, densities: Sequence[str], marks: Sequence[str] | None) -> tuple[str, ...]:
+    """Return M, per tank m_s, k_s, b_s with its mark, and the names of the ``densities``."""
     names = ["M"]
     for mark in marks if marks is not None else [""] if tanks == 1 else [str(i + 1) for i in range(tanks)]:
         names += [f"m_s{mark}", f"k_s{mark}", f"b_s{mark}"]
-    return (*names, "rho") if panel else tuple(names)
+    return (*names, *densities)
 
 
 def fractions(pi: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
@@ -58,7 +63,7 @@ def fractions(pi: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
             residue = np.polyval(rest, root) / np.polyval(np.polyder(p), root)
             mass = -2 * (residue * np.conj(root)).real / kappa
             found += [kappa, -2 * root.real, mass, 2 * residue.real]
-    found += [value[k] * (m_r if k[1] == 0 else 1.0) for k in kinds if k[0] == "p"]
+    found += [value[k] * (m_r if k[1] == 0 else 1.0) for k in kinds if k[0].startswith("p")]
     return np.array(found)
 
 
@@ -73,7 +78,7 @@ def regression_parameters(theta: np.ndarray, kinds: list[Kind], tanks: int) -> n
         rest[len(rest) - len(term) :] += term
     out, left = [], list(theta[1 + 4 * tanks :])
     for signal, j in kinds:
-        if signal == "p":
+        if signal.startswith("p"):
             extra = left.pop(0)
             out.append(extra / m_r if j == 0 else extra)
         else:
@@ -82,16 +87,18 @@ def regression_parameters(theta: np.ndarray, kinds: list[Kind], tanks: int) -> n
 
 
 def tied_parameters(unknowns: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
-    """Return pi (n,) of (m_r, per tank (kappa, beta, m), rho / m_r): the products of (24), (27) as they are.
+    """Return pi (n,) of (m_r, per tank (kappa, beta, m), each rho / m_r): the products of (24), (27).
 
     Ties c_i to m_i beta_i and rho's integrals to rho; analytic in the unknowns.
     """
     own = [unknowns[1 + 3 * i : 4 + 3 * i] for i in range(tanks)]
     theta = [unknowns[:1], *(np.array([kappa, beta, m, m * beta]) for kappa, beta, m in own)]
-    if ("p", 0) in kinds:
+    signals = [s for s, j in kinds if s.startswith("p") and j == 0]
+    if signals:
         p = _product([np.array([1.0, beta, kappa]) for kappa, beta, _ in own])
-        rho = unknowns[-1]
-        theta.append(np.array([rho * unknowns[0], *(rho * p[j] for s, j in kinds if s == "p" and j)]))
+        rho = dict(zip(signals, unknowns[1 + 3 * tanks :], strict=True))
+        at_once = [rho[s] * unknowns[0] for s in signals]
+        theta.append(np.array([*at_once, *(rho[s] * p[j] for s, j in kinds if s in rho and j)]))
     return regression_parameters(np.concatenate(theta), kinds, tanks)
 
 

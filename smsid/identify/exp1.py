@@ -10,6 +10,12 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.identify.commanded import acting
+from smsid.identify.exp1_panels import (
+    PanelShares,
+    identify_axis_of_panels,
+    panels_of,
+    symbol_of,
+)
 from smsid.identify.exp1_result import (
     SeenModes,
     TranslationResult,
@@ -24,8 +30,7 @@ from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, identify_axis, panel_weights
-from smsid.identify.translation_tied import identify_axis_tied
+from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -34,6 +39,8 @@ from smsid.sensing import Sensor, zero_phase
 from smsid.simulate.truth import station_indices
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
+ABOVE_MODES = 1.5  # times the highest described mode: a cantilever's next is at twice, and is not in its p
+FEWEST_PERIODS = 20.0  # of the cut-off in a record: below, the filter's ends reach too far in
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
@@ -65,6 +72,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     wanted: set[str] = set()
     fallen: dict[str, str] = {}  # why what an axis gave is not to be believed
     reasons: dict[str, str] = {}  # why an axis gave nothing
+    shares: dict[str, PanelShares] = {}  # what panels that are not told apart have in common
     for recording in [order_columns(r, model) for r in recordings]:
         _check_attitude_held(model, recording)
         notes += _check_start(model, recording)
@@ -79,15 +87,17 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 reasons[axis] = str(error.message)
                 continue
             tanks, marks = len(model.slosh), _marks(model, "xyz".index(axis))
-            for way, method, kept in (
-                ("", identify_axis_tied, axes),
-                (" as printed", identify_axis, printed),
-            ):
-                try:
-                    kept[axis] = method(data, tanks, marks)
-                except NotIdentifiableError as error:
-                    notes.append(f"axis {axis} of '{recording.name}'{way}: {error}")
-                    reasons[axis] = str(error.message)
+            try:
+                axes[axis], own = identify_axis_of_panels(data, tanks, marks)
+                shares |= {s.symbol: s for s in own}
+            except NotIdentifiableError as error:
+                notes.append(f"axis {axis} of '{recording.name}': {error}")
+                reasons[axis] = str(error.message)
+            try:
+                printed[axis] = _of_all_panels(identify_axis(data, tanks, marks), data)
+            except NotIdentifiableError as error:
+                notes.append(f"axis {axis} of '{recording.name}' as printed: {error}")
+                reasons[axis] = str(error.message)
             if axis not in axes and axis in printed:
                 axes[axis] = printed[axis]
                 notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
@@ -112,7 +122,9 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     believed = len(fallen) < len(axes)
     if believed:  # what axes share, the others tell
         axes |= {a: alone(axes[a]) for a in fallen}
-    found = assemble(model, list(axes.values()), modes, notes, tuple(printed.values()))
+    found = assemble(
+        model, list(axes.values()), modes, notes, tuple(printed.values()), tuple(shares.values())
+    )
     parameters = [doubted(p, fallen, everything=not believed) for p in found.parameters]
     parameters += left_as_described(model, {p.name for p in parameters}, reasons)
     return replace(found, parameters=tuple(parameters), believed=believed)
@@ -161,8 +173,10 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     force = _held(thrust.times, thrust.values[:, k], time)
     fs = rate_of(recording, imu, "acceleration")
 
+    cutoff = _cut_off(moving, float(time[-1] - time[0]))
+
     def smooth(x: np.ndarray) -> np.ndarray:
-        return zero_phase(x, fs, SMOOTHING)
+        return zero_phase(x, fs, cutoff)
 
     drift, drift_time = _drift(imu)
     data = AxisData(
@@ -176,7 +190,19 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         drift=drift,
         drift_time=drift_time,
     )
-    return _with_panel(data, recording, roles, moving, k, fs) if moving else data
+    one = len(model.appendages) == 1
+    return _with_panels(data, recording, roles, moving, k, fs, cutoff, one=one) if moving else data
+
+
+def _cut_off(moving: list[AppendageJoints], duration: float) -> float:
+    """Return the low-pass' cut-off [Hz]: below the first mode that a description of ``moving`` leaves out.
+
+    The stations see every mode, the clamped shapes of the described ones turn what they see into p: modes
+    beyond would count as more of these. ``duration`` of the record [s].
+    """
+    highest = [max((m.frequency for m in j.appendage.modal_data()), default=np.inf) for j in moving]
+    lowest = min(highest, default=np.inf)
+    return float(min(SMOOTHING, max(ABOVE_MODES * lowest, FEWEST_PERIODS / duration)))
 
 
 def _noise(x: np.ndarray) -> float:
@@ -209,16 +235,28 @@ def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarra
     return np.where(time < source[0] - 0.5 * step, 0.0, held)
 
 
-def _with_panel(
+def _of_all_panels(found: AxisEstimate, data: AxisData) -> AxisEstimate:
+    """Return an estimate with one factor for all panels, its density named after them."""
+    names = [x for p in data.panel_forces for x in panels_of(p.name)]
+    return replace(found, names=tuple(symbol_of(names) if n == "rho" else n for n in found.names))
+
+
+def _with_panels(
     data: AxisData,
     recording: Recording,
     roles: Roles,
     moving: list[AppendageJoints],
     axis: int,
     fs: float,
+    cutoff: float,
+    *,
+    one: bool,
 ) -> AxisData:
-    """Add the inertia force of bending at the described density, and its sensors' weights and errors."""
-    force, weights, noises, biases, drifts = np.zeros(len(data.time)), [], [], [], []
+    """Add the inertia forces of bending at the described density, and their sensors' weights and errors.
+
+    ``one``: the spacecraft's only appendage, whose density is just ``rho``.
+    """
+    forces, biases = [], []
     for joints in moving:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
@@ -227,7 +265,7 @@ def _with_panel(
                 f"'{name}' bends along this axis but the recording has no accelerometers on it.",
                 advice=f"Record a sensor of kind 'accelerometers' with appendage = \"{name}\".",
             )
-        y = sampled(recording, sensor, "acceleration", data.time, SMOOTHING)[:, :, axis]
+        y = sampled(recording, sensor, "acceleration", data.time, cutoff)[:, :, axis]
         chosen = station_indices(joints, sensor)
         modes = joints.appendage.modal_data()
         rotation = joints.placement.rotation
@@ -241,21 +279,21 @@ def _with_panel(
                 advice="Describe fewer modes, or add stations.",
             )
         w = panel_weights(shapes[:, seen], along[seen])
-        force += (y - data.acceleration[:, None]) @ w
-        weights.append(w)
+        force = (y - data.acceleration[:, None]) @ w
         raw = recording[f"{sensor.name}.acceleration"][:, :, axis]
-        noises.append(_noise(raw) * np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
+        noise = _noise(raw) * float(np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
+        forces.append(PanelForce(symbol_of(() if one else (name,)), force, w, noise, *_drift(sensor)))
         biases.append(_bias(sensor))
-        drifts.append(_drift(sensor))
-    drift, drift_time = max(drifts)
+    drift, drift_time = max((p.drift, p.drift_time) for p in forces)
     return replace(
         data,
-        panel=force,
-        panel_weights=np.concatenate(weights),
-        panel_noise=float(np.max(noises)),
+        panel=np.sum([p.force for p in forces], axis=0),
+        panel_weights=np.concatenate([p.weights for p in forces]),
+        panel_noise=max(p.noise for p in forces),
         panel_bias=float(np.max(biases)),
         panel_drift=drift,
         panel_drift_time=drift_time,
+        panels=tuple(forces),
     )
 
 

@@ -8,13 +8,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.effects.appendage import BeamAppendage, Mode
+from smsid.effects.appendage import Mode
 from smsid.effects.slosh import Slosh
+from smsid.identify.combined import Combined, combine
 from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.exp1_densities import contradicted, densities, positive
+from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
 from smsid.identify.identified import match_modes
 from smsid.identify.mode_noise import ModeSigma
 from smsid.identify.panel_modes import PanelModes
-from smsid.identify.translation import AxisEstimate, Combined, combine
+from smsid.identify.translation import AxisEstimate
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -69,11 +72,20 @@ class TranslationResult:
             out[name] = max(value, LEAST_MASS if name.endswith(".mass") else 0.0)
         return out
 
-    def density_factor(self, change: Mapping[str, float] | None = None) -> float:
-        """Return rho relative to the description's, 1 when it was not identified or is not physical."""
-        if "rho" not in self.combined or self.combined["rho"][0] <= 0.0:
+    def density_symbol(self, panel: str) -> str | None:
+        """Return the symbol of what tells a panel's density: its own, or one it shares; None without."""
+        about = [s for s in self.combined.names if is_density(s) and panel in (panels_of(s) or (panel,))]
+        return min(about, key=lambda s: len(panels_of(s)), default=None)
+
+    def density_factor(self, panel: str, change: Mapping[str, float] | None = None) -> float:
+        """Return a panel's rho relative to the description's, 1 if it was not identified or is not physical.
+
+        ``panel``: its name; ``change``: added, by symbol.
+        """
+        symbol = self.density_symbol(panel)
+        if symbol is None or self.combined[symbol][0] <= 0.0:
             return 1.0
-        return max(self.combined["rho"][0] + (change or {}).get("rho", 0.0), LEAST_FACTOR)
+        return max(self.combined[symbol][0] + (change or {}).get(symbol, 0.0), LEAST_FACTOR)
 
 
 def tank_marks(tanks: Sequence[Slosh]) -> list[str]:
@@ -87,8 +99,12 @@ def assemble(
     modes: dict[str, SeenModes],
     notes: list[str],
     printed: tuple[AxisEstimate, ...] = (),
+    shares: tuple[PanelShares, ...] = (),
 ) -> TranslationResult:
-    """Bring axes and modes together as parameters of the description; what stays as described is noted."""
+    """Bring axes and modes together as parameters of the description; what stays as described is noted.
+
+    ``shares``: what common factors of several panels are made of.
+    """
     notes = list(notes)
     found = combine(axes)
     value, sigma = found["M"]
@@ -104,10 +120,8 @@ def assemble(
         parameters += [replace(p, status="not_identifiable", note=MERGED) for p in own] if merged else own
     if merged:
         symbols.clear()
-    if "rho" in found:
-        parameters += _densities(model, {e.axis for e in axes if "rho" in e.names}, *found["rho"])
-        if found["rho"][0] <= 0.0:
-            notes.append("the appendages' density comes out negative: it stays as described")
+    parameters += densities(model, found, shares, notes)
+    parameters = contradicted(parameters, found, symbols, notes)
     appendages = {j.appendage.name: j.appendage for j in model.appendages}
     for name, seen in modes.items():
         described = appendages[name].modal_data()
@@ -141,7 +155,7 @@ def _tank(
         return []
     value, sigma = found[f"m_s{mark}"]
     key = f"{tank.name}.mass"
-    parameters = [_positive(judged(key, value, "kg", sigma, "exp1", nominal=tank.mass))]
+    parameters = [positive(judged(key, value, "kg", sigma, "exp1", nominal=tank.mass))]
     if value <= 0.0:
         notes.append(f"{key} comes out as {value:.3g} kg, which no tank has: it stays as described")
     else:
@@ -155,37 +169,12 @@ def _tank(
             key = f"{tank.name}.{field_name}.{axis}"
             nominal = getattr(tank, field_name)[k]
             found_one = judged(key, value, unit, sigma, "exp1", nominal=nominal)
-            parameters.append(_positive(found_one) if field_name == "stiffness" else found_one)
+            parameters.append(positive(found_one) if field_name == "stiffness" else found_one)
             if field_name == "stiffness" and value <= 0.0:
                 notes.append(f"{key} comes out as {value:.3g} N/m: it stays as described")
             elif f"m_s{mark}" in symbols:
                 symbols[name] = key
     return parameters
-
-
-def _positive(parameter: ParameterEstimate) -> ParameterEstimate:
-    """Return it, not identifiable where its value is one that nothing can have, however small its sigma."""
-    if parameter.value > 0.0:
-        return parameter
-    return replace(parameter, status="not_identifiable", note="not above zero, which is impossible: refused")
-
-
-def _densities(
-    model: SpacecraftModel, axes: set[str], factor: float, sigma: float
-) -> list[ParameterEstimate]:
-    """Densities of the appendages that bend along ``axes``: they share the factor."""
-    bending = [j for j in model.appendages if any(participates(j, "xyz".index(a)) for a in axes)]
-    note = "" if len(bending) == 1 else "one common factor for all appendages that bend along the axis"
-    out = []
-    for joints in bending:
-        part = joints.appendage
-        if isinstance(part, BeamAppendage):
-            key, unit, nominal = f"{part.name}.linear_density", "kg/m", part.linear_density
-        else:
-            key, unit, nominal = f"{part.name}.participation_factor", "1", 1.0
-        found = judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal, note=note)
-        out.append(_positive(found))
-    return out
 
 
 def participation_along(joints: AppendageJoints, axis: int) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
+from smsid.identify.combined import is_shared
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.exp1_result import participates, participation_along
 from smsid.identify.still import constant
@@ -22,7 +23,6 @@ from smsid.recording import Recording
 AXES = "xyz"
 UNTOLD = "what the tank's mass is cannot be told from the rest, and the interval does not hold"
 FALLEN = f"from the regression as printed, as noise or a short record hides the slosh: {UNTOLD}"
-SHARED = ("M", "rho")  # by all axes, beside the tanks' masses
 MOTION = ("encoder", "tachometer")
 SEE_NOTES = "not found: the notes say more; stays as described"
 
@@ -41,7 +41,7 @@ def impossible(axis: AxisEstimate) -> str:
     Of one tank: several may share what they have in a way that cannot be, and the total mass be right.
     """
     for name, value in zip(axis.names, axis.values, strict=True):
-        if name in ("m_s", "k_s", "rho") and not value > 0.0:
+        if (name in ("m_s", "k_s") or name.startswith("rho")) and not value > 0.0:
             return f"{name} along {axis.axis} comes out as {value:.3g}, which is impossible"
     return ""
 
@@ -49,7 +49,7 @@ def impossible(axis: AxisEstimate) -> str:
 def alone(axis: AxisEstimate) -> AxisEstimate:
     """Return the estimate of an axis without what axes share: its variance there is not known."""
     covariance = axis.covariance.copy()
-    shared = [i for i, n in enumerate(axis.names) if n in SHARED or n.startswith("m_s")]
+    shared = [i for i, n in enumerate(axis.names) if is_shared(n)]
     covariance[shared, :] = covariance[:, shared] = np.nan
     return replace(axis, covariance=covariance)
 

@@ -15,7 +15,7 @@ from smsid.identify.motion import Motion
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move
-REPLICATES = 4
+REPLICATES = 8
 REPLICATES_SEED = 1  # the same data give the same interval
 
 
@@ -47,17 +47,27 @@ def widened(
     look like motion. ``noisier`` gives the motion with the sensors' own noise added; the mean square move
     over replicates and results of a step, in sigmas, is the factor on its covariance, never below 1.
 
+    Step B as printed takes all columns for equally uncertain, so noise in its products biases it. Noise once
+    more moves it by as much again: what that is on average goes into its covariance parameter by parameter,
+    as does what it scatters by. It is left out where the combinations it identifies change with the noise.
+
     Raises `NotIdentifiableError` when the identifiable combinations change with the noise.
     """
     coarse = motion.thinned(THINNED)
     like = hidden_states(model, coarse, modal)
-    basis = _steps(model, coarse, mass, modal, printed=False, like=like)
+    with_printed = found.printed is not None
+    basis = _steps(model, coarse, mass, modal, printed=with_printed, like=like)
     moves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    printed_moves: list[np.ndarray] | None = [] if _same_printed(found, basis) else None
     rng = np.random.default_rng(REPLICATES_SEED)
     for _ in range(REPLICATES):
         # weighed by the noise that the motion itself shows, as the results were
         again = replace(noisier(rng).thinned(THINNED), again=coarse.again)
-        other = _steps(model, again, mass, modal, printed=False, like=like)
+        other = _steps(model, again, mass, modal, printed=printed_moves is not None, like=like)
+        if printed_moves is not None and other.printed and basis.printed and _same_printed(found, other):
+            printed_moves.append(other.printed.values - basis.printed.values)
+        else:
+            printed_moves = None
         if unlike := _unlike(other, basis):
             raise NotIdentifiableError(
                 f"The identifiable combinations change with the sensors' noise: {'; '.join(unlike)}.",
@@ -74,7 +84,29 @@ def widened(
         position_sigma=np.sqrt(first) * found.a.position_sigma,
         moments=_with_covariance(found.a.moments, first * found.a.moments.solution.covariance),
     )
-    return Steps(a, _with_covariance(found.b, second * found.b.solution.covariance), found.printed)
+    printed = _of_replicates(found.printed, printed_moves) if found.printed and printed_moves else None
+    return Steps(a, _with_covariance(found.b, second * found.b.solution.covariance), printed)
+
+
+def _same_printed(found: Steps, other: Steps) -> bool:
+    """Return whether both have Step B as printed, of the same combinations."""
+    if found.printed is None or other.printed is None:
+        return False
+    return not found.printed.base.unlike(other.printed.base)
+
+
+def _of_replicates(found: Regression, moves: Sequence[np.ndarray]) -> Regression:
+    """Return Step B as printed with the variance and the squared bias that ``moves`` (each (b,)) show.
+
+    The mean move scatters by a share of the variance itself: that much of its square is no bias.
+    """
+    x = np.array(moves)
+    mean, count = x.mean(axis=0), len(x)
+    scatter = x.var(axis=0, ddof=1)
+    bias = np.maximum(mean**2 - scatter / count, 0.0)
+    own = found.solution.covariance
+    factor = np.sqrt(np.maximum(np.diag(own), scatter) / np.diag(own))
+    return _with_covariance(found, own * np.outer(factor, factor) + np.diag(bias))
 
 
 def with_carried_errors(

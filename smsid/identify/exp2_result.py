@@ -88,7 +88,7 @@ def of_printed(
             sigma,
             "exp2.step_b_printed",
             nominal=float(n),
-            note="for comparison; sigma leaves out the bias that noise in products gives total least squares",
+            note="for comparison; sigma includes the bias that noise in products gives total least squares",
         )
         for name, value, unit, sigma, n in zip(
             b.base.names, b.values, b.base.units, b.sigma, nominal, strict=True

@@ -199,13 +199,16 @@ def with_translation(
     description: Description, found: TranslationResult, change: Mapping[str, float] | None = None
 ) -> Description:
     """Return the description with slosh and appendages as Exp. 1 found them, plus a change by symbol."""
-    values, factor = found.values(change), found.density_factor(change)
+    values = found.values(change)
     effects = []
     for effect in description.effect:
         own = {k: v for k, v in values.items() if k.startswith(f"{effect.name}.")}
         if own:
             effects.append(effect.with_values(own))
-        elif isinstance(effect, Appendage) and (effect.name in found.modes or factor != 1.0):
+        elif isinstance(effect, Appendage) and (
+            effect.name in found.modes or found.density_factor(effect.name, change) != 1.0
+        ):
+            factor = found.density_factor(effect.name, change)
             panel = found.modes.get(effect.name)
             effects.append(identified_modes(effect, factor, panel.modes.clamped if panel else ()))
     return description.with_effects(*effects)

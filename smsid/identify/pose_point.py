@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.errors import NotIdentifiableError
+from smsid.description.schema import Description
+from smsid.errors import DescriptionError, NotIdentifiableError
 from smsid.identify.hidden_states import Modal, hidden_states
 from smsid.identify.momentum import Regression, StepA, step_a, step_b
 from smsid.identify.momentum_rows import carried_by_bus
@@ -82,6 +83,29 @@ def refine_pose_point(
         f"{np.linalg.norm(shifts[-1]):.2g} m.",
         advice="Check the description's mounts, or fly a richer Exp. 2.",
         shifts=np.array(shifts),
+    )
+
+
+def with_tracked_point(description: Description, position: tuple[float, float, float]) -> Description:
+    """Return the description with its pose sensors, and IMUs that sit where they do, at ``position`` [m].
+
+    ``position`` (3,) of the tracked point P in the bus frame: r_p/b of the paper. Raises `DescriptionError`
+    without a pose sensor.
+    """
+    pose = [s for s in description.sensor if s.kind == "pose"]
+    if not pose:
+        raise DescriptionError(
+            f"'{description.name}' has no pose sensor, so no point is tracked.",
+            advice="Describe a sensor of kind 'pose'.",
+        )
+    places = {s.position for s in pose}
+    return description.with_sensors(
+        *(
+            s.model_copy(update={"position": position})
+            if s.kind == "pose" or (s.kind == "imu" and s.position in places)
+            else s
+            for s in description.sensor
+        )
     )
 
 

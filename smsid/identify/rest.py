@@ -3,36 +3,78 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from smsid.errors import NotIdentifiableError
+from smsid.identify.robust import white_sigma
 
-WINDOW = 1.0  # [s] from which the start is extrapolated
-FEWEST = 8  # samples in it
+WINDOW = 1.0  # [s] from which the start is extrapolated, where a cubic describes what happens in it
+FEWEST = 8  # samples of the shortest window
+DEGREE = 3
+SHORTER = 0.75  # the next window tried
+HIGHER = 2  # degrees above the cubic whose terms show what it does not describe
+REFUSED = 0.1  # probability with which a window that a cubic does describe is not taken for these terms
+REFUSED_AT_ALL = 1e-3  # and for what is left in all
+SIGMAS = 6.0
 SHARE = 0.01  # of the later motion: what a start may have without mattering
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a rate is at the first sample: ``value`` and one ``sigma`` of it, from the first ``samples``."""
+
+    value: float
+    sigma: float
+    samples: int
+
+
+def starting_value(time: np.ndarray, samples: np.ndarray) -> Start:
+    """Return the first value of a rate, extrapolated from as much of the beginning as a cubic describes.
+
+    The window is the longest, up to a second, in which terms above the cubic are not significant and what is
+    left is no larger than the samples' white noise (chi-squared tests): something that moves fast has a short
+    one. If there is none, the shortest is taken and what the cubic leaves counts as noise.
+
+    ``time`` (N,) [s], ``samples`` (N,) in the unit of the result, N at least `FEWEST`.
+    """
+    t = time - time[0]
+    noise = float(white_sigma(samples))
+    count = min(max(int(np.searchsorted(t, WINDOW)), FEWEST), len(t))
+    while True:
+        powers = np.vander(2.0 * t[:count] / t[count - 1] - 1.0, DEGREE + HIGHER + 1, increasing=True)
+        q, _ = np.linalg.qr(powers)
+        along = q.T @ samples[:count]
+        left = float(np.sum((samples[:count] - q[:, : DEGREE + 1] @ along[: DEGREE + 1]) ** 2))
+        free = count - DEGREE - 1
+        higher = float(np.sum(along[DEGREE + 1 :] ** 2))
+        described = higher <= noise**2 * float(chi2.isf(REFUSED, HIGHER)) and left <= noise**2 * float(
+            chi2.isf(REFUSED_AT_ALL, free)
+        )
+        if described or count == FEWEST:
+            break
+        count = max(int(SHORTER * count), FEWEST)
+    spread = noise if described else float(np.sqrt(left / free))
+    # with the terms that were tested: what is not significant may still be there
+    return Start(float(q[0] @ along), spread * float(np.linalg.norm(q[0])), count)
 
 
 def check_at_rest(name: str, rates: Mapping[str, tuple[np.ndarray, np.ndarray, str]]) -> None:
     """Raise `NotIdentifiableError` if something moves at the first sample.
 
     ``name`` of the recording; ``rates``: by what it is, times (N,) [s], raw samples (N, k) and their unit.
-    The start is that of a cubic through the first second; it counts as rest within six of its standard
-    deviations or 1 % of the later change, whichever is more.
+    The start is `starting_value`; it counts as rest within six of its standard deviations or 1 % of the later
+    change, whichever is more.
     """
     for label, (time, samples, unit) in rates.items():
-        t = time - time[0]
-        count = max(int(np.searchsorted(t, WINDOW)), FEWEST)
-        if len(t) < count or not samples.size:
+        if len(time) < FEWEST or not samples.size:
             continue
-        basis = np.vander(t[:count] / t[count - 1], 4, increasing=True)
-        fit, *_ = np.linalg.lstsq(basis, samples[:count], rcond=None)
-        left = samples[:count] - basis @ fit
-        spread = np.sqrt(np.sum(left**2, axis=0) / (count - 4))
-        sigma = spread * np.sqrt(np.linalg.inv(basis.T @ basis)[0, 0])
-        start = fit[0]
+        found = [starting_value(time, x) for x in samples.T]
+        start = np.array([s.value for s in found])
         later = np.abs(samples - start).max(axis=0)
-        allowed = np.maximum(6.0 * sigma, SHARE * later.max())
+        allowed = np.maximum(SIGMAS * np.array([s.sigma for s in found]), SHARE * later.max())
         over = np.abs(start) / np.maximum(allowed, 1e-300)
         worst = int(np.argmax(over))
         if over[worst] > 1.0:
@@ -45,4 +87,5 @@ def check_at_rest(name: str, rates: Mapping[str, tuple[np.ndarray, np.ndarray, s
                 start=start,
                 allowed=allowed,
                 other_flight=True,
+                samples=tuple(s.samples for s in found),
             )

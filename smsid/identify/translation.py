@@ -9,7 +9,7 @@ two per tank (21). Divided by the highest power of s this is linear in f*, a and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -21,6 +21,7 @@ from smsid.identify.axis_parameters import (
     column_names,
     fractions,
     kinds_of,
+    panel_signals,
     parameter_names,
     physical,
     sensitivity,
@@ -34,6 +35,23 @@ ROUND_OFF = 1e-9  # share of a variance
 
 @short_repr
 @dataclass(frozen=True)
+class PanelForce:
+    """The inertia force of one panel's bending (or of several that are not told apart) along an axis.
+
+    ``name`` of its density among the parameters; ``force`` (N,) p per unit of density, ``weights`` as in
+    `AxisData`; one sigma of ``noise`` and ``drift`` [m/s^2], and the drift's correlation time [s].
+    """
+
+    name: str
+    force: np.ndarray
+    weights: np.ndarray
+    noise: float
+    drift: float = 0.0
+    drift_time: float = 1.0
+
+
+@short_repr
+@dataclass(frozen=True)
 class AxisData:
     """One axis of Exp. 1, all (N,): thrust ``force`` [N], base ``acceleration`` [m/s^2].
 
@@ -42,7 +60,8 @@ class AxisData:
     [m/s^2]. ``filtered`` applies to white noise whatever filter the signals went through. ``bias`` and
     ``panel_bias`` [m/s^2] are one sigma of constant errors: where they are not estimated they widen the
     covariance. ``drift`` and ``panel_drift`` [m/s^2] with their correlation times [s] are errors that wander
-    (first-order Gauss-Markov), which always do.
+    (first-order Gauss-Markov), which always do. ``panels``: the forces of several panels that ``panel`` is
+    the sum of, each with a density of its own (`identify_axis_tied` only).
     """
 
     axis: str
@@ -60,6 +79,15 @@ class AxisData:
     drift_time: float = 1.0
     panel_drift: float = 0.0
     panel_drift_time: float = 1.0
+    panels: tuple[PanelForce, ...] = ()
+
+    @property
+    def panel_forces(self) -> tuple[PanelForce, ...]:
+        """Return the forces that have a density each: ``panels``, or ``panel`` as one."""
+        if self.panels or self.panel is None or self.panel_weights is None:
+            return self.panels
+        drift = self.panel_drift, self.panel_drift_time
+        return (PanelForce("rho", self.panel, self.panel_weights, self.panel_noise, *drift),)
 
 
 @short_repr
@@ -106,7 +134,7 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
     order = 2 * tanks
     fs, accs = integrals(f, t, order), integrals(a, t, order)
     ps = integrals(data.panel, t, order) if data.panel is not None else None
-    kinds = kinds_of(tanks, data.panel is not None)
+    kinds = kinds_of(tanks, int(data.panel is not None))
     signals = {"f": [-x for x in fs], "a": accs, "p": ps or []}
     columns = np.column_stack([signals[signal][j] for signal, j in kinds])
     scale = np.linalg.norm(columns, axis=0) / np.linalg.norm(a)
@@ -114,7 +142,7 @@ def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = 
     noise = row_noise(data, kinds) / np.outer(full, full)
     found = total_least_squares(columns / scale, -a, noise=noise, names=column_names(kinds))
     pi = found.x / scale
-    names = parameter_names(tanks, data.panel is not None, marks)
+    names = parameter_names(tanks, ("rho",) if data.panel is not None else (), marks)
     theta = fractions(pi, kinds, tanks)
     if np.isfinite(theta).all():
         turned = columns @ sensitivity(theta, kinds, tanks)
@@ -170,59 +198,6 @@ def panel_weights(shapes: np.ndarray, participation: np.ndarray) -> np.ndarray:
     return np.asarray(participation @ np.linalg.pinv(shapes))
 
 
-@short_repr
-@dataclass(frozen=True)
-class Combined:
-    """Parameters of several axes brought together: those that axes share are averaged.
-
-    ``names``: the shared ones as they are (``M``, ``m_s``, ``rho``), the others with their axis (``k_s.x``).
-    """
-
-    names: tuple[str, ...]
-    values: np.ndarray
-    covariance: np.ndarray
-
-    def __getitem__(self, name: str) -> tuple[float, float]:
-        """Return value and standard deviation."""
-        i = self.names.index(name)
-        return float(self.values[i]), float(np.sqrt(self.covariance[i, i]))
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names
-
-    def directions(self) -> list[dict[str, float]]:
-        """Return changes of the parameters, by name, whose outer products add up to the covariance.
-
-        Principal directions of the correlations, so that units and the described density do not matter.
-        """
-        sigma = np.sqrt(np.diag(self.covariance))
-        scale = np.where(sigma > 0.0, sigma, 1.0)
-        size, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        moves = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
-        return [dict(zip(self.names, column, strict=True)) for column in moves.T]
-
-
-def combine(estimates: Sequence[AxisEstimate]) -> Combined:
-    """Bring axes together; shared parameters are weighed by their variances, not-a-number is left out."""
-    rows: dict[str, list[tuple[int, int]]] = {}
-    for e, estimate in enumerate(estimates):
-        for i, name in enumerate(estimate.names):
-            if np.isfinite(estimate.values[i]) and np.isfinite(estimate.covariance[i, i]):
-                shared = name == "M" or name == "rho" or name.startswith("m_s")
-                rows.setdefault(name if shared else f"{name}.{estimate.axis}", []).append((e, i))
-    offsets = np.cumsum([0, *(len(e.names) for e in estimates)])
-    weights = np.zeros((len(rows), offsets[-1]))
-    for r, places in enumerate(rows.values()):
-        share = np.array([1.0 / estimates[e].covariance[i, i] for e, i in places])
-        for (e, i), w in zip(places, share / share.sum(), strict=True):
-            weights[r, offsets[e] + i] = w
-    stacked = np.nan_to_num(np.concatenate([e.values for e in estimates]))
-    full = np.zeros((offsets[-1], offsets[-1]))
-    for e, estimate in enumerate(estimates):
-        full[offsets[e] : offsets[e + 1], offsets[e] : offsets[e + 1]] = np.nan_to_num(estimate.covariance)
-    return Combined(tuple(rows), weights @ stacked, weights @ full @ weights.T)
-
-
 def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     """Return x (N,) and its integrals up to ``order``, by trapezoids from the first sample."""
     out = [np.asarray(x, dtype=float)]
@@ -231,17 +206,24 @@ def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     return out
 
 
-def row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
-    """Covariance (n + 1, n + 1) of the errors of a row of [Y, b]: b = -a and the column of p carry them."""
+def row_noise(data: AxisData, kinds: list[Kind], panels: Sequence[PanelForce] | None = None) -> np.ndarray:
+    """Covariance (n + 1, n + 1) of the errors of a row of [Y, b]: b = -a and the columns of p carry them.
+
+    ``panels``: whose columns p, p2, ... are; by default the data's ``panel`` as one.
+    """
     n = len(kinds)
     noise = np.zeros((n + 1, n + 1))
     noise[n, n] = data.noise**2
-    if data.panel is not None and data.panel_weights is not None:
-        w, k = data.panel_weights, kinds.index(("p", 0))
+    one = replace(data, panels=()).panel_forces if panels is None else tuple(panels)
+    places = [kinds.index((s, 0)) for s in panel_signals(len(one))]
+    sums = [float(p.weights.sum()) for p in one]
+    for k, p, total in zip(places, one, sums, strict=True):
+        for j, other in zip(places, sums, strict=True):
+            noise[k, j] = data.noise**2 * total * other
         # perfect panel sensors leave p the IMU's error alone; a little more keeps the covariance positive
-        shared = (1.0 + ROUND_OFF) * data.noise**2 * w.sum() ** 2
-        noise[k, k] = data.panel_noise**2 * float(w @ w) + shared
-        noise[k, n] = noise[n, k] = data.noise**2 * w.sum()  # both contain -n_a
+        noise[k, k] *= 1.0 + ROUND_OFF
+        noise[k, k] += p.noise**2 * float(p.weights @ p.weights)
+        noise[k, n] = noise[n, k] = data.noise**2 * total  # both contain -n_a
     return noise
 
 
@@ -271,8 +253,8 @@ def _influence(
 
 
 def errors_through(kinds: list[Kind], pi: np.ndarray, order: int) -> dict[str, np.ndarray]:
-    """Return by which polynomial of the integral, (order + 1,), errors of a and of p enter the equation."""
-    through = {"a": np.zeros(order + 1), "p": np.zeros(order + 1)}
+    """Return by which polynomial of the integral, (order + 1,), errors of a and of each p enter."""
+    through = {s: np.zeros(order + 1) for s in ("a", "p", *(s for s, _ in kinds if s != "f"))}
     through["a"][0] = 1.0
     for (signal, j), value in zip(kinds, pi, strict=True):
         if signal in through:

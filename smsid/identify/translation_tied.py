@@ -17,12 +17,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.axis_parameters import Kind, fractions, kinds_of, parameter_names, tied_parameters
+from smsid.identify.axis_parameters import (
+    Kind,
+    fractions,
+    kinds_of,
+    panel_signals,
+    parameter_names,
+    tied_parameters,
+)
 from smsid.identify.robust import inverse_root
 from smsid.identify.tls import total_least_squares
 from smsid.identify.translation import (
     AxisData,
     AxisEstimate,
+    PanelForce,
     adjoint,
     check_axis,
     check_mass,
@@ -81,11 +89,11 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
                 advice=ADVICE,
                 unknowns=unknowns,
             )
-    values, jacobian = _physical(unknowns, tanks, problem.panel)
+    values, jacobian = _physical(unknowns, tanks)
     check_mass(data.axis, values[0])
     spread = jacobian @ influence
     pi = tied_parameters(unknowns, problem.kinds, tanks)
-    names = parameter_names(tanks, problem.panel, marks)
+    names = parameter_names(tanks, [p.name for p in problem.panels], marks)
     return AxisEstimate(data.axis, names, values, spread @ spread.T, pi, problem.condition)
 
 
@@ -103,25 +111,26 @@ class _Problem:
 
     @classmethod
     def of(cls, data: AxisData, tanks: int) -> _Problem:
-        order, panel = 2 * tanks, data.panel is not None
-        kinds = kinds_of(tanks, panel)
+        order, panels = 2 * tanks, data.panel_forces
+        kinds = kinds_of(tanks, len(panels))
         signals = {
             "f": [-x for x in integrals(data.force, data.time, order)],
             "a": integrals(data.acceleration, data.time, order),
-            "p": integrals(data.panel, data.time, order) if data.panel is not None else [],
         }
+        for s, panel in zip(panel_signals(len(panels)), panels, strict=True):
+            signals[s] = integrals(panel.force, data.time, order)
         return cls(
             data,
             tanks,
             kinds,
             np.column_stack([signals[s][j] for s, j in kinds]),
             np.column_stack(integrals(np.ones_like(data.time), data.time, order)),
-            row_noise(data, kinds),
+            row_noise(data, kinds, panels),
         )
 
     @property
-    def panel(self) -> bool:
-        return self.data.panel is not None
+    def panels(self) -> tuple[PanelForce, ...]:
+        return self.data.panel_forces
 
     @property
     def sampling(self) -> float:
@@ -165,7 +174,7 @@ class _Problem:
                 )
             sections = self.sections(pi)
         own = [theta[1 + 4 * i : 4 + 4 * i] for i in range(self.tanks)]
-        rho = [theta[1 + 4 * self.tanks] / theta[0]] if self.panel else []
+        rho = theta[1 + 4 * self.tanks :][: len(self.panels)] / theta[0]
         return np.concatenate([theta[:1], *own, rho])
 
     def step(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,8 +184,9 @@ class _Problem:
         moved = unknowns[None, :] + 1e-30j * np.eye(n)
         slope = np.array([tied_parameters(row, self.kinds, self.tanks).imag / 1e-30 for row in moved]).T
         through = errors_through(self.kinds, pi, 2 * self.tanks)
-        biases = [through["a"] - self._weight() * through["p"]]
-        biases += [through["p"]] if self.panel and self.tanks else []  # without slosh both are a constant
+        biases = [self._from_imu(through)]
+        # without slosh both are a constant; those of several panels enter alike
+        biases += [through["p"]] if self.panels and self.tanks else []
         rows = np.column_stack(
             [
                 self.columns @ slope,
@@ -191,16 +201,18 @@ class _Problem:
         turn[:-1, :n], turn[:-1, -1], turn[-1, -1] = slope, -pi, 1.0
         noise = turn.T @ self.noise @ turn
         full = np.append(scale, 1.0)
-        exact = [j for j in range(rows.shape[1] - 1) if j != n - 1 or not self.panel]
+        exact = [j for j in range(rows.shape[1] - 1) if not n - len(self.panels) <= j < n]
         found = total_least_squares(
             white[:, :-1] / scale, white[:, -1], noise=noise / np.outer(full, full), exact=exact
         )
         self.condition = found.condition
         return (found.x / scale)[:n], self._influence(white[:, :-1], through, sections)[:n]
 
-    def _weight(self) -> float:
-        w = self.data.panel_weights
-        return float(w.sum()) if w is not None else 0.0
+    def _from_imu(self, through: dict[str, np.ndarray]) -> np.ndarray:
+        """Return by which polynomial the IMU's errors enter: they are in every p as well."""
+        signals = panel_signals(len(self.panels))
+        shares = (float(p.weights.sum()) * through[s] for s, p in zip(signals, self.panels, strict=True))
+        return through["a"] - sum(shares, start=np.zeros(2 * self.tanks + 1))
 
     def _influence(
         self, white: np.ndarray, through: dict[str, np.ndarray], sections: list[Section]
@@ -208,13 +220,13 @@ class _Problem:
         """Carry noise and drifts through filter, integrals and whitening into what ``white`` multiplies."""
         data = self.data
         back = whiten_transposed(white.T, self.sampling, sections)
-        from_a = through["a"] - self._weight() * through["p"]
+        from_a = self._from_imu(through)
         factors = [data.noise * adjoint(back, from_a, data)]
         factors.append(self._drift(back, from_a, data.drift, data.drift_time))
-        if data.panel_weights is not None:
-            size = float(np.linalg.norm(data.panel_weights))
-            factors.append(data.panel_noise * size * adjoint(back, through["p"], data))
-            factors.append(size * self._drift(back, through["p"], data.panel_drift, data.panel_drift_time))
+        for s, p in zip(panel_signals(len(self.panels)), self.panels, strict=True):
+            size = float(np.linalg.norm(p.weights))
+            factors.append(p.noise * size * adjoint(back, through[s], data))
+            factors.append(size * self._drift(back, through[s], p.drift, p.drift_time))
         root = inverse_root(white)
         return root @ (root.T @ np.concatenate(factors, axis=1))
 
@@ -246,8 +258,8 @@ def _limit(unknowns: np.ndarray, step: np.ndarray, tanks: int) -> float:
     return 1.0 if worst <= LARGEST_STEP else LARGEST_STEP / worst
 
 
-def _physical(unknowns: np.ndarray, tanks: int, panel: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return M, per tank (m_s, k_s, b_s), rho, and their Jacobian with respect to the unknowns."""
+def _physical(unknowns: np.ndarray, tanks: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return M, per tank (m_s, k_s, b_s), each rho, and their Jacobian with respect to the unknowns."""
     m_r, unit = unknowns[0], np.eye(len(unknowns))
     values, rows = [m_r], [unit[0].copy()]
     for i in range(tanks):
@@ -261,9 +273,9 @@ def _physical(unknowns: np.ndarray, tanks: int, panel: bool) -> tuple[np.ndarray
             mass * unit[at] + kappa * unit[at + 2],
             mass * unit[at + 1] + beta * unit[at + 2],
         ]
-    if panel:
-        values.append(unknowns[-1] * m_r)
-        rows.append(m_r * unit[-1] + unknowns[-1] * unit[0])
+    for k in range(1 + 3 * tanks, len(unknowns)):
+        values.append(unknowns[k] * m_r)
+        rows.append(m_r * unit[k] + unknowns[k] * unit[0])
     return np.array(values), np.array(rows)
 
 

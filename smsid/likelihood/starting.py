@@ -87,10 +87,6 @@ def _scalars(described: Parameters, found: Identification) -> dict[str, float]:
     """Values by the names of the scalars; a value the logarithm cannot take, or far off, is left out."""
     known = {s.name: s for s in described.scalars}
     out = {}
-    factor = 1.0
-    if found.translation is not None and "rho" in found.translation.combined:
-        value, sigma = found.translation.combined["rho"]
-        factor = value if sigma < 0.1 * value else 1.0
     for p in found.estimate.parameters:
         if p.name in known and (p.status == "identifiable" or p.note.startswith(BRIDGED)):
             s = known[p.name]
@@ -98,6 +94,9 @@ def _scalars(described: Parameters, found: Identification) -> dict[str, float]:
             if sane:
                 out[p.name] = p.value
     for name in known:
-        if name.endswith(".density_factor") and 0.2 < factor < 5.0:
-            out[name] = factor
+        if name.endswith(".density_factor") and found.translation is not None:
+            symbol = found.translation.density_symbol(name.removesuffix(".density_factor"))
+            value, sigma = found.translation.combined[symbol] if symbol else (1.0, 0.0)
+            if sigma < 0.1 * value and 0.2 < value < 5.0:
+                out[name] = value
     return out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from control_cases import slicot_norm
@@ -198,3 +200,28 @@ def test_the_crossover_is_where_the_bound_on_the_error_is_least():
     narrow = weights(crossover=0.06, level=0.2)
     term = design_robust_term(gains(6, 4.0, 4.0), narrow)
     assert all(b.crossover > narrow.integral for b in term.blocks)
+
+
+@pytest.mark.parametrize("pair", [(4.0, 4.0), (0.64, 1.6), (0.01, 0.2)])
+def test_better_sensors_never_promise_less(pair):
+    """Down to noise that no sensor has: a design exists, its norm is met, its bound does not rise."""
+    bounds = []
+    for sigma in (1e-4, 1e-5, 1e-6, 2e-7, 1e-8, 1e-10, 1e-13):
+        noise = in_band(np.full(4, sigma), 20.0, CROSSOVER)
+        own = Weights(np.full(4, 2e-6), noise, noise, 0.05, CROSSOVER)
+        block = design_robust_term(gains(4, *pair), own).blocks[0]
+        assert block.synthesis.norm <= 1.0 + 1e-6
+        bounds.append(block.error[0])
+    assert all(b <= 1.03 * a for a, b in itertools.pairwise(bounds)), bounds
+    assert bounds[-1] > 0.5 * bounds[-2]  # what is left is the disturbance's
+
+
+def test_a_failure_of_arithmetic_is_not_told_as_uncertainty(monkeypatch):
+    """PD alone meets the norm, so a term exists; where none is computed that is said."""
+    monkeypatch.setattr("smsid.control.robust_term.feasible", lambda plant, gamma: False)
+    with pytest.raises(ControlError, match=r"failed numerically: PD alone meets its bound") as caught:
+        design_robust_term(gains(4, 4.0, 4.0), weights(4))
+    assert caught.value.evidence["norm_of_pd"] < 1.0
+    with pytest.raises(ControlError, match="whatever error is allowed") as caught:
+        design_robust_term(gains(4, 100.0, 1.0), weights(4))
+    assert caught.value.evidence["norm_of_pd"] > 1.0

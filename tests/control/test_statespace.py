@@ -76,3 +76,25 @@ def test_bad_shapes_are_refused():
         lower_lft(StateSpace(-np.eye(1), np.ones((1, 2)), np.ones((2, 1)), np.ones((2, 2))), s)
     with pytest.raises(ControlError, match="does not fit a plant"):
         lower_lft(s, StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.ones((1, 2))))
+
+
+def test_balancing_changes_units_of_states_only():
+    rng = np.random.default_rng(3)
+    plain = StateSpace(
+        rng.standard_normal((4, 4)), *(rng.standard_normal(s) for s in ((4, 2), (3, 4), (3, 2)))
+    )
+    t = np.array([1e-7, 1.0, 1e6, 1e3])
+    odd = StateSpace(plain.a * t / t[:, None], plain.b / t[:, None], plain.c * t, plain.d)
+    even, omega = odd.balanced(), np.array([0.1, 1.0, 10.0])
+    np.testing.assert_allclose(even.response(omega), plain.response(omega), rtol=1e-9)
+    sizes = np.linalg.norm(even.b, axis=1)
+    assert (
+        sizes.max() / sizes.min()
+        < 1e2
+        < 1e9
+        < np.ptp(np.linalg.norm(odd.b, axis=1)) / np.linalg.norm(odd.b, axis=1).min()
+    )
+    assert (
+        StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))).balanced().order
+        == 0
+    )

@@ -34,7 +34,7 @@ def test_rows_stand_beside_the_paper_s_numbers():
     assert [(r["case"], r["controller"], r["draws"]) for r in rows] == [("D", "pd", 5), ("D", "hinf", 1)]
     np.testing.assert_allclose(rows[0]["e_base"]["median"], 3e-4)
     np.testing.assert_allclose(rows[0]["e_base"]["interval"], [1.1e-4, 4.9e-4])
-    assert rows[0]["e_base_paper"] == 1.70e-4 and rows[0]["runs_at_a_limit"] == 0
+    assert rows[0]["e_base_paper"] == pytest.approx(np.radians(1.70e-4)) and rows[0]["runs_at_a_limit"] == 0
     assert rows[1]["runs_at_a_limit"] == 1
 
 

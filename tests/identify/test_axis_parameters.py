@@ -91,7 +91,7 @@ def test_two_overdamped_tanks_are_not_a_number_but_the_mass_is():
 def test_physical_parameters(tanks: int, panel: bool):
     theta = random_theta(tanks, panel)
     values, jacobian = physical(theta, tanks, panel)
-    assert len(values) == len(parameter_names(tanks, panel, None))
+    assert len(values) == len(parameter_names(tanks, ("rho",) if panel else (), None))
     masses = theta[3 : 1 + 4 * tanks : 4]
     assert values[0] == pytest.approx(theta[0] + masses.sum())
     np.testing.assert_allclose(values[1 : 1 + 3 * tanks : 3], masses)

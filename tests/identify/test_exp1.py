@@ -64,7 +64,7 @@ def test_everything_along_three_axes(model):
         assert values[f"panel.mode{k}.damping"] == pytest.approx(0.005, rel=0.02)
     assert PARTICIPATION[0] == pytest.approx(model.mode_scale[0], rel=1e-4)
     assert found.values()["tank.mass"] == values["tank.mass"]
-    assert found.density_factor() == pytest.approx(1.0, rel=1e-4)
+    assert found.density_factor("panel") == pytest.approx(1.0, rel=1e-4)
 
 
 def test_intervals_cover_with_noise(model):
@@ -102,7 +102,7 @@ def test_axes_without_thrust_are_noted(model):
     found = identify_translation(model, [recording("x")])
     assert "no thrust along y, z: stiffness and damping there stay as described" in found.notes
     assert set(found.values()) == {"tank.mass", "tank.stiffness.x", "tank.damping.x"}
-    assert found.density_factor() == 1.0
+    assert found.density_factor("panel") == 1.0
 
 
 def test_changes_by_symbol_stay_physical(model):
