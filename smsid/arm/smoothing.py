@@ -18,6 +18,8 @@ from scipy.linalg.blas import dsbmv
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_matrix, diags_array
 
+from smsid._short_repr import short_repr
+
 ORDERS = (3, 4, 6, 8)
 """Derivatives tried as the white one: jerk and up; a few sines are far smoother than their jerk says."""
 
@@ -53,6 +55,7 @@ class Samples:
     rate: np.ndarray
 
 
+@short_repr
 @dataclass(frozen=True)
 class SmoothJoint:
     """Smoothing splines of one joint, one per stretch.
