@@ -22,6 +22,7 @@ from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.friction import JointFriction
 from smsid.effects.gear import Gear
 from smsid.effects.geometric_stiffness import GeometricStiffness
+from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
 from smsid.effects.mass_loss import MassLoss
 from smsid.effects.mode_error import ModeError
@@ -54,6 +55,7 @@ __all__ = [
     "Gear",
     "GearCompliance",
     "GeometricStiffness",
+    "GraspedBody",
     "GravityGradient",
     "InertiaTerm",
     "JointFriction",

@@ -59,7 +59,8 @@ class Effect(Table):
 
     Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
-    why.
+    why. ``changes`` says in words what it means when a field's value is larger, and when it is smaller, than
+    before.
     """
 
     summary: ClassVar[str] = ""
@@ -69,6 +70,7 @@ class Effect(Table):
     point_mass: ClassVar[tuple[str, str] | None] = None
     geometry: ClassVar[tuple[str, ...]] = ()
     not_estimated: ClassVar[Mapping[str, str]] = {}
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -177,7 +179,7 @@ class Effect(Table):
 
     def _replaced(self, update: Mapping[str, Any]) -> Effect:
         try:
-            return type(self).model_validate({**dict(self), **update})
+            return self._validated({**dict(self), **update})
         except ValidationError as cause:
             reasons = "; ".join(
                 ".".join(str(part) for part in e["loc"]) + f" {e['msg'].removeprefix('Value error, ')}"
@@ -187,6 +189,10 @@ class Effect(Table):
                 f"Effect '{self.name}' cannot take these values: {reasons}.",
                 advice="Keep them within bounds.",
             ) from cause
+
+    def _validated(self, data: Mapping[str, Any]) -> Effect:
+        """Return the effect of other values; one that only a description must obey may relax here."""
+        return type(self).model_validate(data)
 
     def without_strength(self) -> Effect:
         """Return the effect with its ``strength`` parameters at zero, where it changes nothing.

@@ -20,6 +20,7 @@ WORDS = {
     "joint_offset": "the angle of {place} has an offset",
     "torque_offset": "a constant torque acts at {place}",
     "payload": "{place} carries a mass that the description lacks",
+    "grasped_body": "{place} has grasped a body that the description lacks",
     "body_error": "the {shape} of {place} is not what the description says",
     "mass_loss": "{place} loses mass",
     "thruster_gain": "the thrust is not what is commanded",

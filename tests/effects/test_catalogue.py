@@ -43,6 +43,10 @@ EXAMPLES = {
         "name": "w", "joints": ("joint1", "joint2"), "inertia": 0.1, "viscous": 0.2, "coulomb": 0.3,
     },
     "payload": {"name": "p", "frame": "tool", "mass": 5.0, "com": (0.1, 0.0, 0.2)},
+    "grasped_body": {
+        "name": "gb", "frame": "tool", "mass": 60.0, "centre": (0.4, 0.1, -0.2),
+        "central_inertia": (5.0, 0.2, 4.0, 0.1, -0.3, 3.0),
+    },
     "body_error": {
         "name": "e", "body": "link2", "mass": 1.0, "first_moment": (1.0, 0.0, 0.0),
         "inertia": (0.1, 0.0, 2.0, 0.0, 0.0, 2.0),
