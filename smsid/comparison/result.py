@@ -1,0 +1,156 @@
+"""The result of a comparison: every parameter's change, the joint test, findings in physical words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from smsid._short_repr import short_repr
+
+LEVEL = 1e-4
+"""Probability below which a difference is called a change: one false change in ten thousand pairs of
+estimates of the same craft, at the most two with the single parameters' own test."""
+QUANTILE = 1.959964
+
+FindingKind = Literal[
+    "body_grasped", "body_released", "mass_left", "body_changed", "effect_changed", "unexplained"
+]
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """One parameter in both estimates: ``after`` less ``before`` with its standard deviation [``unit``].
+
+    ``p_value`` is the probability of so large a difference by chance, of this parameter by itself; not a
+    number where a standard deviation is not known. ``changed``: it is too small for chance, all parameters
+    compared considered. ``derived`` says that one of the estimates does not name this combination: it was
+    made of those that it names.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    sigma: float
+    p_value: float
+    changed: bool
+    derived: bool = False
+
+    @property
+    def change(self) -> float:
+        """After less before [``unit``]."""
+        return self.after - self.before
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the change [``unit``]."""
+        return self.change - QUANTILE * self.sigma, self.change + QUANTILE * self.sigma
+
+    @property
+    def deviations(self) -> float:
+        """The change in standard deviations."""
+        return self.change / self.sigma if self.sigma > 0.0 else float("nan")
+
+
+@dataclass(frozen=True)
+class NotComparable:
+    """A parameter of one estimate that the other does not tell, and why."""
+
+    name: str
+    estimate: Literal["first", "second"]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a finding with its standard deviation [``unit``]; ``told``: whether the data tell it."""
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    told: bool = True
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval [``unit``]."""
+        return self.value - QUANTILE * self.sigma, self.value + QUANTILE * self.sigma
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What explains differences, in words and numbers.
+
+    ``subject`` is the link, body or effect it is at. ``p_value``: of the differences it explains, by chance
+    and given the other findings. ``others`` are subjects that explain them nearly as well: the data do not
+    tell which it is.
+    """
+
+    kind: FindingKind
+    subject: str
+    sentence: str
+    quantities: tuple[Quantity, ...] = ()
+    p_value: float = 0.0
+    others: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Quantity:
+        """Give the quantity of a name; raise `KeyError` where there is none."""
+        for q in self.quantities:
+            if q.name == name:
+                return q
+        raise KeyError(name)
+
+
+@short_repr
+@dataclass(frozen=True)
+class Comparison:
+    """What changed from the ``first`` to the ``second`` estimate.
+
+    ``statistic`` is the chi-squared of all differences together with ``freedom`` degrees of freedom, by both
+    covariances; ``None`` where an estimate has none, and then nothing is said of all together. ``left`` is
+    the probability of what the findings leave of the differences. ``conclusive`` is False where the
+    comparison cannot say that nothing has changed.
+    """
+
+    first: str
+    second: str
+    parameters: tuple[ParameterChange, ...]
+    not_comparable: tuple[NotComparable, ...]
+    statistic: float | None
+    freedom: int
+    p_value: float | None
+    findings: tuple[Finding, ...]
+    left: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> ParameterChange:
+        """Give the change of the parameter of a name; raise `KeyError` where there is none."""
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise KeyError(name)
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything has changed, beyond what chance does."""
+        jointly = self.p_value is not None and self.p_value < LEVEL
+        return jointly or any(p.changed for p in self.parameters)
+
+    @property
+    def sentence(self) -> str:
+        """The result in a sentence."""
+        told = f"{len(self.parameters)} parameters compared"
+        if self.statistic is not None:
+            told += f"; chi-squared {self.statistic:.4g} of {self.freedom}, p = {self.p_value:.2g}"
+        if not self.parameters:
+            return "Nothing can be compared: the estimates have no parameter in common."
+        if not self.changed:
+            jointly = "" if self.statistic is not None else ", each by itself"
+            return f"No change beyond chance{jointly} ({told})."
+        return f"Something has changed ({told})."
+
+    def to_json(self) -> str:
+        """Return the JSON text; not-a-number is written as null."""
+        from smsid.comparison.result_file import comparison_json
+
+        return comparison_json(self)
