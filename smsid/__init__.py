@@ -16,6 +16,7 @@ _FROM = {
         *("load_spacecraft", "load_recordings", "simulate", "identify", "diagnose", "design_controller"),
         *("report", "view", "export"),
     ),
+    "smsid.comparison": ("compare",),
     "smsid.description": ("Description",),
     "smsid.design": ("design_experiment",),
     "smsid.diagnose": ("Diagnosis",),
@@ -47,6 +48,7 @@ __all__ = [
     "SimulationError",
     "SmsidError",
     "build_model",
+    "compare",
     "design_controller",
     "design_experiment",
     "diagnose",
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
         simulate,
         view,
     )
+    from smsid.comparison import compare
     from smsid.description import Description
     from smsid.design import design_experiment
     from smsid.diagnose import Diagnosis

@@ -28,6 +28,7 @@ COMMANDS = {
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
+    "compare": Entry("smsid.cli.compare:compare_command", "Tell what changed between two estimates."),
     "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),
     "control": Entry("smsid.cli.control:control_command", "Design a controller from what is identified."),
     "campaign": Entry("smsid.cli.campaign:campaign_command", "Run a Monte Carlo campaign."),

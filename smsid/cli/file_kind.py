@@ -13,6 +13,7 @@ KINDS = (
     "recording",
     "estimate",
     "diagnosis",
+    "comparison",
     "controller",
     "control_study",
     "campaign",

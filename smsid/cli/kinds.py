@@ -33,6 +33,7 @@ WANTED = {
     "recording": ("recording (.nc)", (".nc", ".h5", ".hdf5")),
     "validate": ("recordings (.nc)", (".nc", ".h5", ".hdf5")),
     "estimate": ("estimate (JSON)", (".json",)),
+    "second": ("estimate (JSON)", (".json",)),
     "truth": ("estimate (JSON)", (".json",)),
     "mapping": ("mapping (TOML)", (".toml",)),
     "plan": ("plan (TOML)", (".toml",)),

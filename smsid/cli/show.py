@@ -20,8 +20,8 @@ def show_command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="any file a command takes or makes: a recording, estimate, diagnosis, controller, "
-            "campaign, description, experiment or mapping"
+            help="any file a command takes or makes: a recording, estimate, comparison, diagnosis, "
+            "controller, campaign, description, experiment or mapping"
         ),
     ],
     show_all: ShowAll = False,
@@ -87,6 +87,7 @@ SHOWN: dict[str, Callable[[Path, bool], Iterator[Any]]] = {
     "recording": parts.recording,
     "estimate": parts.estimate,
     "diagnosis": parts.diagnosis,
+    "comparison": parts.comparison,
     "controller": parts.controller,
     "control_study": parts.control_study,
     "campaign": parts.campaign,

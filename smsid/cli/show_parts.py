@@ -98,6 +98,14 @@ def diagnosis(path: Path, everything: bool) -> Iterator[Any]:
     yield from document_parts(load_diagnosis(path), everything=everything)
 
 
+def comparison(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield what changed between two estimates."""
+    from smsid.cli.compare import comparison_parts
+    from smsid.comparison import load_comparison
+
+    yield from comparison_parts(load_comparison(path), everything=everything)
+
+
 def controller(path: Path, everything: bool) -> Iterator[Any]:
     """Yield gains, blocks and poles of a controller."""
     from smsid.cli.control import document_parts

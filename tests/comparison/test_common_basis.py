@@ -62,7 +62,7 @@ def test_biases_of_recordings_are_not_compared():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_bases_lumped_towards_the_tips_and_towards_the_bus_compare_alike(seed):
-    """All 31 combinations of the one are combinations of the other's: no false change, and the grasp found."""
+    """All 31 combinations of the one are combinations of the other's: no false change, the grasp found."""
     rng = np.random.default_rng(seed)
     before = estimate(craft(), rng, noise=0.2)
     same = estimate(craft(), rng, noise=0.2, tipwards=True)

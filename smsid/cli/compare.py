@@ -1,0 +1,117 @@
+"""``smsid compare``: what changed between two estimates."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import JsonOutput, ReportPath, ShowAll
+from smsid.cli.output import console, working
+
+if TYPE_CHECKING:
+    from smsid.comparison import Comparison, Finding
+
+ROWS, LINES = 20, 8  # parameters and findings shown, unless everything is asked for
+
+
+def compare_command(
+    estimate: Annotated[Path, typer.Argument(help="estimate before (JSON of `smsid identify`)")],
+    second: Annotated[Path, typer.Argument(help="estimate after, of the same spacecraft")],
+    output: JsonOutput = Path("comparison.json"),
+    description: Annotated[
+        Path | None,
+        typer.Option(
+            help="description both were identified from: knows which effect is a tank, a panel, friction"
+        ),
+    ] = None,
+    show_all: ShowAll = False,
+    report: ReportPath = None,
+) -> Outcome:
+    """Tell what changed between two estimates: a body grasped, fuel used, a panel softened."""
+    from smsid.comparison import compare, save_comparison
+    from smsid.description import load_description
+    from smsid.identify.estimate import load_estimate
+
+    described = None if description is None else load_description(description)
+    before, after = load_estimate(estimate), load_estimate(second)
+    with working("comparing"):
+        found = compare(before, after, described, names=(str(estimate), str(second)))
+    save_comparison(found, output)
+    if report is not None:
+        from smsid.report import files_of, provenance, write_report
+        from smsid.report.compare import compare_report
+
+        files = [] if described is None or description is None else files_of(described, description)
+        write_report(compare_report(found, provenance([estimate, second, *files])), report)
+    out = console()
+    for part in comparison_parts(found, everything=show_all):
+        out.print(part, highlight=False)
+    written = [output, *([report] if report else [])]
+    out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False, highlight=False)
+    return Outcome(json.loads(found.to_json()), written)
+
+
+def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator[Any]:
+    """Yield what to print of a comparison: the verdict, findings, parameters that changed most, notes."""
+    from rich.text import Text
+
+    from smsid.cli.notes import told
+    from smsid.cli.tables import plain_table
+    from smsid.identify.estimate_text import short_name
+
+    yield Text(f"{found.first} -> {found.second}", style="dim")
+    yield Text(found.sentence, style="bold")
+    shown = found.findings if everything else found.findings[:LINES]
+    for finding in shown:
+        yield Text(f"- {finding.sentence}")
+        if finding is shown[0] and finding.kind in ("body_grasped", "body_released", "mass_left"):
+            yield _quantities(finding, everything)
+    if len(found.findings) > len(shown):
+        yield Text(f"{len(found.findings) - len(shown)} more findings with --all", style="dim")
+    order = sorted(found.parameters, key=lambda p: p.p_value)
+    rows = order if everything else order[:ROWS]
+    table = plain_table(
+        *("parameter", "before", "after", "change", "± 95 %", "sigma", "unit", ""),
+        left=("parameter", "unit", ""),
+    )
+    for p in rows:
+        name = p.name if everything else short_name(p.name, 34)
+        table.add_row(
+            Text(name),
+            f"{p.before:.6g}",
+            f"{p.after:.6g}",
+            f"{p.change:+.3g}",
+            f"{1.96 * p.sigma:.2g}",
+            f"{p.deviations:+.1f}",
+            p.unit,
+            Text("changed" if p.changed else "", style="yellow"),
+        )
+    if everything:
+        table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    if rows:
+        yield table
+    if len(order) > len(rows):
+        yield Text(f"{len(order) - len(rows)} more parameters with --all", style="dim")
+    lines = [f"not comparable, {n.reason} ({n.estimate} estimate): {n.name}" for n in found.not_comparable]
+    if lines and not everything:
+        yield Text(f"{len(lines)} parameters are not comparable: --all", style="yellow")
+        lines = []
+    yield from (Text(line) for line in told((*lines, *found.notes), everything=everything))
+
+
+def _quantities(finding: Finding, everything: bool) -> Any:
+    """Return a table of a body's numbers: mass, centre, inertia about it; all of them on demand."""
+    from smsid.cli.tables import plain_table
+
+    table = plain_table("quantity", "value", "± 95 %", "unit", "", left=("quantity", "unit", ""))
+    for q in finding.quantities:
+        if everything or q.name.startswith(("mass", "centre", "central_inertia")):
+            table.add_row(
+                q.name, f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}", q.unit, "" if q.told else "not told"
+            )
+    return table
