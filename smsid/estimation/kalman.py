@@ -188,7 +188,9 @@ class KalmanFilter:
     """The extended Kalman filter over a recording, some samples at a time.
 
     ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,) and ``covariance`` (2 nv + k, 2 nv + k) are what is
-    believed of the state at the next sample before it is read. Not to be shared between threads.
+    believed of the state at the next sample before it is read. ``input_noise`` (nv,) is the variance of
+    inputs held over a sample, ``walk`` (k,) that of the unknown inputs per second. Not to be shared between
+    threads.
     """
 
     def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
@@ -202,11 +204,11 @@ class KalmanFilter:
             self.covariance = _first_covariance(model, problem)
         else:
             self.q, self.v, self.covariance = begin.q.copy(), begin.v.copy(), begin.covariance.copy()
-        self._input_noise = _input_covariance(model, problem)
+        self.input_noise = _input_covariance(model, problem)
         unknown = problem.unknown_inputs
         self.unknown = np.zeros(len(unknown))
         self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
-        self._walk = np.array([u.walk**2 for u in unknown])
+        self.walk = np.array([u.walk**2 for u in unknown])
         start = np.diag([u.sigma**2 for u in unknown])
         self.covariance: np.ndarray = np.asarray(block_diag(self.covariance, start))
         self._late = np.array([b.delay for b in problem.data.blocks])
@@ -228,7 +230,7 @@ class KalmanFilter:
         times, nv, rows = edges[:n], model.nv, data.rows
         drive = replace(applied(plant, self.problem, self.inputs, edges), before=self._before)
         moves = len(edges) - 1
-        present, late, input_noise = self._readable[first : first + n], self._late, self._input_noise
+        present, late, input_noise = self._readable[first : first + n], self._late, self.input_noise
         q, v, p, w = self.q, self.v, self.covariance, self.unknown
         acts, width = self._unknown_at, 2 * nv + len(w)
         driving = np.zeros(nv)
@@ -314,7 +316,7 @@ class KalmanFilter:
             b = forcing[k] @ mid_lin.by_tau
             p = transition[k] @ p @ transition[k].T + (b * input_noise) @ b.T
             if len(acts):
-                p[2 * nv :, 2 * nv :].flat[:: len(acts) + 1] += self._walk * h_k  # a view: written in place
+                p[2 * nv :, 2 * nv :].flat[:: len(acts) + 1] += self.walk * h_k  # a view: written in place
             p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
         self.q, self.v, self.covariance, self.unknown, self._next = q, v, p, w, first + n
         self._before = drive.means[-1, -1] + drive.rise[-1, -1] if moves else None

@@ -89,7 +89,7 @@ def objective_of(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Fl
     total = 0.5 * float(np.sum(_prior_offset(point, unknowns) ** 2))
     model = point.model()
     for flight in flights:
-        kalman = KalmanFilter(model, _at(point, flight))
+        kalman = KalmanFilter(model, problem_at(point, flight))
         for _ in range(0, len(flight.problem.data.times), CHUNK):
             total -= kalman.advance(CHUNK).log_likelihood
     return total
@@ -115,7 +115,7 @@ def _prior_offset(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
     return np.array([(point.value(u) - u.nominal) / u.sigma for u in unknowns])
 
 
-def _at(point: Point, flight: Flight) -> Problem:
+def problem_at(point: Point, flight: Flight) -> Problem:
     """Return the problem with the sensors as they are at the point in this recording."""
     sensors = point.for_recording(flight.label).sensors()
     return replace(flight.problem, data=flight.problem.data.with_blocks(sensors))
@@ -130,7 +130,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
         if u.kind != "bias" or u.name.startswith(start)
     ]
     index, mine = np.array([i for i, _ in own], dtype=int), [u for _, u in own]
-    model, problem = here.model(), _at(point, flight)
+    model, problem = here.model(), problem_at(point, flight)
     kalman = KalmanFilter(model, problem)
     delta = np.zeros((kalman.covariance.shape[0], len(mine)))
     scales = np.array([u.scale for u in mine])

@@ -1,0 +1,131 @@
+"""Smoothed states: against dense least squares over all states at once, and against a numpy world's truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_factor, cho_solve
+
+from smsid.estimation.flight import FlightOptions, flight_of
+from smsid.estimation.hidden_states import hidden_states
+from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.smoother import bryson_frazier, smoothed_states
+
+from .satellite import Satellite, burns_and_wheels, guess, recorded
+
+
+def linear_system(rng, samples=12, width=4, rows=3, seen=0.8):
+    """Return a random time-varying system, its readings, and which of them are there."""
+    f = 0.4 * rng.normal(size=(samples - 1, width, width)) + np.eye(width)
+    h = rng.normal(size=(samples, rows, width))
+    q = np.array([x @ x.T for x in 0.3 * rng.normal(size=(samples - 1, width, 2))])  # singular
+    first = np.diag([1.0, 4.0, 0.25, 0.0])  # one state is known exactly at first
+    y = rng.normal(size=(samples, rows))
+    sigma = rng.uniform(0.3, 1.0, size=rows)
+    there = rng.random((samples, rows)) < seen
+    there[3] = False
+    return f, h, q, first, y, sigma, there
+
+
+def kalman_filter(f, h, q, first, y, sigma, there):
+    """Return what a run keeps of a plain Kalman filter that begins at zero."""
+    n, rows, width = h.shape
+    x, p = np.zeros(width), first
+    predicted, states = np.zeros((n, width, width)), np.zeros((n, width))
+    whitening, gain, innovations = np.zeros((n, rows, rows)), np.zeros((n, width, rows)), np.zeros((n, rows))
+    for k in range(n):
+        predicted[k], states[k] = p, x
+        at = np.flatnonzero(there[k])
+        if len(at):
+            hk = h[k][at]
+            s = hk @ p @ hk.T + np.diag(sigma[at] ** 2)
+            w = np.linalg.inv(np.linalg.cholesky(s))
+            kk = p @ hk.T @ w.T @ w
+            whitening[k][np.ix_(at, at)], gain[k][:, at] = w, kk
+            innovations[k, at] = w @ (y[k, at] - hk @ x)
+            x, p = x + kk @ (y[k, at] - hk @ x), p - kk @ hk @ p
+        if k < n - 1:
+            x, p = f[k] @ x, f[k] @ p @ f[k].T + q[k]
+    return states, predicted, whitening, gain, innovations
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_dense_least_squares_solution_of_all_states_at_once(seed):
+    f, h, q, first, y, sigma, there = linear_system(np.random.default_rng(seed))
+    states, predicted, whitening, gain, innovations = kalman_filter(f, h, q, first, y, sigma, there)
+    change, covariance = bryson_frazier(predicted, f, h, whitening, gain, innovations)
+    # the prior of the whole history, dense, conditioned on every reading
+    n, rows, width = h.shape
+    blocks = [first, *q]
+    lead = np.zeros((n * width, n * width))
+    for k in range(n):
+        part = np.eye(width)
+        for i in range(k, -1, -1):
+            lead[k * width : (k + 1) * width, i * width : (i + 1) * width] = part
+            part = part @ f[i - 1] if i else part
+    root = np.zeros_like(lead)
+    for k, block in enumerate(blocks):
+        root[k * width : (k + 1) * width, k * width : (k + 1) * width] = block
+    prior = lead @ root @ lead.T
+    big = np.zeros((n * rows, n * width))
+    for k in range(n):
+        big[k * rows : (k + 1) * rows, k * width : (k + 1) * width] = h[k]
+    kept = there.ravel()
+    big, noise, readings = big[kept], np.diag(np.tile(sigma**2, n)[kept]), y.ravel()[kept]
+    factor = cho_factor(big @ prior @ big.T + noise)
+    mean = prior @ big.T @ cho_solve(factor, readings)
+    whole = prior - prior @ big.T @ cho_solve(factor, big @ prior)
+    np.testing.assert_allclose((states + change).ravel(), mean, atol=1e-10)
+    for k in range(n):
+        own = slice(k * width, (k + 1) * width)
+        np.testing.assert_allclose(covariance[k], whole[own, own], atol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """The truth's flight, its recording, and a description that is right."""
+    truth = Satellite()
+    flight = truth.fly(60.0, burns_and_wheels)
+    folder = tmp_path_factory.mktemp("craft")
+    description = guess(folder, truth, off=0.0)
+    return truth, flight, description, recorded(truth, flight, np.random.default_rng(2))
+
+
+def test_slosh_and_panel_are_where_the_truth_has_them(world):
+    """Bodies and effects from the first guess of an estimate; states inside their bands, all of the time."""
+    _, flight, description, recording = world
+    found = identify_flights(description, [recording])
+    hidden = hidden_states(found)
+    times, states = flight[0][::5], flight[1][::5]
+    np.testing.assert_allclose(hidden.time("smoothed.slosh_position"), times, atol=1e-9)
+    inside = []
+    for channel, true in (
+        ("slosh_position", states[:, 13:16]),
+        ("slosh_velocity", states[:, 16:19]),
+        ("modal_position", states[:, 19:20] * 2.6),
+        ("modal_velocity", states[:, 20:21] * 2.6),
+    ):
+        value, sigma = hidden[f"smoothed.{channel}"], hidden[f"smoothed_sigma.{channel}"]
+        size = np.sqrt(np.mean(true**2))
+        assert np.sqrt(np.mean((value - true) ** 2)) < 0.05 * size, channel
+        assert np.all(sigma > 0.0)
+        off = (value - true) / sigma
+        assert np.sqrt(np.mean(off**2)) < 2.0, channel
+        inside.append(np.abs(off) < 1.96)
+    assert np.mean(np.concatenate([x.ravel() for x in inside])) > 0.85
+    bias, wide = (hidden[f"bias_gyro{s}.acceleration"] for s in ("", "_sigma"))
+    assert np.all(np.abs(bias[0]) < 4.0 * wide[0]) and np.all(bias == bias[0])
+
+
+def test_an_unrecorded_torque_is_a_hidden_state(world):
+    _, _, description, recording = world
+    options = FlightOptions(torque=(0.1, 0.01))
+    point = Point.of(description)
+    flight = flight_of(point, recording.window(0.0, 10.0), "a", options)
+    found = smoothed_states(point.model(), flight.problem)
+    n, nv = len(flight.problem.data.times), point.base.nv
+    k = len(flight.problem.unknown_inputs)
+    assert found.unknown.shape == (n, k) and k >= 3
+    assert found.covariance.shape == (n, 2 * nv + k, 2 * nv + k)
+    assert np.linalg.eigvalsh(found.covariance[n // 2]).min() > -1e-9
