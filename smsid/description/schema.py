@@ -111,6 +111,33 @@ class Thrust(Table):
     max_force: float | None = Field(default=None, gt=0.0)  # [N]
 
 
+class Thruster(Table):
+    """A single thruster: where it pushes, in which direction, and how hard at full thrust.
+
+    ``direction`` is that of the force on the spacecraft, against the jet; it need not be a unit vector.
+    Recordings say what share of ``force`` it gave (``command.thruster``), or the force itself
+    (``command.thruster_force``).
+    """
+
+    name: Name
+    position: Vector3  # [m], bus frame
+    direction: Vector3  # bus axes
+    force: float = Field(gt=0.0)  # [N]
+
+    @model_validator(mode="after")
+    def _has_a_direction(self) -> Thruster:
+        if sum(x * x for x in self.direction) < 1e-12:
+            raise ValueError(f"thruster '{self.name}' has a zero `direction`")
+        if self.name == "thruster":
+            raise ValueError("'thruster' stands for the net thrust; give it another name")
+        return self
+
+    def full(self) -> tuple[float, ...]:
+        """Return the force (3,) on the bus at full thrust, bus axes [N]."""
+        size = sum(x * x for x in self.direction) ** 0.5
+        return tuple(self.force * x / size for x in self.direction)
+
+
 def _in_place(make: Callable[[Any], Any]) -> WrapValidator:
     """Let `SmsidError` take part in pydantic's report, so that it comes out with the place."""
 
@@ -148,6 +175,7 @@ class Description(Table):
     inertias: Inertias = "checked"
     package_dirs: tuple[str, ...] = ()
     thrust: Thrust = Thrust()
+    thruster: tuple[Thruster, ...] = ()
     wheel: tuple[Wheel, ...] = ()
     arm: tuple[Arm, ...] = ()
     effect: tuple[AnyEffect, ...] = ()
@@ -158,12 +186,18 @@ class Description(Table):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Description:
-        for label in ("wheel", "arm", "effect", "sensor"):
+        for label in ("thruster", "wheel", "arm", "effect", "sensor"):
             names = [item.name for item in getattr(self, label)]
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
                 named = ", ".join(map(repr, twice))
                 raise ValueError(f"two {label}s are named {named}; names must be unique, rename one")
+        return self
+
+    @model_validator(mode="after")
+    def _thrusters_push_something(self) -> Description:
+        if self.thruster and self.root != "free":
+            raise ValueError('thrusters do nothing to a bus with root = "fixed"; remove them')
         return self
 
     @model_validator(mode="after")

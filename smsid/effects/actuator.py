@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from smsid.effects.base import Starting, Vector3, physical, register
+from smsid.effects.base import Name, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -29,7 +29,11 @@ class ActuatorEffect(Starting):
 
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
-        return () if self.target() == THRUSTER else (self.target(),)
+        return () if self.pushes() else (self.target(),)
+
+    def pushes(self) -> bool:
+        """Whether the actuator is the net thrust or a single thruster."""
+        return self.target() == THRUSTER
 
     def target(self) -> str:
         """Return the actuator: ``thruster``, a joint or a wheel."""
@@ -37,8 +41,16 @@ class ActuatorEffect(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the actuator is there; what it does is in `drive`."""
-        if self.target() != THRUSTER:
-            assembly.joint_id(self.target())
+        target = self.target()
+        if target == THRUSTER or target in assembly.thrusters:
+            return
+        if self.pushes():
+            raise DescriptionError(
+                f"There is no thruster '{target}'.",
+                advice=f"Thrusters: {', '.join(assembly.thrusters) or 'none; list them as [[thruster]]'}.",
+                thruster=target,
+            )
+        assembly.joint_id(target)
 
     def _changed(
         self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, int], Signal]
@@ -63,40 +75,95 @@ def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, int
     """
     if actuator == THRUSTER:
         return "force", 0
+    thrusters = [t.name for t in model.description.thruster]
+    if actuator in thrusters:
+        return "thrusts", 3 * thrusters.index(actuator)
     for field, names in (("joint_torque", model.arm_joints.names), ("wheel_torque", model.wheels.names)):
         if actuator in names:
             return field, names.index(actuator)
     raise DescriptionError(
         f"[[effect]] '{effect}': '{actuator}' is not an actuator.",
-        advice=f"Actuators: {', '.join((THRUSTER, *model.arm_joints.names, *model.wheels.names))}.",
+        advice="Actuators: "
+        + ", ".join((THRUSTER, *thrusters, *model.arm_joints.names, *model.wheels.names))
+        + ".",
         actuator=actuator,
     )
 
 
-@register
-class ThrusterGain(ActuatorEffect):
-    """Thrust along each axis of the bus is ``1 + gain`` times the commanded one."""
+class ThrustEffect(ActuatorEffect):
+    """An effect on the net thrust, or on one thruster of the description."""
 
-    summary: ClassVar[str] = "thrust that is larger or smaller than commanded, axis by axis"
+    thruster: Name | None = Field(
+        default=None, description="a single thruster by name; the net thrust when not given"
+    )
+
+    def target(self) -> str:
+        """Return the thruster, or the net thrust."""
+        return self.thruster or THRUSTER
+
+    def pushes(self) -> bool:
+        """Return that it does."""
+        return True
+
+    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
+        """Return inputs with the force (3,) of the thruster mapped by a matrix (3, 3), bus axes."""
+
+        def change(signal: Signal, column: int) -> Signal:
+            whole = np.eye(signal.size)
+            whole[column : column + 3, column : column + 3] = matrix
+            return signal.mapped(whole)
+
+        return self._changed(inputs, model, change)
+
+
+@register
+class ThrusterGain(ThrustEffect):
+    """Net thrust along each axis of the bus is ``1 + gain`` times the commanded one.
+
+    Of a single ``thruster`` the gain is one number.
+    """
+
+    summary: ClassVar[str] = (
+        "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
+    )
     aliases: ClassVar[tuple[str, ...]] = ("thruster_misalignment", "body_error", "sensor_scale")
     strength: ClassVar[tuple[str, ...]] = ("gain",)
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {
         "gain": ("the thrust has grown", "the thrust has fallen")
     }
     kind: Literal["thruster_gain"] = "thruster_gain"
-    gain: Vector3 = physical(
-        "1", lower=-1.0, default=(0.0, 0.0, 0.0), description="relative error along the bus's axes"
+    gain: Vector3 | float = physical(
+        "1",
+        lower=-1.0,
+        default=(0.0, 0.0, 0.0),
+        description="relative error along the bus's axes; of a single thruster one number",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_number_for_one_thruster(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("thruster") is not None and "gain" not in data:
+            return {**data, "gain": 0.0}
+        return data
+
+    @model_validator(mode="after")
+    def _fits_what_it_acts_on(self) -> ThrusterGain:
+        if isinstance(self.gain, tuple) == (self.thruster is not None):
+            wanted = "one number" if self.thruster is not None else "three numbers, one per axis of the bus"
+            raise ValueError(f"`gain` takes {wanted}" + ("" if self.thruster else " (or name a `thruster`)"))
+        return self
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Scale the force."""
-        matrix = np.diag(1.0 + np.asarray(self.gain))
-        return self._changed(inputs, model, lambda signal, _: signal.mapped(matrix))
+        return self._mapped(inputs, model, np.diag(1.0 + np.broadcast_to(np.asarray(self.gain), 3)))
 
 
 @register
-class ThrusterMisalignment(ActuatorEffect):
-    """Thrust is turned by a rotation vector from what is commanded; it acts at the same point."""
+class ThrusterMisalignment(ThrustEffect):
+    """Thrust is turned by a rotation vector from what is commanded; it acts at the same point.
+
+    Of a single thruster the part along its own direction does nothing: give ``angles`` a prior there.
+    """
 
     summary: ClassVar[str] = "thrust that points elsewhere than commanded"
     aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "external_wrench", "sensor_misalignment")
@@ -112,8 +179,7 @@ class ThrusterMisalignment(ActuatorEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Turn the force."""
-        matrix = Rotation.from_rotvec(self.angles).as_matrix()
-        return self._changed(inputs, model, lambda signal, _: signal.mapped(matrix))
+        return self._mapped(inputs, model, Rotation.from_rotvec(self.angles).as_matrix())
 
 
 @register
@@ -153,7 +219,9 @@ class ActuatorDelay(ActuatorEffect):
     aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "time_offset", "sensor_delay")
     strength: ClassVar[tuple[str, ...]] = ("delay",)
     kind: Literal["actuator_delay"] = "actuator_delay"
-    actuator: str = Field(default=THRUSTER, description="`thruster`, a joint of an arm, or a wheel")
+    actuator: str = Field(
+        default=THRUSTER, description="`thruster`, a single thruster, a joint of an arm, or a wheel"
+    )
     delay: float = physical("s", lower=0.0, default=0.0, description="from command to action")
 
     def target(self) -> str:
@@ -171,7 +239,8 @@ class ActuatorDelay(ActuatorEffect):
             if self.actuator == THRUSTER:
                 return Delayed.of(signal, self.delay)
             own = np.zeros((signal.size, signal.size))
-            own[column, column] = 1.0
+            last = column + (3 if signal is inputs.thrusts else 1)
+            own[column:last, column:last] = np.eye(last - column)
             return Sum((signal.mapped(np.eye(signal.size) - own), Delayed.of(signal.mapped(own), self.delay)))
 
         return self._changed(inputs, model, change)

@@ -72,10 +72,18 @@ def identify_spacecraft(
     """
     if method not in ("ml", "filter", "paper"):
         raise SmsidError(f"There is no method '{method}'.", advice="Use ml, filter or paper.")
+    alone = [r.name for r in recordings if _single_thrusters(r)]
     if method == "paper":
+        if alone:
+            raise RecordingError(
+                f"'{alone[0]}' is flown with single thrusters, which the paper's method does not know.",
+                advice="Use --method ml.",
+            )
         linear = by_the_paper(description, recordings)
         return Identified(linear.estimate, linear)
     reason = "asked for" if method == "filter" else _listed(description)
+    if alone and not reason:
+        reason = "single thrusters fire"
     if not reason and options not in (None, FlightOptions()):
         reason = "options of a flight were given"
     if not reason:
@@ -91,6 +99,10 @@ def identify_spacecraft(
     notes = (found.estimate.notes[0], f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
     return Identified(estimate, None, None, found, reason, found.quality, found.contradictions)
+
+
+def _single_thrusters(recording: Recording) -> bool:
+    return any(c in recording for c in ("command.thruster", "command.thruster_force"))
 
 
 def _listed(description: Description) -> str:

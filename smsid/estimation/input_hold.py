@@ -22,6 +22,8 @@ FEW = 10  # least number of neighbouring changes that tell a wave
 COMMANDS = {
     "force": "command.force",
     "torque": "command.torque",
+    "thruster": "command.thruster",
+    "thruster_force": "command.thruster_force",
     "wheel_torque": "command.wheel_torque",
     "joint_torque": "command.joint_torque",
 }
@@ -46,6 +48,9 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, requi
         times = np.asarray(recording.time(channel), dtype=float)
         if hold == "jumps":
             times, values = _with_ramps(times, values.reshape(len(values), -1))
+        if field == "thruster_force":
+            full = [t.force for t in model.description.thruster]
+            field, values = "thruster", values.reshape(len(values), -1) / full
         signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
     if required and all(s is None for s in signals.values()):
         raise RecordingError(
@@ -53,6 +58,7 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, requi
             advice="Record what was commanded: " + ", ".join(COMMANDS.values()) + ".",
             channels=recording.channels,
         )
+    signals.pop("thruster_force")
     return Inputs(**signals)  # type: ignore[arg-type]
 
 
@@ -60,6 +66,8 @@ def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, st
     """Return which channel of a recording says what each input was: a command, else a measured torque."""
     wanted = {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
     wanted |= {"force": 3, "torque": 3} if model.free else {}
+    thrusters = len(model.description.thruster)
+    wanted |= {"thruster": thrusters, "thruster_force": thrusters}
     found = {}
     for field, size in wanted.items():
         others = [c for c in recording.channels if c.partition(".")[2] == field]
@@ -67,6 +75,8 @@ def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, st
         named = [c for c in (COMMANDS[field], *others) if c in recording]
         if size and named:
             found[field] = named[0]
+    if "thruster" in found:  # share and force say the same
+        found.pop("thruster_force", None)
     return found
 
 

@@ -94,6 +94,7 @@ def fly(
     available = truth(np.array([trajectory.start]))
     exact = [name for name in available if name.startswith(("command.", "truth"))]
     labels = {"joint": list(model.arm_joints.names), "wheel": list(model.wheels.names)}
+    labels["thruster"] = [t.name for t in model.description.thruster]
     recording = observe(
         truth,
         sensors,

@@ -84,7 +84,8 @@ Profile = Annotated[StepProfile | FourierProfile | ConstantProfile, Field(discri
 class Experiment(_Table):
     """What is flown.
 
-    ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``wheel_torque`` and
+    ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``thruster``, of each single
+    thruster the share of its full thrust; ``wheel_torque`` and
     ``joint_torque`` [N m]; ``joint_motion`` [rad] prescribes all arm joints by a Fourier series (its rates
     and accelerations follow; the torque that takes is recorded as commanded). ``joints`` overrides the start
     angles.
@@ -99,6 +100,7 @@ class Experiment(_Table):
     lock_wheels: bool = False
     force: Profile | None = None
     torque: Profile | None = None
+    thruster: Profile | None = None
     wheel_torque: Profile | None = None
     joint_torque: Profile | None = None
     joint_motion: FourierProfile | None = None
@@ -116,6 +118,7 @@ class Experiment(_Table):
         return Inputs(
             force=self.force.signal() if self.force else None,
             torque=self.torque.signal() if self.torque else None,
+            thruster=self.thruster.signal() if self.thruster else None,
             wheel_torque=self.wheel_torque.signal() if self.wheel_torque else None,
             joint_torque=self.joint_torque.signal() if self.joint_torque else None,
             joint_motion=motion,

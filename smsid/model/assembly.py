@@ -83,6 +83,7 @@ class Assembly:
 
     model: pin.Model
     base: int  # joint that carries the bus: 1 for a free-flyer, 0 when welded
+    thrusters: tuple[str, ...] = ()  # single thrusters by name
     trusted: frozenset[str] = frozenset()  # joints whose bodies' inertia is taken as it is
     springs: list[tuple[int, int, float, float]] = field(default_factory=list)  # joint, axis, k, d
     forces: list[ForceTerm] = field(default_factory=list)

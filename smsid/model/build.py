@@ -84,7 +84,8 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     model = (source.wheeled or source.pin).copy()
     model.gravity.linear = np.asarray(d.gravity)
 
-    assembly = Assembly(model, base=1 if free else 0, trusted=frozenset(trusted))
+    thrusters = tuple(t.name for t in d.thruster)
+    assembly = Assembly(model, base=1 if free else 0, trusted=frozenset(trusted), thrusters=thrusters)
     wheels = list(source.wheels)
     if source.wheeled is None:
         for wheel in d.wheel:

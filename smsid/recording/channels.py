@@ -9,14 +9,16 @@ from typing import Literal
 
 from smsid.errors import RecordingError
 
-Frame = Literal["inertial", "body", "body to inertial", "joint axis", "wheel axis", "mode", "unspecified"]
+Frame = Literal[
+    "inertial", "body", "body to inertial", "joint axis", "wheel axis", "mode", "thruster", "unspecified"
+]
 
 AXES = ("x", "y", "z")
 QUATERNION_ORDER = ("x", "y", "z", "w")
 FIXED_LABELS = MappingProxyType({"axis": AXES, "quaternion": QUATERNION_ORDER})
 """Dimensions whose size and labels never vary."""
 
-LABELLED_DIMS = ("joint", "wheel", "mode", "station")
+LABELLED_DIMS = ("joint", "wheel", "mode", "thruster", "station")
 """Dimensions whose labels a recording states."""
 
 SLIDING = MappingProxyType(
@@ -104,6 +106,8 @@ def _catalogue() -> dict[str, Quantity]:
         Quantity("joint_torque", "N m", "joint axis", joints, "motor torque on the child"),
         Quantity("wheel_rate", "rad/s", "wheel axis", wheels, "wheel speed relative to the bus"),
         Quantity("wheel_torque", "N m", "wheel axis", wheels, "motor torque on the wheel"),
+        Quantity("thruster", "1", "thruster", (("thruster",),), "share of full thrust: on-time or throttle"),
+        Quantity("thruster_force", "N", "thruster", (("thruster",),), "force along each thruster"),
         Quantity("force", "N", "body", vector, "force on the bus"),
         Quantity("torque", "N m", "body", vector, "torque on the bus"),
         Quantity("slosh_position", "m", "body", vector, "slosh mass from its rest point c_s"),

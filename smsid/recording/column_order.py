@@ -17,16 +17,22 @@ if TYPE_CHECKING:
 OWN_SOURCES = ("command", "truth")
 """Sources that are about the spacecraft itself, beside the sensors of its description."""
 
-WHAT = {"joint": "arm joints", "wheel": "wheels", "mode": "bending modes", "station": "stations"}
+WHAT = {
+    "joint": "arm joints",
+    "wheel": "wheels",
+    "mode": "bending modes",
+    "thruster": "thrusters",
+    "station": "stations",
+}
 SAME = 1e-6  # [m] between the distance on a label and that of a station
 
 
 def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
-    """Return the recording with its labelled joints, wheels, modes and stations in the model's order.
+    """Return the recording with its labelled columns in the model's order.
 
-    Joints, wheels and modes are labelled by their names in the model, or by what follows the arm's name
-    where that is unique, modes also by their number from 1. Stations are labelled by their distance from the
-    appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns without labels are
+    Joints, wheels, thrusters and modes are labelled by their names in the model, or by what follows the
+    arm's name where that is unique, modes also by their number from 1. Stations are labelled by their
+    distance from the appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns without labels are
     in the model's order already. Channels of sources that the description does not know stay as they are. A
     recording that is in order is given back as it is.
 
@@ -38,6 +44,7 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
         return recording
     known = {s.name: s for s in model.description.effective_sensors()}
     names = {"joint": model.arm_joints.names, "wheel": model.wheels.names, "mode": model.modes.names}
+    names["thruster"] = tuple(t.name for t in model.description.thruster)
     changed: dict[str, Any] = {}
     renamed: dict[str, Sequence[str]] = dict(labels)
     moved = False

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from smsid.effects.spatial import skew
 from smsid.errors import ExperimentError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, merge
@@ -33,22 +34,28 @@ class Inputs:
     ``force`` [N] acts at the thrust point, ``torque`` [N m] on the bus, both in body axes; ``wheel_torque``
     and ``joint_torque`` [N m] act on the child, their reaction on the parent. ``joint_motion`` prescribes
     the joints instead of torque; ``lock_joints``, ``lock_wheels`` hold them; ``hold_attitude`` keeps the bus
-    from rotating (the torque that takes is an output).
+    from rotating (the torque that takes is an output). ``thruster`` (thrusters,) is the share of its full
+    thrust that each single thruster of the description gives; ``thrusts`` (3 thrusters,) [N], body axes, one
+    after the other, is what `driven` makes of it.
     """
 
     force: Signal | None = None
     torque: Signal | None = None
+    thruster: Signal | None = None
     wheel_torque: Signal | None = None
     joint_torque: Signal | None = None
     joint_motion: JointMotion | None = None
     lock_joints: bool = False
     lock_wheels: bool = False
     hold_attitude: bool = False
+    thrusts: Signal | None = None
 
     def check(self, model: SpacecraftModel) -> None:
         """Raise `ExperimentError` when sizes do not fit the spacecraft or inputs contradict each other."""
         n, w = len(model.arm_joints), len(model.wheels)
+        thrusters = len(model.description.thruster)
         sizes = {"force": 3, "torque": 3, "wheel_torque": w, "joint_torque": n}
+        sizes |= {"thruster": thrusters, "thrusts": 3 * thrusters}
         for name, size in sizes.items():
             signal = getattr(self, name)
             if signal is not None and signal.size != size:
@@ -75,7 +82,9 @@ class Inputs:
             raise ExperimentError(
                 "Wheels cannot be driven by torque and locked at the same time.", advice="Leave one out."
             )
-        if not model.free and (self.hold_attitude or self.force is not None or self.torque is not None):
+        if not model.free and (
+            self.hold_attitude or any(s is not None for s in (self.force, self.torque, self.thruster))
+        ):
             raise ExperimentError(
                 "A welded base takes no force or torque and holds its attitude by itself.",
                 advice="Leave out `force`, `torque`, `hold_attitude`.",
@@ -84,6 +93,8 @@ class Inputs:
     def driven(self, model: SpacecraftModel) -> Inputs:
         """Return what the plant gets when this is commanded: after every effect's `drive`."""
         driven = self
+        if self.thruster is not None and self.thrusts is None:
+            driven = replace(self, thruster=None, thrusts=self.thruster.mapped(_full_thrusts(model)))
         for effect in model.description.effect:
             driven = effect.drive(driven, model)
         return driven
@@ -91,7 +102,7 @@ class Inputs:
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which an input jumps [s]."""
-        signals = [self.force, self.torque, self.wheel_torque, self.joint_torque]
+        signals = [self.force, self.torque, self.thruster, self.thrusts, self.wheel_torque, self.joint_torque]
         motion = self.joint_motion
         if motion is not None:
             signals += [motion.position, motion.velocity, motion.acceleration]
@@ -108,12 +119,27 @@ class Inputs:
             force[3:6] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
             torque[3:6] = np.eye(3)
         maps = [(self.force, force), (self.torque, torque)]
+        if self.thruster is not None or self.thrusts is not None:
+            places = [np.asarray(t.position) for t in model.description.thruster]
+            single = np.zeros((nv, 3 * len(places)))
+            single[:6] = np.hstack([np.vstack([np.eye(3), skew(p)]) for p in places])
+            maps.append((self.thrusts, single))
+            maps.append((self.thruster, single @ _full_thrusts(model)))
         for signal, group in ((self.wheel_torque, model.wheels), (self.joint_torque, model.arm_joints)):
             matrix = np.zeros((nv, len(group)))
             matrix[group.v, np.arange(len(group))] = 1.0
             maps.append((signal, matrix))
         parts += [signal.mapped(matrix) for signal, matrix in maps if signal is not None]
         return merge(parts)
+
+
+def _full_thrusts(model: SpacecraftModel) -> np.ndarray:
+    """Return the forces of single thrusters (3 k, k) at full thrust [N], body axes."""
+    full = [np.asarray(t.full()) for t in model.description.thruster]
+    out = np.zeros((3 * len(full), len(full)))
+    for i, force in enumerate(full):
+        out[3 * i : 3 * i + 3, i] = force
+    return out
 
 
 @dataclass(frozen=True)

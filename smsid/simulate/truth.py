@@ -114,6 +114,11 @@ def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
         if inputs.hold_attitude:
             torque = torque + s.reaction[:, 3:6]
         found["command.torque"] = torque
+    if model.description.thruster:
+        size = len(model.description.thruster)
+        found["command.thruster"] = (
+            sample(inputs.thruster, s.time) if inputs.thruster else np.zeros((n, size))
+        )
     if len(model.wheels):
         found["command.wheel_torque"] = _asked(inputs.wheel_torque, s, model.wheels.v)
     if len(model.arm_joints):

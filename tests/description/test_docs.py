@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from smsid.description import Arm, Description, Mount, Thrust, Wheel, load_description
+from smsid.description import Arm, Description, Mount, Thrust, Thruster, Wheel, load_description
 from smsid.effects import Mode, catalogue
 from smsid.effects.reference import BEGIN, END, effects_reference, write_reference
 from smsid.errors import MissingDependencyError
@@ -38,13 +38,14 @@ def keys(text: str) -> list[str]:
     [
         ("## Top of the file", Description),
         ("## `[thrust]`", Thrust),
+        ("## `[[thruster]]`", Thruster),
         ("### `mount`", Mount),
         ("## `[[wheel]]`", Wheel),
         ("## `[[sensor]]`", Sensor),
     ],
 )
 def test_every_key_is_listed_and_no_other(title, model):
-    tables = ("thrust", "wheel", "arm", "effect", "sensor")  # they have sections of their own
+    tables = ("thrust", "thruster", "wheel", "arm", "effect", "sensor")  # they have sections of their own
     fields = {
         info.alias or name
         for name, info in model.model_fields.items()
