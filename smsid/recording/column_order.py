@@ -32,9 +32,9 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
 
     Joints, wheels, thrusters and modes are labelled by their names in the model, or by what follows the
     arm's name where that is unique, modes also by their number from 1. Stations are labelled by their
-    distance from the appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns without labels are
-    in the model's order already. Channels of sources that the description does not know stay as they are. A
-    recording that is in order is given back as it is.
+    distance from the appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns
+    without labels are in the model's order already. Channels of sources that the description does not know
+    stay as they are. A recording that is in order is given back as it is.
 
     Raises:
         RecordingError: a label is unknown to the model, or one of the model's is missing.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.linalg import cho_factor, cho_solve
 
+from smsid.effects import ModalAppendage
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.hidden_states import hidden_states
 from smsid.estimation.identify_flights import identify_flights
@@ -84,18 +86,37 @@ def test_it_is_the_dense_least_squares_solution_of_all_states_at_once(seed):
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
-    """The truth's flight, its recording, and a description that is right."""
+    """The truth's flight, its recording, and a description in which only the tank is uncertain."""
     truth = Satellite()
-    flight = truth.fly(60.0, burns_and_wheels)
+    flight = truth.fly(42.0, burns_and_wheels)
     folder = tmp_path_factory.mktemp("craft")
-    description = guess(folder, truth, off=0.0)
+    plain = guess(folder, truth, off=0.0).model_copy(update={"inertias": "trusted"})
+    tank, panel = plain.effect
+    assert isinstance(panel, ModalAppendage)
+    _write_bus(folder, truth, panel.rigid_inertia().toDynamicParameters())
+    panel = panel.model_copy(update={"known": ("all",)})
+    description = plain.with_effects(tank.with_values({"tank.mass": 14.0, "tank.stiffness.x": 0.53}), panel)
     return truth, flight, description, recorded(truth, flight, np.random.default_rng(2))
 
 
+def _write_bus(folder, truth, panel):
+    """Put all that is rigid but the panel into the URDF: the truth counts the panel at rest in."""
+    j = np.array(truth.inertia)
+    own = np.array([truth.mass, *(truth.mass * np.array(truth.centre)), *j[np.tril_indices(3)]]) - panel
+    bus = pin.Inertia.FromDynamicParameters(own)
+    (x, y, z), i = bus.lever, bus.inertia
+    (folder / "satellite.urdf").write_text(
+        f'<robot name="satellite"><link name="bus"><inertial><origin xyz="{x} {y} {z}"/>'
+        f'<mass value="{bus.mass}"/><inertia ixx="{i[0, 0]}" iyy="{i[1, 1]}" izz="{i[2, 2]}" '
+        f'ixy="{i[0, 1]}" ixz="{i[0, 2]}" iyz="{i[1, 2]}"/></inertial></link></robot>',
+        encoding="utf-8",
+    )
+
+
 def test_slosh_and_panel_are_where_the_truth_has_them(world):
-    """Bodies and effects from the first guess of an estimate; states inside their bands, all of the time."""
+    """Nothing of them is measured; the true states are inside their bands, and the bands are narrow."""
     _, flight, description, recording = world
-    found = identify_flights(description, [recording])
+    found = identify_flights(description, [recording], bodies=False)
     hidden = hidden_states(found)
     times, states = flight[0][::5], flight[1][::5]
     np.testing.assert_allclose(hidden.time("smoothed.slosh_position"), times, atol=1e-9)
