@@ -12,6 +12,7 @@ import typer
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, JsonOutput, ReportPath, ShowAll
 from smsid.cli.output import console, working
+from smsid.cli.states import StatesPath, check_states, write_states
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def identify_command(
         bool, typer.Option("--unchecked", help="go on although channels contradict each other")
     ] = False,
     report: ReportPath = None,
+    states: StatesPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.arm.setup import arm_description, is_of_an_arm
@@ -152,6 +154,8 @@ def identify_command(
         if described.root == "fixed":
             raise SmsidError("--tracked-point is for spacecraft.", advice="Leave it out.")
         described = with_tracked_point(described, _point(tracked_point))
+    if states is not None:
+        method = check_states(method, described.root)
     if described.root == "fixed":
         from smsid.arm.command import identify_and_judge
 
@@ -188,13 +192,15 @@ def identify_command(
     save_estimate(estimate, output)
     if report is not None:
         _write_report(found, described, loaded, report, (description, *files))
+    if states is not None and found.flights is not None:
+        write_states(found.flights, states)
     other = linear.estimate if linear is not None and found.refined is not None else None
     for part in estimate_parts(estimate, other=other, everything=show_all):
         out.print(part, highlight=False)
     beside = linear.estimate.notes if linear is not None else ()
     for line in told((*estimate.notes, *beside), everything=show_all):
         out.print(line, markup=False, highlight=False)
-    written = [output, *([report] if report else [])]
+    written = [output, *(path for path in (report, states) if path is not None)]
     out.print(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}", soft_wrap=True)
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
 

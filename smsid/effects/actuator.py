@@ -40,7 +40,7 @@ class ActuatorEffect(Starting):
         return THRUSTER
 
     def attach(self, assembly: Assembly) -> None:
-        """Check that the actuator is there; what it does is in `drive`."""
+        """Check that the actuator is there, or raise `DescriptionError`; what it does is in `drive`."""
         target = self.target()
         if target == THRUSTER or target in assembly.thrusters:
             return

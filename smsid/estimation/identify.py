@@ -68,6 +68,7 @@ def identify_spacecraft(
         tell: hears lines of progress.
 
     Raises:
+        RecordingError: single thrusters fire, and the paper's method is asked for.
         SmsidError: there is no such method, or what `identify_flights` raises.
     """
     if method not in ("ml", "filter", "paper"):

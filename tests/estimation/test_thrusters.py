@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.description import Thruster, load_description, save_description
-from smsid.effects import ActuatorDelay, ThrusterGain, ThrusterMisalignment, parse_effect
+from smsid.effects import ActuatorDelay, Effect, ThrusterGain, ThrusterMisalignment, parse_effect
 from smsid.errors import DescriptionError, ExperimentError, RecordingError
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
@@ -126,7 +126,7 @@ def flown():
 
 
 def test_gains_and_directions_of_single_thrusters_are_found(flown, tmp_path):
-    effects = [ThrusterGain(name=f"gain_{n}", thruster=n, prior={"gain": 0.1}) for n in "ac"]
+    effects: list[Effect] = [ThrusterGain(name=f"gain_{n}", thruster=n, prior={"gain": 0.1}) for n in "ac"]
     prior = {f"angles.{x}": 0.05 for x in "xyz"}
     effects.append(ThrusterMisalignment(name="bent", thruster="b", prior=prior))
     description = described(tmp_path).with_effects(*effects)
