@@ -153,6 +153,7 @@ GNSS = Sensor(
     name="gnss",
     kind="pose",
     quantities=("position",),
+    rate=1.0,
     position=(0.5, 1.5, 0.6),
     errors={"position": {"noise_sigma": 5e-3}},
 )

@@ -24,6 +24,7 @@ from _rigid_satellite import (
     ELEMENTS,
     GYRO,
     INERTIA,
+    RATE,
     TIMES,
     Motion,
     covariance_bound,
@@ -72,14 +73,16 @@ def described(folder: Path, rung: str) -> Description:
     """Return the first guess: diagonal, `OFF` of the truth."""
     (folder / "rigid.urdf").write_text(URDF.format(*(OFF * np.diag(INERTIA))), encoding="utf-8")
     quiet = {"noise_sigma": GYRO, "bias_sigma": 1e-9}
-    sensors = [Sensor(name="gyro", kind="imu", quantities=("angular_rate",), errors={"angular_rate": quiet})]
+    rate = {"rate": RATE}
+    gyro = {"kind": "imu", "quantities": ("angular_rate",), "errors": {"angular_rate": quiet}, **rate}
+    sensors = [Sensor(name="gyro", **gyro)]
     axes = np.eye(3)
     wheels = [{"name": f"rw{i}", "axis": tuple(axes[i]), "inertia": WHEEL} for i in range(3)]
     if rung == "torque":
         wheels = []
     else:
         tacho = {"wheel_rate": {"noise_sigma": TACHOMETER}}
-        sensors.append(Sensor(name="tacho", kind="tachometer", errors=tacho))
+        sensors.append(Sensor(name="tacho", kind="tachometer", errors=tacho, **rate))
     effects = []
     if rung == "disturbed":
         prior = {f"torque.{a}": 0.05 for a in "xyz"}
