@@ -31,8 +31,35 @@ from tests.estimation.satellite import Satellite, guess, recorded, rotation, tru
 
 NAME = "flights"
 OFF = 0.3
-RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
-FULL = Satellite()
+JUST = 1e-9  # [s] before a time at which a command may jump
+
+
+class Flown(Satellite):
+    """The satellite with commands as they are within every step of the integration."""
+
+    def fly(self, seconds, drive, step=0.02, start=None):
+        """Return times, states, accelerations of O and inputs, as `Satellite.fly` does."""
+        x = np.zeros(24)
+        x[6] = 1.0
+        x = x if start is None else np.array(start, dtype=float)
+        times = np.arange(round(seconds / step) + 1) * step
+        states, accelerations, inputs = [], [], []
+        for t in times:
+            begin, middle, end = drive(t + JUST), drive(t + step / 2), drive(t + step - JUST)
+            k1, a = self.derivative(x, *begin)
+            states.append(np.concatenate([x, k1[10:13]]))
+            accelerations.append(a)
+            inputs.append(np.concatenate(begin))
+            k2 = self.derivative(x + step / 2 * k1, *middle)[0]
+            k3 = self.derivative(x + step / 2 * k2, *middle)[0]
+            k4 = self.derivative(x + step * k3, *end)[0]
+            x = x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            x[3:7] /= np.linalg.norm(x[3:7])
+        return times, np.array(states), np.array(accelerations), np.array(inputs)
+
+
+RIGID = Flown(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
+FULL = Flown()
 LABELS = {"wheel": ("rw1", "rw2", "rw3")}
 Drive = Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 Record = Callable[[Satellite, np.random.Generator], list[Recording]]
@@ -87,7 +114,7 @@ def flown(
 def held_while_thrusting(truth: Satellite, rng: np.random.Generator) -> list[Recording]:
     """Burns while wheels hold the attitude, by a controller nobody records: PD on rate and angle."""
 
-    class Held(Satellite):
+    class Held(Flown):
         def derivative(self, x, force, torque, wheel_torque):
             q = x[3:7]
             wheel_torque = 8.0 * q[:3] * np.sign(q[3]) + 25.0 * x[10:13]
