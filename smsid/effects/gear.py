@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -26,6 +26,10 @@ class Gear(Effect):
 
     summary: ClassVar[str] = "gear of a motor: from what the motor measures to joint angle and torque"
     family: ClassVar[str] = "drivetrain"
+    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("ratio", "torque_gain"),
+        "a spacecraft's recordings are of joints, not of motors; see laboratory",
+    )
     kind: Literal["gear"] = "gear"
     joint: str = Field(description="joint that the motor drives")
     ratio: float = physical(

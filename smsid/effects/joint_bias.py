@@ -8,9 +8,13 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.sensor import joint_names
+from smsid.sensing.component import ComponentError
 
 if TYPE_CHECKING:
+    from smsid.description.schema import Description
     from smsid.model.assembly import Assembly
+    from smsid.sensing.sensor import Sensor
 
 
 @register
@@ -30,6 +34,30 @@ class JointOffset(Effect):
     def attach(self, assembly: Assembly) -> None:
         """Check that the joint is there; nothing acts on the motion."""
         assembly.joint_id(self.joint)
+
+    def resolved(self, description: Description) -> Effect:
+        """Return what it does to the joint's own encoder."""
+        return _EncoderZero(
+            name=self.name, column=joint_names(description).index(self.joint), bias=-self.angle
+        )
+
+
+class _EncoderZero(Effect):
+    """A bias of one joint's encoder, whichever sensor it is."""
+
+    kind: Literal["encoder_zero"] = "encoder_zero"
+    column: int
+    bias: float
+
+    def adjust(self, sensor: Sensor) -> Sensor:
+        """Return the sensor with the bias, if it measures joint angles."""
+        if "joint_position" not in sensor.quantities or not self.bias:
+            return sensor
+        error, key = sensor.error("joint_position"), str(self.column)
+        own = error.components.get(key, ComponentError())
+        own = own.model_copy(update={"bias": own.bias + self.bias})
+        error = error.model_copy(update={"components": {**error.components, key: own}})
+        return sensor.model_copy(update={"errors": {**sensor.errors, "joint_position": error}})
 
 
 @register

@@ -16,6 +16,7 @@ from smsid.estimation.input_timing import timings
 from smsid.estimation.kalman import Noise, Problem, Timing, UnknownInput
 from smsid.estimation.measurements import Block, Measured, measured
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.sensor_uncertainty import reading_uncertainty
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.checks.sample_faults import outliers
@@ -94,7 +95,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         likely_timing(recording),
         Noise(),
         substep=longest_substep(data),
-        begin=initial_belief(model, data, locked, options.initial),
+        begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
         unknown_inputs=(*unknown, *further),
     )
     notes += held + dropped

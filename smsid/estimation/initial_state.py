@@ -41,13 +41,18 @@ AT_REST = 1e-6  # [m, rad, m/s, rad/s] how far from rest a motion that begins at
 
 
 def initial_belief(
-    model: SpacecraftModel, data: Measured, locked: np.ndarray, prior: InitialPrior | None = None
+    model: SpacecraftModel,
+    data: Measured,
+    locked: np.ndarray,
+    prior: InitialPrior | None = None,
+    unsure: np.ndarray | None = None,
 ) -> Belief:
     """Return mean and covariance of the state at the first sample.
 
     What is measured is read from the first samples, `READ` standard deviations wide; a rate that is not
     measured from the change of what is; the rest has the prior's mean zero (home, at rest) and width.
-    ``locked`` are degrees of freedom (k,) held still.
+    ``locked`` are degrees of freedom (k,) held still. ``unsure`` (rows,) are standard deviations of readings
+    beside their noise: of sensors whose errors are unknown.
     """
     prior = prior or InitialPrior()
     nv = model.nv
@@ -61,9 +66,12 @@ def initial_belief(
         k = _first(data, block.rows)
         if k is None:
             continue
-        first, noise = data.values[k, block.rows], READ * data.sigma[block.rows]
+        first = np.linalg.solve(block.gain, data.values[k, block.rows] - block.bias)
+        noise = READ * data.sigma[block.rows]
+        if unsure is not None:
+            noise = np.hypot(noise, unsure[block.rows])
         if block.quantity == "joint_position":
-            q = set_group_angles(model.pin, model.arm_joints, q, np.linalg.solve(block.gain, first))
+            q = set_group_angles(model.pin, model.arm_joints, q, first)
             place[model.arm_joints.v] = np.maximum(noise, 1e-6)
         elif block.quantity == "joint_velocity":
             v[model.arm_joints.v] = first
@@ -78,7 +86,8 @@ def initial_belief(
             rate[3:6] = np.maximum(noise, 0.002)  # a gyro may have a bias
             turned = True
         elif block.quantity == "attitude":
-            q[3:7] = data.attitude[block.channel][k]
+            turned_by = pin.Quaternion(pin.exp3(-block.bias)).coeffs()
+            q[3:7] = (pin.Quaternion(data.attitude[block.channel][k]) * pin.Quaternion(turned_by)).coeffs()
             place[3:6] = np.maximum(noise, 1e-6)
         elif block.quantity == "position":
             position = first, np.asarray(block.sensor.position), float(noise.max())

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.effects.base import Effect
 from smsid.errors import DescriptionError
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.parameter import Parameter
 from smsid.sensing import Sensor
 
 STEP = 1e-3  # size of a change of a parameter that is zero and has no prior, in its own unit
@@ -44,7 +44,7 @@ def unknowns_of(point: Point, *, cad: Cad | None = None, bodies: bool = True) ->
     held: dict[str, str] = {}
     for effect in point.description.effect:
         held |= effect.held()
-        found += [_of_effect(effect, p) for p in effect.unknowns()]
+        found += [effect_unknown(p) for p in effect.unknowns()]
     return Unknowns(tuple(found), held)
 
 
@@ -108,7 +108,8 @@ def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
 
 
-def _of_effect(effect: Effect, p) -> Unknown:
+def effect_unknown(p: Parameter) -> Unknown:
+    """Return a parameter of an effect as an unknown, with its prior or a wide one."""
     size = abs(p.value)
     if p.sigma is not None:
         sigma, scale = p.sigma, min(p.sigma, size) if size else p.sigma

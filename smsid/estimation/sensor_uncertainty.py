@@ -1,0 +1,66 @@
+"""By how much readings may be off, beside their noise, where errors of sensors are unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smsid.effects.base import Effect
+from smsid.errors import DescriptionError
+from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.unknowns import effect_unknown
+from smsid.parameter import Parameter
+
+SPEED = 1.0  # [s] over which the rate of a reading is taken, for clocks that are off
+
+
+def reading_uncertainty(point: Point, data: Measured) -> np.ndarray:
+    """Return standard deviations (rows,) of the first readings by the priors of the errors of sensors.
+
+    Each parameter of an effect is moved by its standard deviation, or as far as it goes; what this does to
+    gain, bias, delay and place of the sensors is added up in squares, in the units of the readings.
+    """
+    variance = np.zeros(data.rows)
+    before = data.with_blocks(point.sensors()).blocks
+    for effect in point.description.effect:
+        for p in effect.unknowns():
+            other = _moved(effect, p)
+            if other is None:
+                continue
+            sensors = point.with_effect(other).sensors()
+            for old, new in zip(before, data.with_blocks(sensors).blocks, strict=True):
+                if old is not new:
+                    variance[old.rows] += _change(data, old, new) ** 2
+    return np.sqrt(variance)
+
+
+def _moved(effect: Effect, p: Parameter) -> Effect | None:
+    """Return the effect with a parameter a standard deviation up, or down; ``None`` where it has no room."""
+    sigma = effect_unknown(p).sigma
+    for value in (p.value + sigma, p.value - sigma, p.upper, p.lower):
+        if p.lower <= value <= p.upper and np.isfinite(value):
+            try:
+                return effect.with_values({p.name: float(value)})
+            except DescriptionError:
+                continue
+    return None
+
+
+def _change(data: Measured, old: Block, new: Block) -> np.ndarray:
+    """Return by how much the first reading of a channel changes (rows of the block,)."""
+    x = data.values[:, old.rows]
+    there = np.flatnonzero(np.isfinite(x).all(axis=1))
+    out = np.resize(np.abs(new.bias - old.bias), x.shape[1])
+    if not len(there):
+        return out
+    if old.quantity != "attitude":
+        first = x[there[0]].reshape(-1, len(old.bias))  # by station
+        out = out + np.abs(first @ (new.gain - old.gain).T).ravel()
+    if new.delay != old.delay:
+        later = there[data.times[there] <= data.times[there[0]] + SPEED]
+        span = float(data.times[later[-1]] - data.times[later[0]])
+        if span > 0.0:
+            out = out + abs(new.delay - old.delay) * np.abs(x[later[-1]] - x[later[0]]) / span
+    if old.quantity == "position":
+        out = out + float(np.linalg.norm(np.subtract(new.sensor.position, old.sensor.position)))
+    return out
