@@ -1,4 +1,4 @@
-"""On-line estimation: an extended Kalman filter with chosen parameters in its state, and what is built on it."""
+"""On-line estimation: an extended Kalman filter with chosen parameters in its state."""
 
 from smsid.tracking.followed_parameters import Followed, followed_parameters
 from smsid.tracking.sample import Sample

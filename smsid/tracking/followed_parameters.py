@@ -19,7 +19,7 @@ from smsid.likelihood.prior import Cad
 UNCERTAIN = 0.2
 """Standard deviation, relative to its size, of a parameter of which nothing is known beforehand."""
 DRIFT = 0.01
-"""Standard deviation, relative to its size, by which a parameter wanders in an hour unless a rate is given."""
+"""Standard deviation, relative to its size, by which a parameter wanders in an hour by default."""
 HOUR = 3600.0  # [s]
 WIDER = 1e3  # times an estimate's standard deviation: the prior it is put on, so that it stands alone
 
@@ -28,8 +28,8 @@ WIDER = 1e3  # times an estimate's standard deviation: the prior it is put on, s
 class Followed:
     """A parameter in the state of a filter: a random walk.
 
-    ``unknown.nominal`` and ``unknown.sigma`` are its mean and standard deviation at the start, ``rate`` by how
-    much it wanders [unit / sqrt(s)].
+    ``unknown.nominal`` and ``unknown.sigma`` are its mean and standard deviation at the start, ``rate`` by
+    how much it wanders [unit / sqrt(s)].
     """
 
     unknown: Unknown

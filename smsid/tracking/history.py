@@ -25,8 +25,8 @@ VERSION = 1
 class TrackHistory:
     """Tracked quantities at ``time`` (N,) [s], counted on through all recordings.
 
-    ``recording`` (N,) says which, ``own_time`` (N,) [s] by its own clock. ``values``, ``sigmas`` (N, m) are of
-    the parameters ``names``, ``described`` (m,) the description's; ``position``, ``velocity`` (N, nv) with
+    ``recording`` (N,) says which, ``own_time`` (N,) [s] by its own clock. ``values``, ``sigmas`` (N, m) are
+    of the parameters ``names``, ``described`` (m,) the description's; ``position``, ``velocity`` (N, nv) with
     their standard deviations of the degrees of freedom ``dofs`` (of a free bus: place [m] and attitude as
     rotation vector [rad], twist in body axes [m/s, rad/s]). ``fit`` (N, channels) is the root mean square of
     the normalised innovations since the time before: one while the model is right. ``covariance`` (m, m) is

@@ -27,8 +27,8 @@ NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 @dataclass(frozen=True, eq=False)
 class Correction:
     """What a sample told. ``rows`` are those read; by them: whitened ``innovations``, ``errors`` (measured
-    minus predicted) and the same ``normalised``; ``whitening`` (n, n), ``gain`` (x, n), ``sensitivity`` (n, x),
-    ``by_a`` (n, nv). ``moment`` is where it was linearised, ``log_likelihood`` without constants.
+    minus predicted) and the same ``normalised``; ``whitening`` (n, n), ``gain`` (x, n), ``sensitivity``
+    (n, x) and ``by_a`` (n, nv). ``moment`` is where it was linearised, ``log_likelihood`` without constants.
     """
 
     rows: np.ndarray
@@ -113,7 +113,7 @@ class ParameterFilter:
         self.covariance, self.time = p, time
 
     def linearise_at(self, values: np.ndarray, sigmas: np.ndarray) -> None:
-        """Take models at values (m,) that are known within standard deviations (m,), whatever is believed yet.
+        """Take models at values (m,) known within standard deviations (m,), whatever is believed yet.
 
         What is believed stays; only about which point the filter is linear changes.
         """

