@@ -27,6 +27,7 @@ COMMANDS = {
     "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as a CSV or Parquet table."),
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
+    "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
     "compare": Entry("smsid.cli.compare:compare_command", "Tell what changed between two estimates."),
     "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),

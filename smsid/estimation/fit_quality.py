@@ -13,6 +13,7 @@ from smsid.estimation.normal_equations import InnovationSums, NormalEquations
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
 WRONG = 3.0  # times beyond which the model does not explain a channel
 CORRELATED = 0.3  # autocorrelation from which a channel's innovations are no noise, whatever its size
+DISPERSED = 1.5  # spread of the slope, in what it should be, above which a fit explains roughly at best
 WHITE = 1e-4  # probability below which innovations are not white
 Judgement = Literal["explained", "roughly", "not explained"]
 BEST_FIRST: tuple[Judgement, ...] = ("explained", "roughly", "not explained")
@@ -49,8 +50,9 @@ class FitQuality:
 
     @property
     def judgement(self) -> Judgement:
-        """The verdict on the whole: that of the worst channel."""
+        """The verdict on the whole: that of the worst channel, and no better than the slope's spread."""
         worst = max((BEST_FIRST.index(c.judgement) for c in self.channels), default=0)
+        worst = max(worst, 1 if self.dispersion > DISPERSED else 0)
         return BEST_FIRST[worst]
 
     @property
@@ -62,6 +64,12 @@ class FitQuality:
     @property
     def sentence(self) -> str:
         """The verdict in a sentence."""
+        spread = (
+            "parts of the recordings disagree by more than noise, "
+            f"as if it were {self.dispersion:.3g} times as large"
+        )
+        if self.judgement == "roughly" and all(c.judgement == "explained" for c in self.channels):
+            return f"The model explains the recordings roughly: {spread}."
         bad = sorted((c for c in self.channels if c.judgement != "explained"), key=lambda c: -c.ratio)
         if not bad:
             return "The model explains the recordings: what is left is the sensors' noise, and white."

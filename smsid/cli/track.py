@@ -1,0 +1,169 @@
+"""``smsid track``: parameters, motion and how well each is known, over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from smsid.cli.manners import Outcome
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
+from smsid.cli.output import console, working
+from smsid.cli.places import Writes
+from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rich.console import RenderableType
+
+    from smsid.tracking.history import TrackHistory
+
+SHOWN = 24  # parameters in the table, unless all are asked for
+
+
+def track_command(
+    description: DescriptionPath,
+    recordings: Annotated[list[Path], typer.Argument(help="recordings, in the order they were made")],
+    output: Annotated[Output, Writes((".nc",))] = Path("track.nc"),
+    follow: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PARAM=RATE",
+            help="parameter (or pattern, 'tank.*') to follow and how far it wanders, in its unit per square "
+            "root of a second; without =RATE 1 % of its size in an hour. May be given repeatedly; all "
+            "unknown parameters if left out",
+        ),
+    ] = None,
+    hold: Annotated[
+        list[str] | None, typer.Option(metavar="PARAM", help="parameter (or pattern) that is not followed")
+    ] = None,
+    estimate: Annotated[
+        Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
+    ] = None,
+    cad: Annotated[
+        float,
+        typer.Option(min=1e-6, help="without an estimate: how far bodies may be off, relative to their size"),
+    ] = 0.2,
+    gap: Annotated[
+        float, typer.Option(min=0.0, help="time between recordings whose clocks begin again [s]")
+    ] = 0.0,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="without an estimate: how much of the first recording is searched for where to start [s]",
+        ),
+    ] = 120.0,
+    save: Annotated[
+        Path | None, typer.Option(help="file for the tracker as it ends, to go on from"), Writes((".npz",))
+    ] = None,
+    report: ReportPath = None,
+    show_all: ShowAll = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
+    ] = False,
+) -> Outcome:
+    """Follow a spacecraft's parameters through recordings, each as a random walk with bands."""
+    from smsid.description import load_description
+    from smsid.identify.estimate import load_estimate
+    from smsid.recording import load_recording
+    from smsid.tracking.history import save_history
+    from smsid.tracking.track_recordings import track_recordings
+    from smsid.tracking.tracker_file import save_tracker
+
+    described = load_description(description)
+    loaded = [load_recording(path) for path in recordings]
+    if unchecked:
+        loaded = [recording.unchecked() for recording in loaded]
+    with working("following"):
+        history, tracker = track_recordings(
+            described,
+            loaded,
+            follow=rates_of(follow or ()) or None,
+            hold=hold or (),
+            estimate=load_estimate(estimate) if estimate is not None else None,
+            cad=cad,
+            gap=gap,
+            warm_up=warm_up,
+        )
+    save_history(history, output)
+    written = [output]
+    if save is not None:
+        save_tracker(tracker, save)
+        written.append(save)
+    if report is not None:
+        from smsid.report import files_of, provenance, write_report
+        from smsid.report.track import track_report
+
+        inputs = [*files_of(described, description), *recordings]
+        origin = provenance([*inputs, *([estimate] if estimate is not None else [])])
+        write_report(track_report(history, origin), report)
+        written.append(report)
+    out = console()
+    for part in history_parts(history, everything=show_all):
+        out.print(part, highlight=False)
+    out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True)
+    return Outcome({"track": document(history)}, written)
+
+
+def rates_of(follow: Sequence[str]) -> dict[str, float | None]:
+    """Return rates by parameter from ``PARAM=RATE``; ``None`` where no rate is given.
+
+    Raises `SmsidError` for a rate that is no number.
+    """
+    found: dict[str, float | None] = {}
+    for text in follow:
+        name, equals, rate = text.partition("=")
+        try:
+            found[name.strip()] = float(rate) if equals else None
+        except ValueError as error:
+            raise SmsidError(
+                f"--follow '{text}': '{rate}' is no number.",
+                advice="Write PARAM=RATE, the rate in the parameter's unit per square root of a second.",
+            ) from error
+    return found
+
+
+def document(history: TrackHistory) -> dict:
+    """Return what ``--json`` prints: every parameter at the start and at the end, events and notes."""
+    table = zip(history.names, history.units, history.values.T, history.sigmas.T, strict=True)
+    return {
+        "seconds": float(history.time[-1] - history.time[0]),
+        "recordings": list(history.recordings),
+        "parameters": [
+            {
+                "name": name,
+                "unit": unit,
+                "first": {"value": float(x[0]), "sigma": float(s[0])},
+                "last": {"value": float(x[-1]), "sigma": float(s[-1])},
+            }
+            for name, unit, x, s in table
+        ],
+        "events": [{"time": e.time, "kind": e.kind, "channel": e.channel} for e in history.events],
+        "notes": list(history.notes),
+    }
+
+
+def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
+    """Yield what to print of a history: parameters at the end, events, notes."""
+    from smsid.cli.notes import told
+    from smsid.cli.tables import plain_table
+
+    count = len(history.names) if everything else SHOWN
+    table = plain_table(
+        *("parameter", "described", "first", "last", "2 sigma", "unit"), left=("parameter", "unit")
+    )
+    for i, name in enumerate(history.names[:count]):
+        x, s = history.values[:, i], history.sigmas[:, i]
+        numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{2.0 * s[-1]:.2g}")
+        table.add_row(name, *numbers, history.units[i])
+    yield table
+    if len(history.names) > count:
+        yield f"{len(history.names) - count} more with --all"
+    kinds: dict[str, int] = {}
+    for e in history.events:
+        kinds[e.kind] = kinds.get(e.kind, 0) + 1
+    yield from (f"{n} times: {kind}" for kind, n in kinds.items())
+    yield from told(history.notes, everything=everything)

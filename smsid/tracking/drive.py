@@ -1,0 +1,76 @@
+"""What drives the motion between samples: applied forces over short steps, from commands as they came."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+
+from smsid.errors import RecordingError
+from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
+from smsid.estimation.kalman import Applied
+from smsid.estimation.process_model import ProcessModel
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate import Inputs
+from smsid.simulate.signals import Constant, Sampled, Signal
+
+MEMORY = 2.0  # [s] of commands that are remembered: more than any delay
+
+
+def applied_forces(plant: ProcessModel, inputs: Inputs, edges: np.ndarray, substep: float) -> Applied:
+    """Return the applied generalised forces between edges (n + 1,) [s] and at them, in substeps."""
+    signal = inputs.driven(plant.model).applied(plant.model)
+    widths = np.diff(edges)
+    n = max(1, int(np.ceil(float(widths.max(initial=substep)) / substep - 1e-9)))
+    n += n % 2  # the middle of an interval is an end of a step
+    if not len(widths):
+        nothing = np.zeros((0, n, plant.nv))
+        return Applied(nothing, nothing[:, 0], limits(signal, edges, "right"), nothing)
+    parts = np.linspace(0.0, 1.0, n + 1)[:-1]
+    fine = np.append((edges[:-1, None] + widths[:, None] * parts).ravel(), edges[-1])
+    shape = (len(widths), n, plant.nv)
+    mean = means(signal, fine).reshape(shape)
+    rise = -6.0 * unevenness(signal, fine) / np.diff(fine)[:, None] ** 2
+    return Applied(mean, mean.mean(axis=1), limits(signal, edges, "right"), rise.reshape(shape))
+
+
+class CommandMemory:
+    """The last commands by channel, as inputs of a simulation."""
+
+    def __init__(self, model: SpacecraftModel, hold: str) -> None:
+        self.degree = 0 if hold == "held" else 1
+        sizes = {"force": 3, "torque": 3} if model.free else {}
+        sizes |= {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
+        self.sizes = {COMMANDS[k]: n for k, n in sizes.items() if n}
+        self.memory: dict[str, deque[tuple[float, np.ndarray]]] = {c: deque() for c in self.sizes}
+
+    def add(self, time: float, channels: Mapping[str, np.ndarray]) -> None:
+        """Remember the commands of a sample; those before `MEMORY` are forgotten."""
+        for channel, own in self.memory.items():
+            value = channels.get(channel)
+            if value is None or not np.isfinite(value).all():
+                continue
+            if len(value) != self.sizes[channel]:
+                raise RecordingError(
+                    f"'{channel}' has {len(value)} components; the spacecraft has {self.sizes[channel]}.",
+                    advice="Give them in the order of the description.",
+                    channel=channel,
+                )
+            own.append((time, value))
+            while len(own) > 2 and own[1][0] < time - MEMORY:
+                own.popleft()
+
+    def inputs(self) -> Inputs:
+        """Return what is remembered; what was never commanded is zero."""
+        signals: dict[str, Signal | None] = {}
+        for field, channel in COMMANDS.items():
+            own = self.memory.get(channel)
+            if not own:
+                signals[field] = None
+            elif len(own) == 1:
+                signals[field] = Constant(own[0][1])
+            else:
+                times = np.array([t for t, _ in own])
+                signals[field] = Sampled.from_samples(times, np.array([x for _, x in own]), self.degree)
+        return Inputs(**signals)  # type: ignore[arg-type]

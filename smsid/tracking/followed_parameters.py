@@ -1,0 +1,208 @@
+"""Which parameters are followed, how fast each may wander, and what is known of them at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.errors import DescriptionError, EstimateError
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.unknowns import BIAS, MOST, STEP, biases_of, unknowns_of
+from smsid.export.bodies import parse_combination
+from smsid.identify.estimate import Estimate
+from smsid.likelihood.prior import Cad
+
+UNCERTAIN = 0.2
+"""Standard deviation, relative to its size, of a parameter of which nothing is known beforehand."""
+DRIFT = 0.01
+"""Standard deviation, relative to its size, by which a parameter wanders in an hour by default."""
+HOUR = 3600.0  # [s]
+WIDER = 1e3  # times an estimate's standard deviation: the prior it is put on, so that it stands alone
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A parameter in the state of a filter: a random walk.
+
+    ``unknown.nominal`` and ``unknown.sigma`` are its mean and standard deviation at the start, ``rate`` by
+    how much it wanders [unit / sqrt(s)].
+    """
+
+    unknown: Unknown
+    rate: float
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.unknown.name
+
+
+@dataclass(frozen=True, eq=False)
+class StartingPoint:
+    """Parameters to follow with mean (m,) and covariance (m, m) at the start, in their units."""
+
+    followed: tuple[Followed, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def followed_parameters(
+    description: Description,
+    *,
+    follow: Mapping[str, float | None] | None = None,
+    hold: Sequence[str] = (),
+    estimate: Estimate | None = None,
+    cad: Cad | None = UNCERTAIN,
+    present: Sequence[str] | None = None,
+) -> StartingPoint:
+    """Return the parameters to follow and what is known of them.
+
+    Args:
+        description: as it is followed; its values are the means, its priors the standard deviations. Where it
+            states none, a parameter may be off by `UNCERTAIN` of its size.
+        follow: rates of random walks [unit / sqrt(s)] by name or pattern (``tank.*``); ``None`` is the usual
+            one, `DRIFT` of the size in an hour. Only these are followed; all unknown parameters when not
+            given.
+        hold: names or patterns that are not followed.
+        estimate: what is known beforehand, with its covariance; of single parameters and of combinations.
+        cad: what is known of rigid bodies, as in `smsid.likelihood.refine`.
+        present: channels there will be; biases of others are not followed. All when not given.
+
+    Raises:
+        DescriptionError: a name in ``follow`` or ``hold`` fits no unknown parameter; nothing is followed; a
+            rate is negative.
+        EstimateError: the estimate has no covariance.
+    """
+    point = Point.of(description)
+    sensors = description.effective_sensors()
+    channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}
+    seen = channels if present is None else channels & set(present)
+    taken = {c for e in description.effect if e.unknowns() for c in e.biased_channels()}
+    biases = [replace(u, name=u.name.removeprefix(": ")) for u in biases_of(sensors, seen, "", taken)]
+    every = [*unknowns_of(point, cad=cad).unknowns, *biases]
+    rates = _rates(every, follow, hold)
+    walks = {
+        f"{s.name}.{q}": float(np.max(np.asarray(s.error(q).random_walk, dtype=float)))
+        for s in sensors
+        for q in s.quantities
+    }
+    found = []
+    for u in every:
+        if u.name in rates:
+            own, rate = _with_prior(u), rates[u.name]
+            if rate is None:
+                rate = DRIFT * _size(own) / np.sqrt(HOUR)
+                if u.kind == "bias":
+                    rate = max(rate, walks.get(u.name.rsplit(".bias.", 1)[0], 0.0))
+            found.append(Followed(own, rate))
+    if not found:
+        raise DescriptionError(
+            "No parameter is left to follow.", advice="Follow one, or free one that is marked as known."
+        )
+    mean = np.array([f.unknown.nominal for f in found])
+    covariance = np.diag([f.unknown.sigma**2 for f in found])
+    if estimate is None:
+        return StartingPoint(tuple(found), mean, covariance)
+    return _with_estimate(found, mean, covariance, estimate)
+
+
+def _rates(
+    every: Sequence[Unknown], follow: Mapping[str, float | None] | None, hold: Sequence[str]
+) -> dict[str, float | None]:
+    """Return the rates by name of what is followed, ``None`` for the usual one."""
+    names = [u.name for u in every]
+    out: dict[str, float | None] = {} if follow else dict.fromkeys(names)
+    for pattern, rate in (follow or {}).items():
+        if rate is not None and not (np.isfinite(rate) and rate >= 0.0):
+            raise DescriptionError(
+                f"The rate of '{pattern}' is {rate}.", advice="Give zero or more, in its unit per sqrt(s)."
+            )
+        for name in _fitting(pattern, names):
+            out[name] = rate
+    for pattern in hold:
+        for name in _fitting(pattern, names):
+            out.pop(name, None)
+    return out
+
+
+def _fitting(pattern: str, names: Sequence[str]) -> list[str]:
+    found = [n for n in names if n == pattern or fnmatchcase(n, pattern)]
+    if not found:
+        import difflib
+
+        close = difflib.get_close_matches(pattern, names, n=3) or list(names[:8])
+        raise DescriptionError(
+            f"'{pattern}' is no unknown parameter of the description.",
+            advice=f"There are {', '.join(close)}.",
+            known=tuple(names),
+        )
+    return found
+
+
+def _size(unknown: Unknown) -> float:
+    """Return the typical size of a parameter: that of its body, of its value, or of its prior."""
+    if unknown.kind == "bias":
+        quantity = unknown.name.split(".")[1]
+        return BIAS[quantity]
+    return abs(unknown.nominal) if unknown.kind == "effect" and unknown.nominal else unknown.scale
+
+
+def _with_prior(unknown: Unknown) -> Unknown:
+    """Return an unknown whose prior is no wider than a filter can begin with."""
+    if unknown.kind != "effect":
+        return unknown
+    size = abs(unknown.nominal)
+    stated = unknown.sigma < 0.999 * (10.0 * size if size else MOST * STEP)
+    if stated or not size:
+        return unknown if stated else replace(unknown, sigma=unknown.scale)
+    return replace(unknown, sigma=UNCERTAIN * size, scale=size)
+
+
+def _with_estimate(
+    found: Sequence[Followed], mean: np.ndarray, covariance: np.ndarray, estimate: Estimate
+) -> StartingPoint:
+    """Return what is known of parameters after an estimate of them, or of sums of them."""
+    if estimate.covariance is None:
+        raise EstimateError(
+            f"The estimate by {estimate.method} has no covariance.",
+            advice="Identify by maximum likelihood, or follow from the description alone.",
+        )
+    index = {f.name: i for i, f in enumerate(found)}
+    rows, kept, unused = [], [], []
+    for k, p in enumerate(estimate.parameters):
+        terms = parse_combination(p.name)
+        finite = np.isfinite(p.value) and np.isfinite(estimate.covariance[k]).all()
+        if not terms or not set(terms) <= set(index) or not finite:
+            unused.append(p.name)
+            continue
+        row = np.zeros(len(found))
+        for name, factor in terms.items():
+            row[index[name]] = factor
+        rows.append(row)
+        kept.append(k)
+    notes = []
+    if unused:
+        notes.append(f"not taken from the estimate, as they are no parameters followed: {', '.join(unused)}")
+    if not rows:
+        raise EstimateError(
+            "No parameter of the estimate is followed.", advice="Is it an estimate of this description?"
+        )
+    h, value = np.array(rows), np.array([estimate.parameters[k].value for k in kept])
+    noise = estimate.covariance[np.ix_(kept, kept)]
+    wide = covariance.copy()
+    for row, variance in zip(h, np.diag(noise), strict=True):
+        alone = np.flatnonzero(row)
+        if len(alone) == 1:  # what it says of a single parameter has the description's prior in it already
+            i = alone[0]
+            wide[i, i] = max(wide[i, i], WIDER**2 * variance)
+    gain = np.linalg.solve(h @ wide @ h.T + noise, h @ wide).T
+    left = np.eye(len(mean)) - gain @ h
+    after = left @ wide @ left.T + gain @ noise @ gain.T
+    return StartingPoint(
+        tuple(found), mean + gain @ (value - h @ mean), 0.5 * (after + after.T), tuple(notes)
+    )

@@ -1,0 +1,140 @@
+"""How a spacecraft's telemetry is taken: what drives joints, noise levels, and when it counts as stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.estimation.flight import Flight, longest_step
+from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.kalman import Noise, UnknownInput
+from smsid.estimation.measurements import Block, Measured, _block, _labels
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.truth import find_appendage, station_indices
+
+WIDTHS = {"attitude": 3, "position": 3, "velocity": 3, "angular_rate": 3, "acceleration": 3}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a tracker takes for granted of the telemetry.
+
+    ``channels`` are those read, in order, with one standard deviation of each component's white ``sigma`` at
+    a sample; ``locked`` degrees of freedom (indices in v) stand still; ``unknown_inputs`` are forces that
+    nobody records. Commands are ``held`` until the next one, or vary linearly in between. Samples may come
+    late by ``lateness`` [s]. After a silence of ``silence`` [s] the motion is begun anew from what is read
+    then; what is known of the parameters stays.
+    """
+
+    channels: tuple[str, ...]
+    sigma: tuple[float, ...]
+    locked: tuple[int, ...] = ()
+    unknown_inputs: tuple[UnknownInput, ...] = ()
+    noise: Noise = field(default_factory=Noise)
+    hold: Literal["held", "linear"] = "held"
+    longest: float = 0.1
+    substep: float = 0.025
+    lateness: float = 0.0
+    silence: float = 10.0
+    initial: InitialPrior = field(default_factory=InitialPrior)
+
+    @classmethod
+    def of(
+        cls,
+        description: Description,
+        model: SpacecraftModel,
+        *,
+        channels: tuple[str, ...] | None = None,
+        hold: Literal["held", "linear"] = "held",
+        lateness: float = 0.0,
+        silence: float = 10.0,
+        locked: tuple[int, ...] = (),
+        unknown_inputs: tuple[UnknownInput, ...] = (),
+        initial: InitialPrior | None = None,
+    ) -> Setting:
+        """Return the setting of a spacecraft all of whose joints and wheels are driven by recorded commands.
+
+        Noise is what the description states of its sensors. Raises `RecordingError` for a sensor without.
+        """
+        names, sigma = [], []
+        for sensor in description.effective_sensors():
+            for quantity in sensor.quantities:
+                channel = f"{sensor.name}.{quantity}"
+                width = _width(model, sensor, quantity)
+                if (channels is not None and channel not in channels) or not width:
+                    continue
+                own = np.resize(sensor.error(quantity).white_sigma(sensor.rate), width)
+                step = sensor.error(quantity).quantisation / np.sqrt(12.0)
+                own = np.hypot(own, step * (2.0 if quantity == "attitude" else 1.0))
+                if not (own > 0.0).all():
+                    raise RecordingError(
+                        f"The description does not state the noise of '{channel}'.",
+                        advice="State noise_sigma, or start from a recording.",
+                        channel=channel,
+                    )
+                names.append(channel)
+                sigma += own.tolist()
+        step = longest_step(model)
+        return cls(
+            tuple(names),
+            tuple(sigma),
+            locked,
+            unknown_inputs,
+            hold=hold,
+            longest=step,
+            substep=min(0.025, step),
+            lateness=lateness,
+            silence=silence,
+            initial=initial or InitialPrior(),
+        )
+
+    @classmethod
+    def of_flight(cls, flight: Flight, *, lateness: float = 0.0, silence: float = 10.0) -> Setting:
+        """Return the setting of a recording that was made ready for identification."""
+        problem = flight.problem
+        return cls(
+            tuple(b.channel for b in problem.data.blocks),
+            tuple(problem.data.sigma.tolist()),
+            tuple(int(v) for v in problem.locked),
+            problem.unknown_inputs,
+            problem.noise,
+            "linear" if problem.timing.hold == "linear" else "held",
+            longest_step(flight.model),
+            problem.substep,
+            lateness,
+            silence,
+        )
+
+    def layout(self, model: SpacecraftModel, description: Description) -> Measured:
+        """Return the channels as a filter needs them, without samples."""
+        sensors = {s.name: s for s in description.effective_sensors()}
+        blocks: list[Block] = []
+        start = 0
+        for channel in self.channels:
+            name, quantity = channel.split(".")
+            sensor = sensors[name]
+            width = _width(model, sensor, quantity)
+            rows = slice(start, start + width)
+            start = rows.stop
+            names = tuple(f"{channel}[{x}]" for x in _labels(model, sensor, quantity, width))
+            stations = width // 3 if sensor.kind == "accelerometers" else 1
+            blocks.append(_block(sensor, quantity, rows, stations, names))
+        return Measured(np.zeros(0), np.zeros((0, start)), {}, tuple(blocks), np.array(self.sigma))
+
+    def with_motion(self, other: Setting) -> Setting:
+        """Return the setting with joints driven as in another one, lateness and silence as here."""
+        return replace(other, lateness=self.lateness, silence=self.silence)
+
+
+def _width(model: SpacecraftModel, sensor, quantity: str) -> int:
+    if quantity == "wheel_rate":
+        return len(model.wheels)
+    if quantity in ("joint_position", "joint_velocity"):
+        return len(model.arm_joints)
+    if sensor.kind == "accelerometers":
+        return 3 * len(station_indices(find_appendage(model, str(sensor.appendage)), sensor))
+    return WIDTHS[quantity]

@@ -1,0 +1,249 @@
+"""Follow a spacecraft through recordings: what is known of it stays from one to the next."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+from threadpoolctl import threadpool_limits
+
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.estimation.flight import Flight, FlightOptions, flight_of
+from smsid.estimation.identify_flights import labels_of
+from smsid.estimation.measurements import matrix
+from smsid.estimation.panels import modal_panels
+from smsid.estimation.parameter_vector import Point
+from smsid.identify.estimate import Estimate
+from smsid.likelihood.prior import Cad
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
+from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.history import TrackHistory
+from smsid.tracking.sample import samples_of
+from smsid.tracking.setting import Setting
+from smsid.tracking.tracker import CHUNK, Tracker, Update
+from smsid.tracking.warm_up import linearise_by_search
+
+LOGGER = logging.getLogger(__name__)
+WARM_UP = 120.0  # [s]
+MOST_ROWS = 4000  # of a history, unless asked for more
+
+
+def track_recordings(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    follow: Mapping[str, float | None] | None = None,
+    hold: Sequence[str] = (),
+    estimate: Estimate | None = None,
+    cad: Cad | None = UNCERTAIN,
+    options: FlightOptions | None = None,
+    gap: float = 0.0,
+    every: float | None = None,
+    warm_up: float = WARM_UP,
+    hear: Callable[[Update], None] | None = None,
+) -> tuple[TrackHistory, Tracker]:
+    """Run a tracker through recordings and return what it found over time, and the tracker as it ends.
+
+    Args:
+        description: the spacecraft.
+        recordings: in the order they were made. Where clocks go on from one to the next, parameters wander
+            over the gap between them; where a clock begins again, over ``gap`` [s].
+        follow: rates of random walks by parameter, as in `followed_parameters`.
+        hold: parameters that are not followed.
+        estimate: what is known beforehand.
+        cad: what is known of rigid bodies without an estimate.
+        options: how recordings are taken, as in `identify_flights`.
+        gap: time between recordings whose clocks do not say [s].
+        every: time between rows of the history [s]; no more than `MOST_ROWS` rows if not given.
+        warm_up: how much of the first recording is searched for parameters to linearise about [s], where no
+            estimate is given: a filter alone is overconfident when it begins far from the truth. What is
+            believed at the start stays as described, so that no sample counts twice.
+        hear: hears every update.
+
+    Raises:
+        RecordingError: no recording, or one that cannot be used.
+        DescriptionError: as `followed_parameters`.
+        SimulationError: the filter loses the motion.
+    """
+    if not recordings:
+        raise RecordingError("No recording was given.", advice="Give at least one.")
+    if not (np.isfinite(gap) and gap >= 0.0):
+        raise RecordingError(f"A gap of {gap} s is none.", advice="Give zero or more seconds.")
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
+        asked = (follow, hold, estimate, cad)
+        return _track(description, recordings, asked, options, gap, every, warm_up, hear)
+
+
+def _track(
+    description: Description,
+    recordings: Sequence[Recording],
+    asked: tuple[Mapping[str, float | None] | None, Sequence[str], Estimate | None, Cad | None],
+    options: FlightOptions | None,
+    gap: float,
+    every: float | None,
+    warm_up: float,
+    hear: Callable[[Update], None] | None,
+) -> tuple[TrackHistory, Tracker]:
+    follow, hold, estimate, cad = asked
+    described = Point.of(modal_panels(description)[0])
+    labels = labels_of(recordings)
+    flights = [flight_of(described, r, name, options) for r, name in zip(recordings, labels, strict=True)]
+    channels = dict.fromkeys(b.channel for f in flights for b in f.problem.data.blocks)
+    setting = Setting.of_flight(flights[0])
+    seen = set(channels) - set(setting.channels)
+    tracker = Tracker(description, follow=follow, hold=hold, estimate=estimate, cad=cad, setting=setting)
+    if seen:
+        LOGGER.info("first read in a later recording: %s", ", ".join(sorted(seen)))
+    total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
+    rows = _Rows(described.base, every if every is not None else total / MOST_ROWS)
+    shift, ended = 0.0, None
+    notes = list(tracker.start.notes)
+    if estimate is None and warm_up > 0.0:
+        notes += linearise_by_search(tracker, described, flights[0], warm_up)
+    for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
+        times = flight.problem.data.times
+        start = None
+        if ended is not None:
+            follows = float(times[0]) + shift >= ended
+            if not follows:
+                shift = ended + gap - float(times[0])
+            start = float(times[0])
+        # the tracker's clock is the recording's own; what passed in between is told as the start
+        passed = 0.0 if ended is None else float(times[0]) + shift - ended
+        origin = tracker.time
+        tracker.begin_flight(flight, start=None if start is None else origin + passed)
+        _fly(tracker, flight, recording, rows, number, shift, hear)
+        ended = tracker.time + shift
+        notes += [f"{flight.label}: {n}" for n in flight.notes]
+    history = TrackHistory(
+        description.name,
+        *rows.arrays(labels),
+        tracker.names,
+        tracker.units,
+        np.array([described.value(x.unknown) for x in tracker.start.followed]),
+        rows.stack("values"),
+        rows.stack("sigmas"),
+        tuple(dof_names(described.base)),
+        rows.stack("position"),
+        rows.stack("position_sigma"),
+        rows.stack("velocity"),
+        rows.stack("velocity_sigma"),
+        tuple(channels),
+        rows.fits(tuple(channels)),
+        tracker.parameter_covariance,
+        tuple(e for e in tracker.log.last if e.kind != "begun"),
+        tuple(notes),
+        {"samples": float(tracker.samples), "rebuilt": float(tracker.filter.rebuilt)},
+    )
+    return history, tracker
+
+
+def _fly(
+    tracker: Tracker,
+    flight: Flight,
+    recording: Recording,
+    rows: _Rows,
+    number: int,
+    shift: float,
+    hear: Callable[[Update], None] | None,
+) -> None:
+    """Run the tracker through one recording."""
+    model = flight.model
+    ordered = order_columns(recording, model)
+    read = {b.channel for b in flight.problem.data.blocks} | set(tracker.commands.sizes)
+    inputs = flight.problem.inputs(model)
+    waiting = []
+
+    def listen(update: Update) -> None:
+        rows.hear(update)
+        rows.add(tracker, number, shift)
+        if hear is not None:
+            hear(update)
+
+    tracker.listener = listen
+    for sample in samples_of(ordered, [c for c in ordered.channels if c in read]):
+        waiting.append(sample)
+        if len(waiting) == CHUNK:
+            tracker.update_all(waiting, inputs)
+            waiting = []
+    tracker.update_all(waiting, inputs)
+    tracker.listener = None
+    rows.add(tracker, number, shift, last=True)
+
+
+def dof_names(model: SpacecraftModel) -> list[str]:
+    """Return a name for each degree of freedom (nv,)."""
+    out = [f"bus.{x}" for x in ("x", "y", "z", "rx", "ry", "rz")] if model.free else []
+    for j in range(1, model.pin.njoints):
+        joint = model.pin.joints[j]
+        if joint.idx_v < len(out):
+            continue
+        name = model.pin.names[j]
+        out += [name] if joint.nv == 1 else [f"{name}.{i}" for i in range(joint.nv)]
+    return out
+
+
+@dataclass(eq=False)
+class _Rows:
+    """Rows of a history as they come, no closer than ``every`` [s]."""
+
+    model: SpacecraftModel
+    every: float
+    table: dict[str, list] = field(default_factory=dict)
+    fit: list[dict[str, float]] = field(default_factory=list)
+    sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+
+    def hear(self, update: Update) -> None:
+        for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
+            channel = name.partition("[")[0]
+            total, count = self.sums.get(channel, (0.0, 0))
+            self.sums[channel] = (total + x * x, count + 1)
+
+    def add(self, tracker: Tracker, number: int, shift: float, *, last: bool = False) -> None:
+        now = tracker.time + shift
+        times = self.table.get("time", [])
+        new = not times or self.table["recording"][-1] != number
+        if not new and (now <= times[-1] or (now < times[-1] + self.every and not last)):
+            return
+        f, model = tracker.filter, self.model
+        place = np.zeros(model.nv)
+        for j in range(1, model.pin.njoints):
+            joint = model.pin.joints[j]
+            own = f.q[joint.idx_q : joint.idx_q + joint.nq]
+            if joint.nv == 6:
+                place[:6] = np.concatenate([own[:3], pin.log3(matrix(own[3:7]))])
+            elif joint.nq == joint.nv:
+                place[joint.idx_v : joint.idx_v + joint.nv] = own
+            else:
+                place[joint.idx_v] = np.arctan2(own[1], own[0])
+        sigma = np.sqrt(np.maximum(f.covariance.diagonal(), 0.0))
+        row = {
+            "time": now,
+            "own_time": tracker.time,
+            "recording": number,
+            "values": f.values.copy(),
+            "sigmas": f.sigmas(),
+            "position": place,
+            "position_sigma": sigma[: model.nv],
+            "velocity": f.v.copy(),
+            "velocity_sigma": sigma[model.nv : 2 * model.nv],
+        }
+        for key, value in row.items():
+            self.table.setdefault(key, []).append(value)
+        self.fit.append({c: float(np.sqrt(total / n)) for c, (total, n) in self.sums.items()})
+        self.sums = {}
+
+    def stack(self, key: str) -> np.ndarray:
+        return np.array(self.table[key])
+
+    def arrays(self, labels: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+        return self.stack("time"), self.stack("own_time"), self.stack("recording"), tuple(labels)
+
+    def fits(self, channels: Sequence[str]) -> np.ndarray:
+        return np.array([[row.get(c, np.nan) for c in channels] for row in self.fit])

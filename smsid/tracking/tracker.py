@@ -1,0 +1,457 @@
+"""Follow a spacecraft sample by sample: its motion, chosen parameters, and how well each is known."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.estimation.flight import Flight
+from smsid.estimation.initial_state import initial_belief
+from smsid.estimation.kalman import Belief, Problem, Timing, _input_covariance
+from smsid.estimation.measurements import TOGETHER
+from smsid.estimation.panels import modal_panels
+from smsid.estimation.parameter_vector import Point
+from smsid.identify.estimate import Estimate
+from smsid.likelihood.prior import Cad
+from smsid.recording import Recording
+from smsid.simulate import Inputs
+from smsid.tracking.drive import CommandMemory
+from smsid.tracking.followed_parameters import UNCERTAIN, StartingPoint, followed_parameters
+from smsid.tracking.linearisation import Driven, Moment
+from smsid.tracking.parameter_filter import Correction, ParameterFilter, Passage, _about
+from smsid.tracking.sample import Sample
+from smsid.tracking.sample_buffer import Entry, EventLog, SampleBuffer
+from smsid.tracking.setting import Setting
+
+SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
+CHUNK = 25  # samples whose commands are looked up at once
+QUATERNION = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What one moment [s] told: parameters (m,) and standard deviations after it, and its innovations.
+
+    ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
+    ``innovations`` the same decorrelated; both are white with variance one while the model is right.
+    """
+
+    time: float
+    values: np.ndarray
+    sigmas: np.ndarray
+    rows: tuple[str, ...]
+    innovations: np.ndarray
+    normalised: np.ndarray
+    log_likelihood: float
+    correction: Correction | None
+    passages: tuple[Passage, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The state at a time [s] to come: q (nq,), v (nv,), ``covariance`` (x, x) as `Tracker.covariance`.
+
+    ``readings`` and ``sigmas`` by channel are what the sensors will read, and how surely, noise included;
+    an attitude as quaternion (x, y, z, w) and rotation vector [rad].
+    """
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    covariance: np.ndarray
+    readings: Mapping[str, np.ndarray]
+    sigmas: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedState:
+    """What is believed at a time [s]: q (nq,), v (nv,), unknown inputs (k,), and parameters by name."""
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    unknown_inputs: np.ndarray
+    parameters: Mapping[str, float]
+
+
+class Tracker:
+    """An extended Kalman filter with chosen parameters in its state, fed sample by sample.
+
+    Memory does not grow with the number of samples. A ``listener`` hears every update as it is made. Not to
+    be shared between threads.
+
+    Args:
+        description: the spacecraft. Parameters start from its values, or from the estimate's.
+        follow: rates of the parameters' random walks, as in `followed_parameters`.
+        hold: parameters that are not followed.
+        estimate: what is known beforehand, with covariance.
+        cad: what is known of rigid bodies without an estimate.
+        setting: how telemetry is taken; all driven by recorded commands, sensors as described, if not given.
+
+    Raises:
+        DescriptionError: as `followed_parameters`.
+        RecordingError: the description does not state the noise of a sensor and there is no setting.
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        *,
+        follow: Mapping[str, float | None] | None = None,
+        hold: Sequence[str] = (),
+        estimate: Estimate | None = None,
+        cad: Cad | None = UNCERTAIN,
+        setting: Setting | None = None,
+    ) -> None:
+        self.described = description
+        self.description = modal_panels(description)[0]
+        origin = Point.of(self.description)
+        self.setting = setting or Setting.of(self.description, origin.base)
+        start = followed_parameters(
+            self.description,
+            follow=follow,
+            hold=hold,
+            estimate=estimate,
+            cad=cad,
+            present=self.setting.channels,
+        )
+        self.listener: Callable[[Update], None] | None = None
+        self._build(origin, start)
+
+    def _build(self, origin: Point, start: StartingPoint) -> None:
+        model, setting = origin.base, self.setting
+        self.origin, self.start = origin, start
+        layout = setting.layout(model, self.description)
+        locked = np.array(setting.locked, dtype=int)
+        scales = np.array([f.unknown.scale for f in start.followed])
+        m, k = len(scales), len(setting.unknown_inputs)
+        covariance = np.zeros((2 * model.nv + k + m,) * 2)
+        covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
+        problem = Problem(
+            _NOTHING, layout, locked, Timing(), setting.noise, unknown_inputs=setting.unknown_inputs
+        )
+        self.filter = ParameterFilter(
+            origin,
+            start.followed,
+            layout,
+            locked,
+            setting.unknown_inputs,
+            _input_covariance(model, problem),
+            -np.inf,
+            model.home.copy(),
+            np.zeros(model.nv),
+            np.zeros(k),
+            start.mean.copy(),
+            covariance,
+        )
+        self.log = EventLog()
+        self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log)
+        self.commands = CommandMemory(model, setting.hold)
+        self.moving = False
+        self.samples = 0
+        self._settling: list[Entry] = []
+        self._before: np.ndarray | None = None
+        self._unknown_channels: set[str] = set()
+        self._shapes = {
+            b.channel: QUATERNION if b.quantity == "attitude" else b.rows.stop - b.rows.start
+            for b in layout.blocks
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters followed (m,)."""
+        return tuple(f.name for f in self.start.followed)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters followed (m,)."""
+        return tuple(f.unknown.unit for f in self.start.followed)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the last moment taken in; minus infinity before the first."""
+        return self.filter.time
+
+    @property
+    def state(self) -> TrackedState:
+        """What is believed now."""
+        f = self.filter
+        own = dict(zip(self.names, f.values.tolist(), strict=True))
+        return TrackedState(f.time, f.q.copy(), f.v.copy(), f.unknown.copy(), own)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (x, x) of the tangent of q (nv,), of v (nv,), of unknown inputs and parameters."""
+        return _in_units(self.filter)
+
+    @property
+    def parameter_covariance(self) -> np.ndarray:
+        """Covariance (m, m) of the parameters followed, in products of their units."""
+        return self.filter.parameter_covariance()
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations (m,) of the parameters followed."""
+        return self.filter.sigmas()
+
+    def update(self, sample: Sample) -> tuple[Update, ...]:
+        """Take in a sample of any sensors and return what the moments told whose time has come.
+
+        One that is later than what was taken in already, comes twice or has channels that nobody described is
+        named in `log`, not used. Raises `RecordingError` for a channel of the wrong size, `SimulationError`
+        when the filter has lost the motion.
+        """
+        self._receive(sample)
+        return self._take_in(self.buffer.ready(), None)
+
+    def update_all(self, samples: Iterable[Sample], inputs: Inputs | None = None) -> tuple[Update, ...]:
+        """Take in samples together, and all that waits; ``inputs`` are what was commanded, if known better.
+
+        Raises as `update`.
+        """
+        for sample in samples:
+            self._receive(sample)
+        return self.flush(inputs)
+
+    def flush(self, inputs: Inputs | None = None) -> tuple[Update, ...]:
+        """Take in all that waits for late samples."""
+        return self._take_in(self.buffer.ready(everything=True), inputs, final=True)
+
+    def begin(self, belief: Belief, time: float) -> None:
+        """Begin the motion at a time [s] with what is known of it; parameters go on from where they are."""
+        if not np.isfinite(self.filter.time):
+            self.filter.time = time
+        self.filter.begin(belief, time)
+        self.moving, self._before, self._settling = True, None, []
+        self.log.add(time, "begun", "", "the motion begins")
+
+    def begin_flight(self, flight: Flight, *, start: float | None = None) -> None:
+        """Begin a recording: how joints are driven and what noise sensors have is taken from it.
+
+        ``start`` is its time [s] on the tracker's clock, for parameters to wander until then.
+        """
+        setting = self.setting.with_motion(Setting.of_flight(flight))
+        f = self.filter
+        values, own = f.values, f.parameter_covariance()
+        time, log, samples, at = f.time, self.log, self.samples, (f.at.values, f.known_at, f.rebuilt)
+        self.setting = setting
+        self._build(self.origin, replace(self.start, mean=values, covariance=own))
+        self.filter.time, self.log, self.samples = time, log, samples
+        self.buffer.log = log
+        self.filter.linearise_at(at[0], at[1])
+        self.filter.rebuilt = at[2]
+        first = float(flight.problem.data.times[0])
+        if flight.problem.begin is None:
+            raise RecordingError("The flight does not say how its motion begins.", advice="Use flight_of.")
+        elapsed = 0.0 if start is None or not np.isfinite(time) else start - time
+        self.filter.time = first - max(elapsed, 0.0)
+        self.begin(flight.problem.begin, first)
+        self.buffer.passed = -np.inf
+
+    def predict(self, horizon: float) -> Prediction:
+        """Return state and readings ``horizon`` [s] ahead, the last commands going on; nothing is changed.
+
+        Raises `RecordingError` for a negative horizon or before the first sample.
+        """
+        if not self.moving:
+            raise RecordingError("Nothing has been read yet.", advice="Call update first.")
+        if not (np.isfinite(horizon) and horizon >= 0.0):
+            raise RecordingError(f"A horizon of {horizon} s is none.", advice="Give zero or more seconds.")
+        ahead = copy.copy(self.filter)
+        edges = _filled(ahead.time, ahead.time + horizon, self.setting.longest)
+        driven = ahead.at.drive(self.commands.inputs(), edges, self.setting.substep)
+        for k in range(len(edges) - 1):
+            ahead.advance(float(edges[k + 1] - edges[k]), driven, k)
+        readings, sigmas = _readings(ahead, driven, len(edges) - 1)
+        return Prediction(ahead.time, ahead.q, ahead.v, _in_units(ahead), readings, sigmas)
+
+    def _receive(self, sample: Sample) -> None:
+        known: dict[str, np.ndarray] = {}
+        for channel, value in sample.channels.items():
+            if channel in self.commands.sizes:
+                if len(value) != self.commands.sizes[channel]:
+                    raise _wrong_size(channel, len(value), self.commands.sizes[channel])
+            elif channel not in self._shapes:
+                if channel not in self._unknown_channels and len(self._unknown_channels) < 1000:
+                    self._unknown_channels.add(channel)
+                    self.log.add(sample.time, "unknown channel", channel, "no sensor measures it; left out")
+                continue
+            elif len(value) != self._shapes[channel]:
+                raise _wrong_size(channel, len(value), self._shapes[channel])
+            if channel in self.commands.sizes and not np.isfinite(value).all():
+                self.log.add(sample.time, "not finite", channel, "is not finite; the command before stays")
+                continue
+            known[channel] = value
+        if known:
+            self.buffer.add(sample.time, known)
+
+    def _take_in(
+        self, entries: list[Entry], inputs: Inputs | None, *, final: bool = False
+    ) -> tuple[Update, ...]:
+        out: list[Update] = []
+        for first in range(0, len(entries), CHUNK):
+            out += self._chunk(entries[first : first + CHUNK], inputs)
+        if final and self._settling and not self.moving:
+            out += self._settle(inputs, force=True)
+        return tuple(out)
+
+    def _chunk(self, entries: list[Entry], inputs: Inputs | None) -> list[Update]:
+        out: list[Update] = []
+        for entry in entries:
+            self.commands.add(entry.time, entry.channels)
+        while entries:
+            if self.moving:
+                times = [self.time, *(e.time for e in entries)]
+                gap = np.flatnonzero(np.diff(times) > self.setting.silence)
+                count = int(gap[0]) if len(gap) else len(entries)
+                out += self._go_on(entries[:count], inputs)
+                entries = entries[count:]
+                if entries:
+                    text = f"nothing came for {entries[0].time - self.time:.3g} s: the motion begins anew"
+                    self.log.add(entries[0].time, "silence", "", text)
+                    self.moving = False
+            else:
+                self._settling.append(entries[0])
+                entries = entries[1:]
+                out += self._settle(inputs)
+        return out
+
+    def _settle(self, inputs: Inputs | None, *, force: bool = False) -> list[Update]:
+        """Begin the motion when every channel was read, or enough time has passed."""
+        own = self._settling
+        seen = {c for e in own for c, x in e.channels.items() if c in self._shapes and np.isfinite(x).all()}
+        if not seen or not (force or len(seen) == len(self._shapes) or own[-1].time - own[0].time >= SETTLE):
+            return []
+        f = self.filter
+        rows = [self._stacked(e) for e in own]
+        data = replace(
+            f.at.base.outputs.data,
+            times=np.array([e.time for e in own]),
+            values=np.array([v for v, _ in rows]),
+            attitude={
+                b.channel: np.array([a.get(b.channel, np.full(QUATERNION, np.nan)) for _, a in rows])
+                for b in f.layout.blocks
+                if b.quantity == "attitude"
+            },
+        )
+        belief = initial_belief(f.at.base.model, data, f.locked, self.setting.initial)
+        self.begin(belief, own[0].time)
+        return self._go_on(own, inputs)
+
+    def _go_on(self, entries: list[Entry], inputs: Inputs | None) -> list[Update]:
+        """Take in moments without a silence in between."""
+        if not entries:
+            return []
+        f, setting = self.filter, self.setting
+        known = inputs if inputs is not None else self.commands.inputs()
+        edges, at = [f.time], []
+        for entry in entries:
+            edges += _filled(edges[-1], entry.time, setting.longest).tolist()[1:]
+            at.append(len(edges) - 1)
+        times = np.array(edges)
+        driven = f.at.drive(known, times, setting.substep)
+        out: list[Update] = []
+        done = 0
+        for entry, k in zip(entries, at, strict=True):
+            passages = []
+            for i in range(done, k):
+                passages.append(f.advance(float(times[i + 1] - times[i]), driven, i))
+            f.time, done = entry.time, k
+            values, attitudes = self._stacked(entry)
+            found = f.correct(values, attitudes, driven, k, self._before)
+            out.append(self._told(found, passages))
+            self.samples += 1
+            if self.listener is not None:
+                self.listener(out[-1])
+            if f.relinearise() and f.at.drives:
+                driven = f.at.drive(known, times, setting.substep)
+        if len(driven.base.means):
+            self._before = driven.base.means[-1, -1] + driven.base.rise[-1, -1]
+        return out
+
+    def _stacked(self, entry: Entry) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the readings of a moment (rows,), NaN where there is none, and attitudes by channel."""
+        out = np.full(self.filter.layout.rows, np.nan)
+        attitudes = {}
+        for block in self.filter.layout.blocks:
+            value = entry.channels.get(block.channel)
+            if value is None or not np.isfinite(value).all():
+                continue
+            if block.quantity == "attitude":
+                norm = float(np.linalg.norm(value))
+                if norm < 0.5:
+                    self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
+                    continue
+                attitudes[block.channel], out[block.rows] = value / norm, 0.0
+            else:
+                out[block.rows] = value
+        return out, attitudes
+
+    def _told(self, found: Correction | None, passages: list[Passage]) -> Update:
+        f = self.filter
+        names = f.layout.names
+        nothing = np.zeros(0)
+        return Update(
+            f.time,
+            f.values.copy(),
+            f.sigmas(),
+            () if found is None else tuple(names[i] for i in found.rows),
+            nothing if found is None else found.innovations,
+            nothing if found is None else found.normalised,
+            0.0 if found is None else found.log_likelihood,
+            found,
+            tuple(passages),
+        )
+
+
+_NOTHING = Recording.from_arrays([0.0, 1.0], {"command.force": np.zeros((2, 3))})
+
+
+def _wrong_size(channel: str, found: int, wanted: int) -> RecordingError:
+    return RecordingError(
+        f"'{channel}' has {found} components; the description says {wanted}.",
+        advice="Give them in the order of the description.",
+        channel=channel,
+    )
+
+
+def _filled(start: float, end: float, longest: float) -> np.ndarray:
+    """Return times from start to end [s], no further apart than ``longest``; one if they are the same."""
+    if end <= start:
+        return np.array([start])
+    return np.linspace(start, end, max(1, int(np.ceil((end - start) / longest - 1e-9))) + 1)
+
+
+def _in_units(f: ParameterFilter) -> np.ndarray:
+    scale = np.ones(len(f.covariance))
+    scale[f.parameters] = f.scales
+    return f.covariance * np.outer(scale, scale)
+
+
+def _readings(
+    f: ParameterFilter, driven: Driven, k: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return what sensors read and with what standard deviations, by channel, under forces number k."""
+    base = f.at.base
+    off, q, v, driving = f._reference()
+    tau = driven.base.at[k] + driving
+    lin = base.plant.linear(f.time, q, v, tau)
+    moment = Moment(f.time, q, v, tau, lin.a, lin.by_tau)
+    forces = _about(driven.base, k, None, driving)
+    h, cq, cv, ca = base.predict(moment, forces, base.plant)
+    pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
+    by_theta = f.at.readings(moment, forces) + ca @ f.at.accelerations(moment, pairs)
+    unknown = ca @ lin.by_tau[:, [u.dof for u in f.unknown_inputs]]
+    big = np.hstack([ca @ lin.by_q + cq, ca @ lin.by_v + cv, unknown, by_theta])
+    h = h + big @ off
+    variance = np.einsum("ij,jk,ik->i", big, f.covariance, big) + f.layout.sigma**2
+    readings = {b.channel: h[b.rows] for b in f.layout.blocks}
+    for b in f.layout.blocks:
+        if b.quantity == "attitude":
+            readings[b.channel] = f.q[3:7].copy()
+    return readings, {b.channel: np.sqrt(variance[b.rows]) for b in f.layout.blocks}

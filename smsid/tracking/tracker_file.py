@@ -1,0 +1,203 @@
+"""A tracker in a file: saved and restored so that it goes on exactly as it would have."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections import deque
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from smsid._files import atomic_write
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.kalman import Noise, UnknownInput
+from smsid.estimation.panels import modal_panels
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.tracking.followed_parameters import Followed, StartingPoint
+from smsid.tracking.linearisation import Linearisation
+from smsid.tracking.sample_buffer import Entry, Event
+from smsid.tracking.setting import Setting
+from smsid.tracking.tracker import Tracker
+
+SCHEMA = "smsid.tracker"
+VERSION = 1
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
+
+
+def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
+    """Write a tracker to a file (npz), whole or not at all, and return its path.
+
+    Raises `OutputError` when the file cannot be written.
+    """
+    f = tracker.filter
+    arrays: dict[str, np.ndarray] = {
+        "q": f.q,
+        "v": f.v,
+        "unknown": f.unknown,
+        "values": f.values,
+        "covariance": f.covariance,
+        "linearised": f.at.values,
+        "renewed": f.at.renewed,
+        "known_at": f.known_at,
+        "start_mean": tracker.start.mean,
+        "start_covariance": tracker.start.covariance,
+    }
+    if tracker._before is not None:
+        arrays["before"] = tracker._before
+    document = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "description": description_digest(tracker.described),
+        "setting": asdict(tracker.setting),
+        "followed": [{"unknown": asdict(x.unknown), "rate": x.rate} for x in tracker.start.followed],
+        "notes": tracker.start.notes,
+        "time": f.time,
+        "moving": tracker.moving,
+        "samples": tracker.samples,
+        "rebuilt": f.rebuilt,
+        "passed": tracker.buffer.passed,
+        "newest": tracker.buffer.newest,
+        "read": sorted(tracker.buffer.read),
+        "events": [asdict(e) for e in tracker.log.last],
+        "counts": tracker.log.counts,
+        "unknown_channels": sorted(tracker._unknown_channels),
+        "waiting": _entries(tracker.buffer.waiting, "waiting", arrays),
+        "settling": _entries(tracker._settling, "settling", arrays),
+        "commands": {},
+    }
+    for channel, own in tracker.commands.memory.items():
+        document["commands"][channel] = [t for t, _ in own]
+        if own:
+            arrays[f"command:{channel}"] = np.array([x for _, x in own])
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("tracker.json", EARLIEST), json.dumps(document))
+        for name, value in arrays.items():
+            own_buffer = io.BytesIO()
+            np.save(own_buffer, value, allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", EARLIEST), own_buffer.getvalue())
+    return atomic_write(path, buffer.getvalue())
+
+
+def load_tracker(path: str | os.PathLike[str], description: Description) -> Tracker:
+    """Restore a tracker of a description; it goes on as if it had never stopped.
+
+    Raises `RecordingError` when there is no such file, it is none of a tracker, of another version, or of
+    another description.
+    """
+    document, arrays = _read(path)
+    if document.get("version") != VERSION:
+        raise RecordingError(
+            f"'{path}' is a tracker of version {document.get('version')}; this smsid reads {VERSION}.",
+            advice="Restore it with the smsid that saved it, or start anew from an estimate.",
+            path=str(path),
+        )
+    if document["description"] != description_digest(description):
+        raise RecordingError(
+            f"'{path}' was saved with another description than '{description.name}'.",
+            advice="Give the description it was started with.",
+            path=str(path),
+        )
+    tracker = Tracker.__new__(Tracker)
+    tracker.described, tracker.listener = description, None
+    tracker.description = modal_panels(description)[0]
+    tracker.setting = _setting(document["setting"])
+    followed = tuple(Followed(Unknown(**x["unknown"]), x["rate"]) for x in document["followed"])
+    start = StartingPoint(
+        followed, arrays["start_mean"], arrays["start_covariance"], tuple(document["notes"])
+    )
+    tracker._build(Point.of(tracker.description), start)
+    f = tracker.filter
+    f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
+    f.covariance, f.time, f.rebuilt = arrays["covariance"], document["time"], document["rebuilt"]
+    unknowns = [x.unknown for x in followed]
+    renewed = Linearisation(f.origin, unknowns, arrays["renewed"], f.layout, f.locked)
+    f.at = Linearisation(f.origin, unknowns, arrays["linearised"], f.layout, f.locked, before=renewed)
+    f.known_at = arrays["known_at"]
+    tracker.moving, tracker.samples = document["moving"], document["samples"]
+    tracker._before = arrays.get("before")
+    tracker._unknown_channels = set(document["unknown_channels"])
+    buffer = tracker.buffer
+    buffer.passed, buffer.newest, buffer.read = (
+        document["passed"],
+        document["newest"],
+        set(document["read"]),
+    )
+    buffer.waiting = _restored(document["waiting"], "waiting", arrays)
+    tracker._settling = _restored(document["settling"], "settling", arrays)
+    tracker.log.last.extend(Event(**e) for e in document["events"])
+    tracker.log.counts.update(document["counts"])
+    for channel, times in document["commands"].items():
+        if times:
+            tracker.commands.memory[channel] = deque(
+                zip(times, list(arrays[f"command:{channel}"]), strict=True)
+            )
+    return tracker
+
+
+def description_digest(description: Description) -> str:
+    """Return a digest of a description: its tables and the URDFs they name."""
+    found = hashlib.sha256(description.model_dump_json(exclude={"folder"}).encode())
+    urdfs = [description.urdf, *(a.urdf for a in description.arm)]
+    for name in urdfs:
+        file = Path(description.folder) / str(name) if name is not None else None
+        if file is not None and file.is_file():
+            found.update(file.read_bytes())
+    return found.hexdigest()
+
+
+def _read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            document = json.loads(archive.read("tracker.json"))
+            names = [n for n in archive.namelist() if n.endswith(".npy")]
+            arrays = {
+                n.removesuffix(".npy"): np.load(io.BytesIO(archive.read(n)), allow_pickle=False)
+                for n in names
+            }
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise RecordingError(
+            f"'{path}' is no saved tracker: {error}.", advice="Give a file of save_tracker.", path=str(path)
+        ) from error
+    if document.get("schema") != SCHEMA:
+        raise RecordingError(
+            f"'{path}' is no saved tracker.", advice="Give a file of save_tracker.", path=str(path)
+        )
+    return document, arrays
+
+
+def _entries(entries: list[Entry], prefix: str, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    out = []
+    for i, entry in enumerate(entries):
+        for channel, value in entry.channels.items():
+            arrays[f"{prefix}{i}:{channel}"] = value
+        out.append({"time": entry.time, "channels": list(entry.channels)})
+    return out
+
+
+def _restored(table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.ndarray]) -> list[Entry]:
+    return [
+        Entry(e["time"], {c: arrays[f"{prefix}{i}:{c}"] for c in e["channels"]}) for i, e in enumerate(table)
+    ]
+
+
+def _setting(table: dict[str, Any]) -> Setting:
+    own = dict(table)
+    own["channels"], own["sigma"], own["locked"] = (tuple(own[k]) for k in ("channels", "sigma", "locked"))
+    own["unknown_inputs"] = tuple(UnknownInput(**u) for u in own["unknown_inputs"])
+    noise = dict(own["noise"])
+    noise["hidden"], noise["more"] = tuple(noise["hidden"]), tuple(tuple(x) for x in noise["more"])
+    own["noise"] = Noise(**noise)
+    initial = dict(own["initial"])
+    initial["hidden"] = tuple(initial["hidden"])
+    initial["by_name"] = {k: tuple(v) for k, v in initial["by_name"].items()}
+    own["initial"] = InitialPrior(**initial)
+    return Setting(**own)

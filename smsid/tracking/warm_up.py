@@ -1,0 +1,50 @@
+"""Find where to linearise a filter that begins far from the truth: the maximum of a recording's beginning."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.errors import SmsidError
+from smsid.estimation.flight import Flight
+from smsid.estimation.identify_flights import _search
+from smsid.estimation.parameter_vector import Point
+from smsid.tracking.tracker import Tracker
+
+LOGGER = logging.getLogger(__name__)
+
+
+def linearise_by_search(tracker: Tracker, described: Point, flight: Flight, seconds: float) -> list[str]:
+    """Linearise a tracker about the most likely parameters of a flight's first seconds; return notes.
+
+    Only the point of linearisation changes: means and covariances stay what they are.
+    """
+    f = tracker.filter
+    begun = _beginning(flight, seconds)
+    unknowns = []
+    for x, mean, sigma in zip(f.followed, f.values, f.sigmas(), strict=True):
+        name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
+        unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
+    try:
+        found, _, _ = _search(described, unknowns, [begun], None)
+    except SmsidError as error:
+        LOGGER.info("no warm-up: %s", error)
+        return [
+            f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
+            "description's values, and bands may be too narrow at first"
+        ]
+    values = np.array([found.point.value(u) for u in unknowns])
+    sigmas = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
+    f.linearise_at(values, sigmas)
+    return []
+
+
+def _beginning(flight: Flight, seconds: float) -> Flight:
+    """Return the first seconds of a flight."""
+    data = flight.problem.data
+    n = int(np.searchsorted(data.times, data.times[0] + seconds, side="right"))
+    attitude = {name: q[:n] for name, q in data.attitude.items()}
+    cut = replace(data, times=data.times[:n], values=data.values[:n], attitude=attitude)
+    return replace(flight, problem=replace(flight.problem, data=cut))

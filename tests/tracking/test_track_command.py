@@ -1,0 +1,49 @@
+"""The command: from a description and recordings to a history, a saved tracker and a report."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from smsid.cli.app import app
+from smsid.cli.track import rates_of
+from smsid.description import load_description, save_description
+from smsid.errors import SmsidError
+from smsid.recording import save_recording
+from smsid.tracking import load_tracker
+
+from .craft import INERTIA, craft, flight, true_inertia
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    found = tmp_path_factory.mktemp("track")
+    save_description(craft(found), found / "craft.toml")
+    for k, name in enumerate(("first", "second")):
+        save_recording(flight(6.0, seed=k, name=name), found / f"{name}.nc")
+    return found
+
+
+def test_a_history_a_tracker_and_a_report_are_written(folder):
+    paths = [str(folder / f) for f in ("craft.toml", "first.nc", "second.nc")]
+    files = {"-o": "track.nc", "--save": "state.npz", "--report": "track.html"}
+    more = [x for k, v in files.items() for x in (k, str(folder / v))]
+    options = ["--follow", "bus.I*=0.001", "--gap", "50", "--warm-up", "0", "--json"]
+    run = CliRunner().invoke(app, ["track", *paths, *more, *options], catch_exceptions=False)
+    assert run.exit_code == 0
+    history = xr.load_dataset(folder / "track.nc", engine="h5netcdf")
+    assert list(history.parameter.values) == INERTIA
+    assert (np.diff(history.time) > 0.0).all()
+    assert history.time[-1] - history.time[0] == pytest.approx(62.0, abs=0.2)
+    last = history.isel(time=-1)
+    off = np.abs(last.value.values - true_inertia()) / last.sigma.values
+    assert off.max() < 6.0
+    assert "bus.Izz" in (folder / "track.html").read_text(encoding="utf-8")
+    restored = load_tracker(folder / "state.npz", load_description(folder / "craft.toml"))
+    np.testing.assert_array_equal(restored.filter.values, last.value.values)
+
+
+def test_rates_are_read_and_refused():
+    assert rates_of(["tank.*=0.5", "bus.m"]) == {"tank.*": 0.5, "bus.m": None}
+    with pytest.raises(SmsidError, match="'fast' is no number"):
+        rates_of(["bus.m=fast"])

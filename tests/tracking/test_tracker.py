@@ -1,0 +1,183 @@
+"""Following a rigid satellite's inertia: against the batch estimate, the truth, and itself restored."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.errors import DescriptionError, RecordingError
+from smsid.estimation.flight import FlightOptions
+from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
+from smsid.tracking.sample import samples_of
+from smsid.tracking.setting import Setting
+
+from .craft import INERTIA, craft, flight, true_inertia
+
+CONSTANT = dict.fromkeys(["bus.I*"], 0.0)
+COMMANDED = FlightOptions(drive="command")
+
+
+@pytest.fixture(scope="module")
+def description(tmp_path_factory):
+    return craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return flight(20.0)
+
+
+@pytest.fixture(scope="module")
+def samples(recording):
+    return list(samples_of(recording))
+
+
+@pytest.fixture(scope="module")
+def tracked(description, recording):
+    return track_recordings(description, [recording], follow=CONSTANT, options=COMMANDED)
+
+
+def streaming(description, **more):
+    channels = ("st.attitude", "gyro.angular_rate", "tacho.wheel_rate")
+    tracker = Tracker(description, follow=CONSTANT)
+    setting = Setting.of(tracker.description, tracker.origin.base, channels=channels, hold="linear", **more)
+    return Tracker(description, follow=CONSTANT, setting=setting)
+
+
+def test_constant_parameters_end_at_the_batch_estimate(description, recording, tracked):
+    """The maximum of the posterior with the same prior, found by Gauss and Newton on the whole recording."""
+    from smsid.estimation.flight import flight_of
+    from smsid.estimation.maximum import maximise
+    from smsid.estimation.parameter_vector import Point
+    from smsid.tracking import followed_parameters
+
+    history, _ = tracked
+    point = Point.of(description)
+    start = followed_parameters(description, follow=CONSTANT)
+    unknowns = [f.unknown for f in start.followed]
+    own = flight_of(point, recording, "flight", COMMANDED)
+    found = maximise(point, unknowns, [own])[0]
+    sigma = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
+    batch = np.array([found.point.value(u) for u in unknowns])
+    batch += np.linalg.solve(found.gram, found.slope) * found.scales  # the search stops 0.1 sigma before
+    assert np.abs((history.values[-1] - batch) / sigma).max() < 0.02
+    np.testing.assert_allclose(history.sigmas[-1], sigma, rtol=0.02)
+
+
+def test_the_truth_is_inside_the_bands_and_they_shrink(tracked):
+    history, _ = tracked
+    assert list(history.names) == INERTIA
+    off = (history.values[-1] - true_inertia()) / history.sigmas[-1]
+    assert np.abs(off).max() < 4.0
+    assert (history.sigmas[-1] < 0.1 * history.sigmas[0]).all()
+    fit = np.nanmean(history.fit[20:], axis=0)
+    assert np.abs(fit - 1.0).max() < 0.25
+
+
+def test_parameters_stay_and_wander_between_recordings(description):
+    rates = {"bus.I*": 0.01}
+    first, second = flight(8.0, name="first"), flight(3.0, seed=2, name="second")
+    own = {"follow": rates, "options": COMMANDED, "warm_up": 0.0}
+    once, _ = track_recordings(description, [first], **own)
+    for gap in (0.0, 1e4):
+        both, _ = track_recordings(description, [first, second], gap=gap, **own)
+        k = int(np.flatnonzero(both.recording == 1)[0])
+        assert both.time[k] >= once.time[-1] + gap
+        if gap:  # walked: 0.01 sqrt(1e4) = 1 kg m^2, then read for a moment
+            assert both.sigmas[k - 1].max() < 0.5 < both.sigmas[k].max() < 1.1
+        else:
+            np.testing.assert_allclose(both.sigmas[k], both.sigmas[k - 1], rtol=0.2)
+
+
+def test_a_stream_in_any_order_gives_what_the_ordered_one_gives(description, samples):
+    ordered, mixed = streaming(description), streaming(description, lateness=0.35)
+    for sample in samples[:40]:
+        ordered.update(sample)
+    rng = np.random.default_rng(3)
+    single = [Sample(s.time, {c: x}) for s in samples[:40] for c, x in s.channels.items()]
+    arrival = [s.time + 0.3 * rng.random() for s in single]
+    for k in np.argsort(arrival):
+        mixed.update(single[k])
+    mixed.update(single[0])
+    mixed.update(single[-1])
+    mixed.flush()
+    np.testing.assert_allclose(mixed.state.parameters["bus.Ixx"], ordered.state.parameters["bus.Ixx"])
+    sigma = np.sqrt(np.diag(ordered.covariance))
+    sigma[sigma == 0.0] = 1.0
+    off = (mixed.covariance - ordered.covariance) / np.outer(sigma, sigma)
+    assert np.abs(off).max() < 1e-6  # readings of one moment one by one or together: to rounding
+    assert mixed.log.counts["late"] == 1
+    assert mixed.log.counts["duplicate"] == 1
+
+
+def test_a_restored_tracker_goes_on_exactly(description, samples, tmp_path):
+    whole, first = streaming(description), streaming(description)
+    for sample in samples[:20]:
+        whole.update(sample)
+        first.update(sample)
+    save_tracker(first, tmp_path / "state.npz")
+    second = load_tracker(tmp_path / "state.npz", description)
+    for sample in samples[20:35]:
+        whole.update(sample)
+        second.update(sample)
+    assert np.array_equal(whole.filter.values, second.filter.values)
+    assert np.array_equal(whole.covariance, second.covariance)
+    assert second.samples == 35
+
+
+def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, samples, tmp_path, monkeypatch):
+    tracker = streaming(description)
+    tracker.update(samples[0])
+    path = save_tracker(tracker, tmp_path / "state.npz")
+    with pytest.raises(RecordingError, match="another description"):
+        load_tracker(path, craft(tmp_path / "other", off=0.2))
+    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 2)
+    with pytest.raises(RecordingError, match="version 1; this smsid reads 2"):
+        load_tracker(path, description)
+    path.write_bytes(json.dumps({}).encode())
+    with pytest.raises(RecordingError, match="no saved tracker"):
+        load_tracker(path, description)
+
+
+def test_predictions_hold_what_is_read_later(description, samples):
+    tracker = streaming(description)
+    for sample in samples[:60]:
+        tracker.update(sample)
+    before = tracker.covariance
+    ahead = tracker.predict(samples[60].time - samples[59].time)
+    off = (samples[60].channels["gyro.angular_rate"] - ahead.readings["gyro.angular_rate"]) / ahead.sigmas[
+        "gyro.angular_rate"
+    ]
+    assert np.abs(off).max() < 30.0  # the command is held, where it truly goes on
+    assert np.array_equal(tracker.covariance, before)
+    far = tracker.predict(5.0)
+    assert far.sigmas["gyro.angular_rate"].min() > ahead.sigmas["gyro.angular_rate"].min()
+
+
+def test_a_stream_that_stops_begins_anew_and_keeps_the_parameters(description, samples):
+    tracker = streaming(description)
+    for sample in samples[:60]:
+        tracker.update(sample)
+    known = tracker.sigmas
+    later = [replace(s, time=s.time + 100.0) for s in samples[60:64]]
+    for sample in later:
+        tracker.update(sample)
+    assert tracker.log.counts["silence"] == 1
+    np.testing.assert_allclose(tracker.sigmas, known, rtol=0.2)
+    assert tracker.time == later[-1].time
+
+
+def test_bad_samples_and_names_are_told(description, samples):
+    tracker = streaming(description)
+    tracker.update(samples[0])
+    with pytest.raises(RecordingError, match=r"'gyro.angular_rate' has 2 components"):
+        tracker.update(Sample.of(0.1, {"gyro.angular_rate": [0.0, 0.0]}))
+    tracker.update(Sample.of(0.1, {"radio.angular_rate": [0.0, 0.0, 0.0]}))
+    assert tracker.log.last[-1].kind == "unknown channel"
+    with pytest.raises(RecordingError, match="no number"):
+        Sample.of(0.1, {"gyro.angular_rate": ["x"]})
+    with pytest.raises(DescriptionError, match="no unknown parameter"):
+        Tracker(description, follow={"bus.Iww": 0.0})
+    with pytest.raises(DescriptionError, match="rate"):
+        Tracker(description, follow={"bus.Ixx": -1.0})
