@@ -46,7 +46,10 @@ class CommandMemory:
         self.memory: dict[str, deque[tuple[float, np.ndarray]]] = {c: deque() for c in self.sizes}
 
     def add(self, time: float, channels: Mapping[str, np.ndarray]) -> None:
-        """Remember the commands of a sample; those before `MEMORY` are forgotten."""
+        """Remember the commands (k,) of a sample by channel; those before `MEMORY` are forgotten.
+
+        Raises `RecordingError` for one of the wrong size.
+        """
         for channel, own in self.memory.items():
             value = channels.get(channel)
             if value is None or not np.isfinite(value).all():

@@ -47,7 +47,10 @@ class Instance:
 
     @classmethod
     def at(cls, point: Point, layout: Measured, locked: np.ndarray) -> Instance:
-        """Return the spacecraft at a point. Raises `DescriptionError` where there can be none."""
+        """Return the spacecraft at a point, degrees of freedom ``locked`` (k,) held still.
+
+        Raises `DescriptionError` where there can be none.
+        """
         model = point.model()
         data = layout.with_blocks(point.sensors())
         late = np.array([b.delay for b in data.blocks])

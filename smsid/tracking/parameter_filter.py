@@ -113,7 +113,7 @@ class ParameterFilter:
         self.covariance, self.time = p, time
 
     def linearise_at(self, values: np.ndarray, sigmas: np.ndarray) -> None:
-        """Take models at values (m,) known within standard deviations (m,), whatever is believed yet.
+        """Take models at values (m,) known within ``sigmas`` (m,), whatever is believed yet.
 
         What is believed stays; only about which point the filter is linear changes.
         """
@@ -157,7 +157,9 @@ class ParameterFilter:
         k: int,
         before: np.ndarray | None,
     ) -> Correction | None:
-        """Take in the readings (rows,) of a sample, NaN where there is none; ``None`` if there are none.
+        """Take in the ``values`` (rows,) of a sample, NaN where there is none; ``None`` if there are none.
+
+        ``attitudes`` are quaternions (4,) by channel, whose rows are zero.
 
         ``driven`` holds the forces at it as number ``k``; ``before`` (nv,) are those just before the first.
         """

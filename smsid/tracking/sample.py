@@ -23,7 +23,7 @@ class Sample:
 
     @classmethod
     def of(cls, time: float, channels: Mapping[str, Sequence[float] | np.ndarray]) -> Sample:
-        """Return a sample from anything that looks like numbers.
+        """Return a sample from anything that looks like numbers, (k,) by channel.
 
         Raises `RecordingError` when the time is no finite number or a channel holds no numbers.
         """

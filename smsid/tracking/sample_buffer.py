@@ -63,7 +63,7 @@ class SampleBuffer:
     newest: float = -np.inf
 
     def add(self, time: float, channels: Mapping[str, np.ndarray]) -> None:
-        """Take in the channels read at a time; those too late or there already are named and left out."""
+        """Take in channels (k,) read at a time; those too late or there already are named and left out."""
         if time < self.passed - self.together:
             for channel in channels:
                 text = f"came {self.passed - time:.3g} s late and is left out"
