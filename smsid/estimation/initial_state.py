@@ -63,6 +63,8 @@ def initial_belief(
     speed: tuple[np.ndarray, np.ndarray, float] | None = None
     turned = False
     for block in data.blocks:
+        if block.quantity == "acceleration":  # tells what acts, not where the motion is
+            continue
         k = _first(data, block.rows)
         if k is None:
             continue

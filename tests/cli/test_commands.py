@@ -191,7 +191,7 @@ def spoiled(flown: Path, tmp_path: Path, channel: str, change) -> Path:  # type:
     [
         ("encoder.joint_position", lambda x: np.rad2deg(x), ("encoder.joint_position", "deg")),
         ("imu.angular_rate", lambda x: np.rad2deg(x), ("imu.angular_rate", "deg")),
-        ("encoder.joint_velocity", lambda x: 0.0 * x, ("No joint moves",)),
+        ("encoder.joint_velocity", lambda x: 0.0 * x, ("is stuck at 0",)),
     ],
 )
 def test_a_bad_recording_is_refused_by_name(
@@ -203,10 +203,13 @@ def test_a_bad_recording_is_refused_by_name(
     assert not target.exists()
 
 
-def test_a_recording_without_a_channel_it_needs_is_refused(flown: Path, urdf: Path, tmp_path: Path) -> None:
+def test_the_papers_method_refuses_a_recording_without_a_channel_it_needs(
+    flown: Path, urdf: Path, tmp_path: Path
+) -> None:
     recording = load_recording(flown / "exp2.nc")
     save_recording(recording.without("encoder.joint_velocity"), tmp_path / "less.nc")
-    fails(run("identify", urdf / "paper_sms.toml", tmp_path / "less.nc"), "encoder.joint_velocity")
+    words = ("identify", urdf / "paper_sms.toml", tmp_path / "less.nc", "--method", "paper")
+    fails(run(*words), "encoder.joint_velocity")
 
 
 def test_a_file_cut_short_is_refused(flown: Path, urdf: Path, tmp_path: Path) -> None:

@@ -81,7 +81,9 @@ def test_single_samples_cost_exp2_nothing(exp2: Recording, change):
 )
 @pytest.mark.parametrize("which", ["exp1", "exp2"])
 def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change, seen: bool, request):
-    found = identify(twin.description(), [changed(request.getfixturevalue(which), change)])
+    # what is stuck for a third of the time is refused unless it is asked for
+    recording = changed(request.getfixturevalue(which), change).unchecked()
+    found = identify(twin.description(), [recording])
     assert not [p.name for p in found.estimate.parameters if p.status == "identifiable"]
     assert any("bridged" in note for note in found.estimate.notes)
     lost = [p for p in found.estimate.parameters if np.isfinite(p.sigma) and p.status != "by_product"]
