@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -42,6 +42,9 @@ class CommandMemory:
         self.degree = 0 if hold == "held" else 1
         sizes = {"force": 3, "torque": 3} if model.free else {}
         sizes |= {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
+        thrusters = model.description.thruster
+        sizes |= {"thruster": len(thrusters), "thruster_force": len(thrusters)}
+        self.full = np.array([t.force for t in thrusters], dtype=float)
         self.sizes = {COMMANDS[k]: n for k, n in sizes.items() if n}
         self.memory: dict[str, deque[tuple[float, np.ndarray]]] = {c: deque() for c in self.sizes}
 
@@ -69,11 +72,16 @@ class CommandMemory:
         signals: dict[str, Signal | None] = {}
         for field, channel in COMMANDS.items():
             own = self.memory.get(channel)
-            if not own:
-                signals[field] = None
-            elif len(own) == 1:
-                signals[field] = Constant(own[0][1])
-            else:
-                times = np.array([t for t, _ in own])
-                signals[field] = Sampled.from_samples(times, np.array([x for _, x in own]), self.degree)
+            if field == "thruster_force":  # it says what the share of full thrust says
+                if own:
+                    share = [(t, x / self.full) for t, x in own]
+                    signals["thruster"] = self._signal(share)
+                continue
+            signals[field] = self._signal(own) if own else None
         return Inputs(**signals)  # type: ignore[arg-type]
+
+    def _signal(self, samples: Sequence[tuple[float, np.ndarray]]) -> Signal:
+        if len(samples) == 1:
+            return Constant(samples[0][1])
+        times = np.array([t for t, _ in samples])
+        return Sampled.from_samples(times, np.array([x for _, x in samples]), self.degree)
