@@ -36,7 +36,9 @@ class JointOffset(Effect):
         assembly.joint_id(self.joint)
 
     def resolved(self, description: Description) -> Effect:
-        """Return what it does to the joint's own encoder."""
+        """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
+        if description.root == "fixed":
+            return self
         return _EncoderZero(
             name=self.name, column=joint_names(description).index(self.joint), bias=-self.angle
         )
