@@ -70,8 +70,8 @@ def initial_belief(
             continue
         first = np.linalg.solve(block.gain, data.values[k, block.rows] - block.bias)
         noise = READ * data.sigma[block.rows]
-        if unsure is not None:
-            noise = np.hypot(noise, unsure[block.rows])
+        if unsure is not None:  # a reading tells no less than the prior, however wide its sensor's errors
+            noise = np.hypot(noise, np.minimum(unsure[block.rows], _width(prior, block.quantity)))
         if block.quantity == "joint_position":
             q = set_group_angles(model.pin, model.arm_joints, q, first)
             place[model.arm_joints.v] = np.maximum(noise, 1e-6)
@@ -133,6 +133,19 @@ def _prior_sigma(model: SpacecraftModel, prior: InitialPrior) -> np.ndarray:
     if not prior.at_rest:
         rate[model.arm_joints.v], rate[model.wheels.v] = prior.joint_rate, prior.wheel_rate
     return sigma
+
+
+def _width(prior: InitialPrior, quantity: str) -> float:
+    """Return the prior's standard deviation of what a quantity reads."""
+    return {
+        "joint_position": prior.joint_angle,
+        "joint_velocity": prior.joint_rate,
+        "wheel_rate": prior.wheel_rate,
+        "angular_rate": prior.rate,
+        "attitude": prior.attitude,
+        "position": prior.position,
+        "velocity": prior.velocity,
+    }.get(quantity, np.inf)
 
 
 def _first(data: Measured, rows: slice) -> int | None:
