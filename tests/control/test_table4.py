@@ -130,7 +130,7 @@ def test_a_broken_controller_file_is_refused(tmp_path):
         load_controller(tmp_path / "none.json")
     for text in ("{", "[]", '{"kind": "controller", "schema": 1}'):
         (tmp_path / "x.json").write_text(text)
-        with pytest.raises(ControlError, match="cannot be read"):
+        with pytest.raises(ControlError, match=r"not valid JSON|cannot be read"):
             load_controller(tmp_path / "x.json")
     (tmp_path / "x.json").write_text('{"kind": "estimate", "schema": 1}')
     with pytest.raises(ControlError, match="no controller of schema"):

@@ -146,8 +146,7 @@ def test_another_sources_joints_are_its_own():
 
 
 def consumers():
-    from smsid.diagnose.channels import measured
-
+    from smsid.estimation.measurements import measured
     from smsid.identify.motion import prepare
     from smsid.likelihood.local import Nuisance
     from smsid.likelihood.piece import piece_of
