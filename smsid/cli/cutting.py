@@ -57,7 +57,7 @@ def resample_command(
     output: RecordingOutput = Path("resampled.nc"),
 ) -> Outcome:
     """Bring all channels of a recording to one clock of even steps; nothing is filtered or extrapolated."""
-    from smsid.cli.show import recording_document
+    from smsid.cli.show_parts import recording_document
     from smsid.cli.tables import recording_table
     from smsid.recording import load_recording, save_recording
 
