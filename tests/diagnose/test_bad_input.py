@@ -24,7 +24,9 @@ def test_a_recording_of_another_spacecraft(description, longer):
     other = Recording.from_arrays(
         longer.time(), channels, labels=longer.labels, role="estimation", name="other"
     )
-    found = diagnose(description, [other], rate=10.0).diagnosis
+    named = diagnose(description, [other], rate=10.0).diagnosis
+    assert named.verdict == "not_evaluated" and "wheel_x and wheel_z are swapped" in named.sentence
+    found = diagnose(description, [other.unchecked()], rate=10.0).diagnosis
     assert found.verdict == "not_evaluated"
     assert "another spacecraft" in found.sentence
     assert not found.causes
