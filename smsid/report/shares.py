@@ -116,7 +116,8 @@ def _candidates(search: Search, found: Fit, total: float) -> tuple[CandidateShar
     for s in (*(c.score for c in search.causes), *search.scores):
         known.setdefault(s.candidate.key, s.candidate)
     listed = list(known.values())
-    columns = signatures(found, listed)
+    # a searched candidate that was narrowed down still has the columns of all it could be: not comparable
+    columns = {i: c for i, c in signatures(found, listed).items() if c.shape[1] == len(listed[i].free)}
     named = {c.score.candidate.key for c in search.causes}
     aliases = {a.candidate.key for c in search.causes for a, _ in c.aliases}
     out: Sequence[CandidateShare] = [
