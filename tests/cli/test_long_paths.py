@@ -50,14 +50,7 @@ def estimate(tmp_path: Path) -> Path:
     return tmp_path / "estimate.json"
 
 
-BROKEN = pytest.mark.xfail(
-    reason="the page of an adequate diagnosis fails: shapes (10,) and (4,)", strict=False
-)
-
-
-@pytest.mark.parametrize(
-    ("verdict", "seconds"), [pytest.param("adequate", 6.0, marks=BROKEN), ("explained", 8.0)]
-)
+@pytest.mark.parametrize(("verdict", "seconds"), [("adequate", 6.0), ("explained", 8.0)])
 def test_a_diagnosis_that_succeeds_leaves_its_report(verdict, seconds, urdf, estimate, tmp_path, call):
     """A few seconds of Exp. 2, in the second case of a spacecraft whose second joint rubs."""
     described = load_description(urdf / "paper_sms.toml")
