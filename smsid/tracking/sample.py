@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import RecordingError
 from smsid.recording import Recording
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Channels read at one time [s]: arrays in the unit and frame of the quantity, as in a recording.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight
@@ -33,6 +34,7 @@ CHUNK = 25  # samples whose commands are looked up at once
 QUATERNION = 4
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Update:
     """What one moment [s] told: parameters (m,) and standard deviations after it, and its innovations.
@@ -52,6 +54,7 @@ class Update:
     passages: tuple[Passage, ...]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """The state at a time [s] to come: q (nq,), v (nv,), ``covariance`` (x, x) as `Tracker.covariance`.
@@ -68,6 +71,7 @@ class Prediction:
     sigmas: Mapping[str, np.ndarray]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class TrackedState:
     """What is believed at a time [s]: q (nq,), v (nv,), unknown inputs (k,), and parameters by name."""
