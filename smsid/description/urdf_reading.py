@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._listing import some_of
 from smsid.errors import DescriptionError
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -180,7 +181,7 @@ def _unused(root: ElementTree.Element) -> tuple[str, ...]:
             ):
                 geared.append(f"{transmission.get('name')} ({tag.tag} {(tag.text or '').strip()})")
     if geared:
-        found.append(f"<transmission> {', '.join(geared)}: use the effects `gear` and `motor_inertia`")
+        found.append(f"<transmission> {some_of(geared)}: use the effects `gear` and `motor_inertia`")
     loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
     if loops:
         found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")

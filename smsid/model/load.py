@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from smsid._listing import some_of
 from smsid.description.schema import Arm, Description, did_you_mean
 from smsid.description.urdf_check import check_inertias, check_meshes, normalised, read_urdf, without_meshes
 from smsid.description.urdf_reading import UrdfReading, parse_urdf
@@ -160,7 +161,7 @@ def _tell_unused(reading: UrdfReading, fixed: tuple[str, ...]) -> None:
     followers = [j.name for j in reading.joints.values() if j.mimic is not None and j.name not in fixed]
     if followers:
         logger.warning(
-            "%s: joints %s mimic another; here each moves on its own.", reading.source, ", ".join(followers)
+            "%s: joints %s mimic another; here each moves on its own.", reading.source, some_of(followers)
         )
     for what in reading.unused:
         logger.warning("%s: not used: %s.", reading.source, what)

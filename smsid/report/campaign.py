@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from smsid._listing import some_of
 from smsid.campaign.outcome import RunRecord
 from smsid.campaign.summary import ParameterSummary, Summary
 from smsid.report.axes import Axis
@@ -60,16 +61,12 @@ def verdict(summary: Summary) -> tuple[str, Tone]:
     parts = []
     if out:
         parts.append(
-            f"the 95 % intervals of {len(out)} of {len(tested)} parameters do not hold ({_some(out)})"
+            f"the 95 % intervals of {len(out)} of {len(tested)} parameters do not hold ({some_of(out, 3)})"
         )
     if off:
-        parts.append(f"the spread of {len(off)} is not as predicted ({_some(off)})")
+        parts.append(f"the spread of {len(off)} is not as predicted ({some_of(off, 3)})")
     text = " and ".join(parts)
     return f"{text[0].upper()}{text[1:]}; {runs}.", "bad" if out else "warn"
-
-
-def _some(names: Sequence[str], most: int = 3) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _coverage(summary: Summary, tested: Sequence[ParameterSummary]) -> tuple[Figure | Text, ...]:

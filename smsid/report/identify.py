@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from smsid._listing import some_of
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
@@ -132,7 +133,7 @@ def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
     good = len(own) - len(weak)
     sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
     if weak:
-        named = ", ".join(weak[:4]) + (f" and {len(weak) - 4} more" if len(weak) > 4 else "")
+        named = some_of(weak)
         sentence += f"; not {named}"
     worst = worst_ratio(left)
     if worst is None:

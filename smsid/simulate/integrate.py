@@ -4,7 +4,7 @@ Between re-centrings the state lives in a chart: q = q_ref (+) xi, and the metho
 integrates (xi, v) with ``xi_dot = Jlog6(exp6(xi)) v`` for the free-flyer. Quaternions stay unit by
 construction. The method is SciPy's DOP853, its coefficients are used; it is stepped here because SciPy's own
 loop takes as long as a right-hand side of ten microseconds. The polynomial of a step is made when it is first
-asked for.
+asked for. Where stability bounds its steps, implicit ones take over (`smsid.simulate.stiff_steps`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.inputs import Inputs
 from smsid.simulate.short_step import ShortPiece, short_step
+from smsid.simulate.stiff_steps import Stiffness, StiffSteps
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
@@ -71,9 +72,10 @@ def simulate(
     edges = [start, *(b for b in dynamics.breakpoints if start < b < stop), stop]
     charts: list[Chart] = []
     step: float | None = None
+    stiffness = Stiffness()
     for t0, t1 in itertools.pairwise(edges):
         while t0 < t1:
-            chart, y = _run_chart(dynamics, q, v, t0, t1, step, tol, max_step, progress)
+            chart, y = _run_chart(dynamics, q, v, t0, t1, step, tol, max_step, stiffness, progress)
             charts.append(chart)
             step = chart.last_step
             t0 = chart.stop
@@ -117,6 +119,7 @@ def _run_chart(
     step: float | None,
     tol: Tolerance,
     max_step: float,
+    stiffness: Stiffness,
     progress: Callable[[float], None] | None,
 ) -> tuple[Chart, np.ndarray]:
     """Integrate until t1 or until the chart has turned too far; return the stretch and (xi, v) at its end."""
@@ -129,11 +132,20 @@ def _run_chart(
         rate = derivative(t, y, np.empty(2 * nv))
         step = _first_step(derivative, t, y, rate, tol) if step is None else step
         times, pieces = [t0], []
+        stiffness.anew()
+        implicit: StiffSteps | None = None
         while t < t1:
             # the error estimate does not see a chart turned beyond pi when the motion is a plain spin
             turning = float(np.sqrt(y[nv + 3 : nv + 6] @ y[nv + 3 : nv + 6])) if free else 0.0
             longest = min(max_step, STEP_ANGLE / turning) if turning > 0.0 else max_step
-            piece, step = _step(derivative, t, y, rate, t1, min(step, longest), tol)
+            if implicit is None:
+                piece, step = _step(derivative, t, y, rate, t1, min(step, longest), tol)
+                if isinstance(piece, _Piece) and stiffness.seen(piece.stretch):
+                    implicit = StiffSteps(derivative, piece.t, piece.y, t1, step, tol.relative, tol.absolute)
+            else:
+                piece = implicit.step(longest)
+                if isinstance(piece, str):
+                    raise _failed(t, y, piece)
             t, y, rate = piece.t, piece.y, piece.end_rate
             times.append(t)
             pieces.append(piece)
@@ -189,6 +201,7 @@ class _Piece(DenseOutput):
         self.h, self.y_old, self.y = t - t_old, y_old, y
         self.derivative = derivative
         self.stages = np.empty((STAGES + 4, len(y)))  # rates at the stages, the end and three points more
+        self.stretch = 0.0  # estimate of the step times the largest eigenvalue
         self._polynomial: np.ndarray | None = None
 
     @property
@@ -258,6 +271,9 @@ def _step(
             derivative(new, y_new, k[STAGES])
             if not np.isfinite(k[STAGES]).all():
                 raise _failed(new, y_new, "the state is not finite")
+            apart = float(np.linalg.norm(y_new - at))
+            if apart > 0.0:
+                piece.stretch = taken * float(np.linalg.norm(k[STAGES] - k[STAGES - 1])) / apart
             # a step that the end cut short says nothing against the size that was planned
             return piece, max(h, taken * factor) if taken < h else taken * factor
         h = taken * (max(SHRINK, SAFETY * error**-0.125) if np.isfinite(error) else SHRINK)

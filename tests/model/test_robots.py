@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.description import Arm, Description, Mount
+from smsid.effects import JointFriction
 from smsid.errors import DescriptionError, MissingDependencyError
 from smsid.model import build_model, robots
 from smsid.model.robots import robot_files, robot_urdf
@@ -47,10 +48,14 @@ def test_momentum_and_energy_close_in_free_floating(robot):
     audit = trajectory.audit()
     assert audit.energy_scale > 0.0
     assert audit.momentum_drift < 1e-9 * audit.momentum_scale
-    assert audit.energy_drift < 1e-9 * audit.energy_scale
+    # what dry friction takes is summed over implicit steps, and holds joints where torques are small
+    dry = [isinstance(e, JointFriction) and e.coulomb > 0.0 for e in model.description.effect]
+    assert audit.energy_drift < (1e-6 if any(dry) else 1e-9) * audit.energy_scale
     states = trajectory.states(np.linspace(0.0, 3.0, 31))
     moved = np.ptp(model.joint_angles(states.q), axis=0)
-    assert moved.min() > 1e-3
+    held = {e.joint for e in model.description.effect if isinstance(e, JointFriction)}
+    free = [n not in held for n in model.arm_joints.names]
+    assert moved[free].min(initial=np.inf) > 1e-3 and moved.min() > 0.0
 
 
 @needs_robots
