@@ -17,7 +17,7 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import Reported, reported
 from smsid.estimation.input_timing import timings
-from smsid.estimation.maximum import converged, maximise
+from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -209,6 +209,9 @@ def _search(
         flights = again
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
+    if not converged(found):
+        found = settled(found, flights, tell=tell)
+        visited.append(found)
     if not converged(found):
         raise NotIdentifiableError(
             "The search for the most likely parameters does not come to rest.",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from smsid.errors import SmsidError
+from smsid.estimation.differences import differenced
 from smsid.estimation.flight import Flight
 from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -18,6 +19,7 @@ LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
 TRIES = 8  # steps that are tried from one point, each shorter than the last
 ITERATIONS = 40
+ROUNDS = 8  # steps by differences of whole runs, each as long as two runs of the filter a parameter
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 
 Tell = Callable[[str], None]
@@ -60,6 +62,30 @@ def maximise(
         if stalled == 2:
             break
     return found, visited
+
+
+def settled(
+    found: NormalEquations, flights: Sequence[Flight], *, tell: Tell | None = None
+) -> NormalEquations:
+    """Return the normal equations at the maximum near a point where `maximise` came to a halt before it.
+
+    Steps are of slopes by differences of whole runs (`smsid.estimation.differences`), and so are the normal
+    equations returned: at rest if `converged`. Raises `SimulationError` where a filter loses its recording.
+    """
+    radius = np.inf
+    exact = differenced(found, flights)
+    for i in range(ROUNDS):
+        if converged(exact):
+            break
+        better, radius = _descend(exact, flights, radius)
+        if better is None:
+            break
+        line = f"step {i + 1} by differences: log-posterior {-better.objective:.1f}"
+        LOGGER.info("%s", line)
+        if tell is not None:
+            tell(line)
+        exact = differenced(better, flights)
+    return exact
 
 
 def predicted_gain(found: NormalEquations, step: np.ndarray) -> float:
