@@ -6,8 +6,7 @@ Every run draws its world, what it hides, how strong and when from one seed, and
 diagnosis.json. Runs are kept in ``results/hidden_effects.jsonl`` and reused for the same sources of the
 diagnosis, so the study can be stopped and started again; whatever is there is summed up in
 ``results/hidden_effects.json`` and ``.md``. Thresholds are frozen by committing ``smsid/diagnose`` before a
-block of seeds (``--seeds-from``) is used for the first time: rows carry the digest of its sources. Rows of
-earlier sources are in ``results/hidden_effects_rows.jsonl.xz``, for the record.
+block of seeds (``--seeds-from``) is used for the first time: rows carry the digest of its sources.
 """
 
 from __future__ import annotations
