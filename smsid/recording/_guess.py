@@ -228,7 +228,9 @@ def suspicion(group: Group, values: NDArray[Any]) -> str | None:
     finite = values[np.isfinite(values).all(axis=1)]
     if not finite.size:
         return None
-    largest, middle = float(np.abs(finite).max()), float(np.median(np.linalg.norm(finite, axis=1)))
+    largest = float(np.abs(finite).max())
+    scale = largest or 1.0  # squares of damaged numbers overflow
+    middle = scale * float(np.median(np.linalg.norm(finite / scale, axis=1)))
     name = group.stem
     if group.quantity == "joint_position" and group.unit == "rad" and largest > 4.0 * np.pi:
         return f"'{name}' reaches {largest:.4g}: degrees, or motor angles before a gear, rather than rad?"

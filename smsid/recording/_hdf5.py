@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
-from smsid.recording.storage import check_hdf5
+from smsid.recording.storage import check_hdf5, refuse_other_files
 
 
 def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
@@ -51,7 +51,10 @@ def _datasets(path: Path, *, skip_user_block: bool = False) -> list[tuple[str, N
 
     try:
         with h5py.File(path, "r") as file:
+            refuse_other_files(file, path)
             file.visititems(visit)
+    except RecordingError:
+        raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
         raise RecordingError(
             f"{path} ({path.stat().st_size} bytes) cannot be read as HDF5: {error}.",

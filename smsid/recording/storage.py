@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from smsid._files import atomic_write, check_target
 from smsid.errors import OutputError, RecordingError
 from smsid.recording.channels import quantity_of
 from smsid.recording.recording import Recording
+
+if TYPE_CHECKING:
+    import h5py
 
 SCHEMA = "smsid.recording"
 SCHEMA_VERSION = 1
@@ -57,10 +60,13 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
         with h5py.File(path, "r") as file:
             file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
+            refuse_other_files(file, path)
         # decode_times would turn the times of some units into dates; masking would touch the samples.
         dataset = xr.load_dataset(
             path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
         )
+    except RecordingError:
+        raise
     except (
         Exception
     ) as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on where it breaks
@@ -108,6 +114,35 @@ def check_hdf5(path: str | os.PathLike[str]) -> None:
     else:
         advice = "Is it the right file? Logs in other formats come in with import_recording and a mapping."
     raise RecordingError(f"{path} is not an HDF5 file.", advice=advice, path=str(path))
+
+
+def refuse_other_files(file: h5py.File, path: str | os.PathLike[str]) -> None:
+    """Raise `RecordingError` where an open HDF5 file takes data from other files of the machine.
+
+    HDF5 can name any file as the place of a dataset's bytes, and link to others: a log that somebody sends
+    would bring in what only its reader may see.
+    """
+    import h5py
+
+    def visit(name: str, node: Any) -> None:  # every object once, also where groups hold each other
+        if isinstance(node, h5py.Dataset) and (node.external or node.is_virtual):
+            raise _elsewhere(path, name)
+        if isinstance(node, h5py.Group):
+            for link in node:
+                if node.get(link, getlink=True, getclass=True) is h5py.ExternalLink:
+                    raise _elsewhere(path, f"{name}/{link}")
+
+    visit("", file)
+    file.visititems(visit)
+
+
+def _elsewhere(path: str | os.PathLike[str], name: str) -> RecordingError:
+    return RecordingError(
+        f"{path}: '{name}' takes its data from another file.",
+        advice="Write one file that holds its own data, for instance with h5repack.",
+        path=str(path),
+        name=name,
+    )
 
 
 def _damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
