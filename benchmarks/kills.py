@@ -39,7 +39,10 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
     "cut": (["cut", "r.nc", "--from", "1", "--to", "3"], ["cut.nc"]),
     "resample": (["resample", "r.nc", "--rate", "20"], ["slow.nc"]),
     "convert": (["convert", "r.nc"], ["table.csv", "table.toml"]),
-    "identify": (["identify", "d.toml", "slow.nc", "--cad", "0.05", "--report", "e.html"], ["found.json", "e.html"]),
+    "identify": (
+        ["identify", "d.toml", "slow.nc", "--cad", "0.05", "--report", "e.html"],
+        ["found.json", "e.html"],
+    ),
     "compare": (["compare", "e.json", "found.json", "--report", "k.html"], ["compared.json", "k.html"]),
     "track": (
         ["track", "d.toml", "slow.nc", "--estimate", "found.json", "--save", "t.npz"],
@@ -86,7 +89,9 @@ def started(call: Sequence[str], folder: Path) -> int:
 
 
 def finished(call: Sequence[str], folder: Path) -> int:
-    """Run a command to its end and return its exit code."""
+    """Run a command to its end and return its exit code; an export goes into a new folder only."""
+    if call[0] == "export":
+        shutil.rmtree(folder / "exported", ignore_errors=True)
     return os.waitstatus_to_exitcode(os.waitpid(started(call, folder), 0)[1])
 
 
@@ -169,12 +174,18 @@ def killed(seed: int, number: int, base: Path, lasts: dict[str, float]) -> dict[
     folder = Path(tempfile.mkdtemp(prefix="smsid_kills_")).resolve()
     try:
         shutil.copytree(base, folder, dirs_exist_ok=True)
+        if name == "export":
+            shutil.rmtree(folder / "exported", ignore_errors=True)
         before = contents(folder)
         child = started(words(name), folder)
         time.sleep(after)
         os.kill(child, signal.SIGKILL)
         ended = not os.WIFSIGNALED(os.waitpid(child, 0)[1])
         wrong = judged(folder, before, CALLS[name][1])
+        whole = set(contents(base / "exported")) if (base / "exported").exists() else set()
+        if name == "export" and (folder / "exported").exists():
+            lost = whole - set(contents(folder / "exported"))
+            wrong = f"the folder lacks {sorted(lost)}" if lost else wrong
         halves = [p.name for p in folder.rglob("*.tmp")]
         code = finished(words(name), folder)
         left = [p.name for p in folder.rglob("*.tmp")]
