@@ -9,6 +9,7 @@ import argparse
 import io
 import json
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -25,7 +26,8 @@ import _fuzz
 from smsid._files import atomic_write
 from smsid.cli import main as smsid_main
 
-HANG = 60.0  # [s]
+HANG = 60.0  # [s] of processor time
+ASLEEP = 600.0  # [s] of time: what waits for ever is a hang, too
 EVERY = 50  # inputs between two savings
 
 
@@ -40,14 +42,15 @@ def run(seed: int, number: int, folder: Path) -> dict[str, Any]:
         _in_child(case, folder, writer)
     os.close(writer)
     signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
-    signal.setitimer(signal.ITIMER_REAL, HANG)
+    signal.setitimer(signal.ITIMER_REAL, ASLEEP)
     with os.fdopen(reader, "rb") as stream:
         told = stream.read()
     _, status = os.waitpid(child, 0)
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     seconds = time.monotonic() - begin
     if os.WIFSIGNALED(status):
-        wrong, code = ("hang" if seconds >= HANG else f"crash by signal {os.WTERMSIG(status)}"), -1
+        hung = seconds >= ASLEEP or os.WTERMSIG(status) == signal.SIGXCPU
+        wrong, code = ("hang" if hung else f"crash by signal {os.WTERMSIG(status)}"), -1
         return {"number": number, "kind": case.kind, "code": code, "wrong": wrong, "what": case.what}
     found = json.loads(told)
     return {"number": number, "kind": case.kind, **found, "what": case.what, "words": list(case.words)}
@@ -55,6 +58,8 @@ def run(seed: int, number: int, folder: Path) -> dict[str, Any]:
 
 def _in_child(case: _fuzz.Case, folder: Path, writer: int) -> None:
     out, err = io.StringIO(), io.StringIO()
+    used = sum(os.times()[:2])  # a forked child begins at its parent's
+    resource.setrlimit(resource.RLIMIT_CPU, (int(used + HANG), int(used + HANG) + 5))
     os.chdir(folder)
     sys.argv = ["smsid", *case.words]
     code = 0

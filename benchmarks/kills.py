@@ -31,6 +31,7 @@ from smsid.cli import main as smsid_main
 
 EXPERIMENT = {**_fuzz.EXPERIMENT, "duration": 4.0, "joints": [0.2]}
 EXPERIMENT["force"] = {"kind": "steps", "times": [0.0, 2.0], "values": [[5.0, 3.0, 1.0], [-5.0, 0.0, 2.0]]}
+POSE = {"name": "pose", "kind": "pose", "preset": "reference"}  # attitudes, for the controller
 # each by what it is called with; in this order, as later ones read what earlier ones wrote
 CALLS: dict[str, tuple[list[str], list[str]]] = {
     "simulate": (["simulate", "d.toml", "s.toml", "--save-experiment", "saved.toml"], ["r.nc", "saved.toml"]),
@@ -55,7 +56,7 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
         ["design", "d.toml", "--for", "mass", "--effort", "0.01", "--duration", "1"],
         ["designed.toml"],
     ),
-    "control": (["control", "d.toml", "e.json", "--samples", "20"], ["controller.json"]),
+    "control": (["control", "d.toml", "found.json", "--samples", "20"], ["controller.json"]),
 }
 
 
@@ -208,6 +209,8 @@ def prepared(base: Path) -> dict[str, float]:
     """Run every command once into ``base`` and return how long each took [s]."""
     _fuzz.write_base(base)
     (base / "s.toml").write_text(tomli_w.dumps(EXPERIMENT), encoding="utf-8")
+    craft = {**_fuzz.DESCRIPTION, "sensor": [*_fuzz.DESCRIPTION["sensor"], POSE]}
+    (base / "d.toml").write_text(tomli_w.dumps(craft), encoding="utf-8")
     lasts = {}
     for name in CALLS:
         finished(words(name), base)  # caches are filled
