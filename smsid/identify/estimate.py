@@ -22,6 +22,7 @@ from smsid.identify.parameter_estimate import (
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = [
     "IDENTIFIABLE_BELOW",
@@ -184,6 +185,16 @@ class Estimate:
         from smsid.identify.estimate_text import dataframe
 
         return dataframe(self)
+
+    def plot(self, truth: Estimate | None = None) -> Figure:
+        """Return a figure of the parameters with their intervals, beside true values where given.
+
+        Raises:
+            MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
+        """
+        from smsid.report.papers.estimate import estimate_figure
+
+        return estimate_figure(self, truth)
 
     def __repr__(self) -> str:
         from smsid.identify.estimate_text import text
