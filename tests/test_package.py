@@ -52,3 +52,16 @@ def test_public_things_have_docstrings_and_swallow_no_keywords(name: str) -> Non
             assert not swallows or label == "physical", f"{name}.{label} takes **kwargs"
         elif inspect.isclass(thing):
             assert thing.__doc__, f"{name}.{label} has no docstring"
+
+
+def test_the_citation_has_the_version_of_the_package():
+    text = (Path(smsid.__file__).parents[1] / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {smsid.__version__}\n" in text
+
+
+def test_the_version_is_an_option_too(capsys, monkeypatch):
+    from smsid.cli.app import main
+
+    monkeypatch.setattr("sys.argv", ["smsid", "--version"])
+    main()
+    assert capsys.readouterr().out.strip() == smsid.__version__

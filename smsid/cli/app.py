@@ -60,9 +60,20 @@ register(app, COMMANDS)
 INTERRUPTED = 130  # exit code
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from smsid import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
 @app.callback()
 def _common(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
+    ] = False,
 ) -> None:
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
     for handler in logging.getLogger().handlers:
