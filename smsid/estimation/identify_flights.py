@@ -19,7 +19,7 @@ from smsid.estimation.inertial_combinations import Reported, reported
 from smsid.estimation.input_timing import timings
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, objective_of
-from smsid.estimation.panels import modal_panels
+from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, judged
@@ -163,7 +163,8 @@ def _identify(
         history=_history(visited),
         covariance=spread,
     )
-    return FlightEstimate(estimate, spread, found.point.description, quality, disagree, found, tuple(flights))
+    description = plain_panels(found.point.description)
+    return FlightEstimate(estimate, spread, description, quality, disagree, found, tuple(flights))
 
 
 def _as_density(row: Reported, densities: Mapping[str, tuple[str, float]]) -> Reported:
@@ -282,7 +283,7 @@ def _judged(row: Reported, sigma: float, share: float, quality: FitQuality) -> P
         note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
         return replace(found, status="not_identifiable", note=note)
     if quality.judgement == "not explained" and found.status == "identifiable":
-        return replace(found, status="not_identifiable", note="the model does not explain the recordings")
+        return replace(found, status="not_identifiable", note=quality.reason)
     return found
 
 

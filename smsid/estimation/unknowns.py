@@ -36,9 +36,10 @@ class Unknowns:
 def unknowns_of(point: Point, *, cad: Cad | None = None, bodies: bool = True) -> Unknowns:
     """Return every parameter of bodies and listed effects, but for those marked as known.
 
-    Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`; wide when not given) around
-    the description, effects' that of the description, or ten times their value. Without ``bodies`` the rigid
-    bodies are taken as known. Raises `DescriptionError` for a prior of a parameter that there is not.
+    Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`: of bodies as the URDF has
+    them, wheels included, what effects add to them not; wide when not given) around the description,
+    effects' that of the description, or ten times their value. Without ``bodies`` the rigid bodies are taken
+    as known. Raises `DescriptionError` for a prior of a parameter that there is not.
     """
     found = list(_inertial(point, cad)) if bodies else []
     held: dict[str, str] = {}
@@ -80,12 +81,15 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
     stated = dict(cad) if isinstance(cad, Mapping) else {}
     found = []
     for j in own:
-        theta = dynamic_parameters(model.pin.inertias[j])
-        size = body_size(theta)
+        theta, own_theta = dynamic_parameters(model.pin.inertias[j]), urdf_body(model, j)
+        size = body_size(own_theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
             column, name = 10 * (j - 1) + i, f"{names[j - 1]}.{label}"
             value = float(theta[i] + point.inertial.get(column, 0.0))
-            nominal, sigma = stated.pop(name, (value, relative * size[i]))
+            nominal, sigma = value, relative * float(size[i])
+            if name in stated:
+                mean, sigma = stated.pop(name)
+                nominal = mean + float(theta[i] - own_theta[i])  # what effects add to the body stays with it
             found.append(
                 Unknown(name, "inertial", unit, nominal, sigma, min(float(size[i]), sigma), column=column)
             )
@@ -95,6 +99,16 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
             advice=f"Bodies: {', '.join(names[j - 1] for j in own)}.",
         )
     return found
+
+
+def urdf_body(model: SpacecraftModel, joint: int) -> np.ndarray:
+    """Return the inertial parameters (10,) of a joint's body as the URDF has it: wheels included, effects not.
+
+    Of a body without mass of its own, that of all it carries.
+    """
+    source = model.source.pin if model.source is not None else model.pin
+    own = source.inertias[joint] if joint < source.njoints else model.pin.inertias[joint]
+    return dynamic_parameters(own if own.mass > 0.0 else model.pin.inertias[joint])
 
 
 def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
