@@ -52,7 +52,8 @@ class Effect(Table):
     ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
     this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
     changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
-    for an effect that is no more than that.
+    for an effect that is no more than that. ``polar`` names fields of amplitudes and the field of the angle
+    [rad] that they share: a fit takes an amplitude and the angle as two components, of which both may be zero.
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
     of those that are not to be estimated (``["all"]``: none of it is).
@@ -68,6 +69,7 @@ class Effect(Table):
     aliases: ClassVar[tuple[str, ...]] = ()
     strength: ClassVar[tuple[str, ...]] = ()
     point_mass: ClassVar[tuple[str, str] | None] = None
+    polar: ClassVar[tuple[tuple[str, ...], str] | None] = None
     geometry: ClassVar[tuple[str, ...]] = ()
     not_estimated: ClassVar[Mapping[str, str]] = {}
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
@@ -126,6 +128,18 @@ class Effect(Table):
         """Return the parameters that identification estimates: all but those `held` names."""
         held = self.held()
         return tuple(p for p in self.parameters() if p.name not in held)
+
+    def polar_pair(self) -> tuple[str, str] | None:
+        """Return the names of an amplitude and its angle that are to be estimated as a pair, if there are.
+
+        Of several amplitudes the first that is not zero, or the first.
+        """
+        if self.polar is None:
+            return None
+        amplitudes, angle = self.polar
+        unknown = {p.name.removeprefix(f"{self.name}."): p.value for p in self.unknowns()}
+        free = sorted((a for a in amplitudes if a in unknown), key=lambda a: unknown[a] == 0.0)
+        return (f"{self.name}.{free[0]}", f"{self.name}.{angle}") if free and angle in unknown else None
 
     def held(self) -> dict[str, str]:
         """Return why parameters are not estimated, by name."""

@@ -105,7 +105,7 @@ def _identify(
             )
     modal, densities = modal_panels(description)
     described = Point.of(modal)
-    asked = unknowns_of(described, cad=cad, bodies=bodies)
+    asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)
     flights = [
         flight_of(described, r, label, options)
         for r, label in zip(recordings, labels_of(recordings), strict=True)

@@ -114,13 +114,15 @@ class Sensitivities:
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a central difference."""
-        effect = self.point.description.get_effect(unknown.name.partition(".")[0])
         value = self.point.value(unknown)
         step = DIFFERENCE * unknown.scale
         low = max(value - step, unknown.lower)
         high = min(value + step, unknown.upper)
-        less = effect.with_values({unknown.name: low})
-        more = effect.with_values({unknown.name: high})
+        owner = unknown.name.partition(".")[0]
+        less, more = (
+            self.point.moved([unknown], np.array([x - value])).description.get_effect(owner)
+            for x in (low, high)
+        )
         return self.effect(less, more, high - low)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:

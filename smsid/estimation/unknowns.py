@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.errors import DescriptionError
-from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.parameter_vector import Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -33,19 +33,24 @@ class Unknowns:
     held: Mapping[str, str]
 
 
-def unknowns_of(point: Point, *, cad: Cad | None = None, bodies: bool = True) -> Unknowns:
+def unknowns_of(
+    point: Point, *, cad: Cad | None = None, bodies: bool = True, components: bool = False
+) -> Unknowns:
     """Return every parameter of bodies and listed effects, but for those marked as known.
 
     Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`: of bodies as the URDF has
     them, wheels included, what effects add to them not; wide when not given) around the description,
     effects' that of the description, or ten times their value. Without ``bodies`` the rigid bodies are taken
-    as known. Raises `DescriptionError` for a prior of a parameter that there is not.
+    as known. With ``components``, an amplitude and its angle are two components (`Unknown.polar`). Raises
+    `DescriptionError` for a prior of a parameter that there is not.
     """
     found = list(_inertial(point, cad)) if bodies else []
     held: dict[str, str] = {}
     for effect in point.description.effect:
         held |= effect.held()
-        found += [effect_unknown(p) for p in effect.unknowns()]
+        own = [effect_unknown(p) for p in effect.unknowns()]
+        pair = effect.polar_pair() if components else None
+        found += own if pair is None else _components(own, *pair, effect.prior)
     return Unknowns(tuple(found), held)
 
 
@@ -120,6 +125,34 @@ def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     }
     own = [j for j in range(1, model.pin.njoints) if j not in special]
     return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
+
+
+def _components(
+    own: list[Unknown], amplitude: str, angle: str, prior: Mapping[str, float]
+) -> list[Unknown]:
+    """Return an effect's unknowns with amplitude and angle as components along the described angle, and across.
+
+    What is known of the angle is known of the part across, at the described amplitude.
+    """
+    by_name = {u.name: u for u in own}
+    size, turn = by_name[amplitude], by_name[angle]
+    polar = Polar(amplitude, angle, turn.nominal)
+    known = size.nominal * turn.sigma if angle.partition(".")[2] in prior else 0.0
+    across = known if known > 0.0 else size.sigma
+    parts = {
+        amplitude: replace(size, lower=-np.inf, upper=np.inf, polar=polar),
+        angle: replace(
+            size,
+            name=angle,
+            nominal=0.0,
+            sigma=across,
+            scale=min(size.scale, across),
+            lower=-np.inf,
+            upper=np.inf,
+            polar=polar,
+        ),
+    }
+    return [parts.get(u.name, u) for u in own]
 
 
 def effect_unknown(p: Parameter) -> Unknown:
