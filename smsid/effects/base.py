@@ -53,7 +53,7 @@ class Effect(Table):
     this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
     changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
     for an effect that is no more than that. ``polar`` names fields of amplitudes and the field of the angle
-    [rad] that they share: a fit takes an amplitude and the angle as two components, of which both may be zero.
+    [rad] that they share: a fit takes an amplitude and the angle as two components, either of any sign.
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
     of those that are not to be estimated (``["all"]``: none of it is).

@@ -61,7 +61,7 @@ class FitQuality:
 
     @property
     def widening(self) -> float:
-        """Factor on standard deviations: spread of the slope, misfit of channels or of priors, the largest."""
+        """Factor on standard deviations: spread of the slope, misfit of channels or priors, the largest."""
         worst = max((c.ratio for c in self.channels if c.judgement == "not explained"), default=1.0)
         return max(1.0, self.dispersion, worst, 1.0 if self.conflict is None else self.conflict.size)
 

@@ -68,7 +68,7 @@ def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
     assert u.polar is not None
     places = {v.name: k for k, v in enumerate(found.unknowns) if v.polar == u.polar}
     parts = {n: found.point.value(found.unknowns[k]) for n, k in places.items()}
-    size = max(float(np.hypot(*parts.values())), SMALLEST * u.sigma)
+    size = max(float(np.linalg.norm(list(parts.values()))), SMALLEST * u.sigma)
     along, across = parts[u.polar.amplitude] / size, parts[u.polar.angle] / size
     amplitude = u.name == u.polar.amplitude
     row = np.zeros(len(found.unknowns))

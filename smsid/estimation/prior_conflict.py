@@ -62,5 +62,6 @@ def conflict_of(off: np.ndarray, information: np.ndarray, names: Sequence[str]) 
     p_value = float(chi2.sf(statistic, freedom))
     if p_value >= LEVEL:
         return None
-    worst = [(names[i], float(off[i])) for i in np.argsort(-np.abs(off))[:NAMED] if abs(off[i]) > APART]
+    ranked = sorted(zip(names, off.tolist(), strict=True), key=lambda x: -abs(x[1]))
+    worst = [(name, z) for name, z in ranked[:NAMED] if abs(z) > APART]
     return PriorConflict(p_value, float(np.sqrt(statistic / freedom)), tuple(worst))

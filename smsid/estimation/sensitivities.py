@@ -109,7 +109,9 @@ class Sensitivities:
         for block in self.problem.data.blocks:
             if block.channel == channel:
                 turn = mounting(block.sensor, block.quantity, 3)
-                reading[:, block.rows] = np.resize(turn[:, unknown.column], block.rows.stop - block.rows.start)
+                reading[:, block.rows] = np.resize(
+                    turn[:, unknown.column], block.rows.stop - block.rows.start
+                )
         return Sensitivity(reading=reading)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:

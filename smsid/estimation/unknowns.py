@@ -107,7 +107,7 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
 
 
 def urdf_body(model: SpacecraftModel, joint: int) -> np.ndarray:
-    """Return the inertial parameters (10,) of a joint's body as the URDF has it: wheels included, effects not.
+    """Return the inertial parameters (10,) of a joint's body as the URDF has it, wheels but no effects.
 
     Of a body without mass of its own, that of all it carries.
     """
@@ -127,10 +127,8 @@ def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
 
 
-def _components(
-    own: list[Unknown], amplitude: str, angle: str, prior: Mapping[str, float]
-) -> list[Unknown]:
-    """Return an effect's unknowns with amplitude and angle as components along the described angle, and across.
+def _components(own: list[Unknown], amplitude: str, angle: str, prior: Mapping[str, float]) -> list[Unknown]:
+    """Return an effect's unknowns, amplitude and angle as components along the described angle and across.
 
     What is known of the angle is known of the part across, at the described amplitude.
     """

@@ -34,7 +34,9 @@ def turned(known, problem):
 def test_a_reading_is_that_of_the_sensor(turned, recording, quantity):
     """Gain and bias of a channel give what the sensor's own error model gives."""
     point, _ = turned
-    sensor = next(s for s in point.description.sensor if quantity in s.quantities and s.kind in ("pose", "imu"))
+    sensor = next(
+        s for s in point.description.sensor if quantity in s.quantities and s.kind in ("pose", "imu")
+    )
     error = type(sensor.error(quantity)).model_validate(ERRORS[quantity])
     sensor = sensor.model_copy(update={"errors": {quantity: error}, "quantities": (quantity,)})
     block = measured(point.base, recording, [sensor]).blocks[0]
