@@ -235,11 +235,13 @@ def _combination(
     factors = np.where(small, 0.0, factors)
     factors = np.where(np.abs(np.abs(factors) - 1.0) < ROUND, np.sign(factors), factors)
     factors[kept] = 1.0
-    factors = np.array([_rounded(f, NEGLIGIBLE * sigma / w) for f, w in zip(factors, width, strict=True)])
+    factors = np.array(
+        [rounded_factor(f, NEGLIGIBLE * sigma / w) for f, w in zip(factors, width, strict=True)]
+    )
     return factors, gradient_of(factors)
 
 
-def _rounded(factor: float, within: float) -> float:
+def rounded_factor(factor: float, within: float) -> float:
     """Return a factor rounded to four digits, or as many more as keep the error ``within`` a limit."""
     rounded = (float(f"{factor:.{n}g}") for n in range(DIGITS, MOST_DIGITS))
     return next((x for x in rounded if abs(x - factor) <= within), factor)
