@@ -60,8 +60,9 @@ class Effect(Table):
 
     Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
-    why. ``changes`` says in words what it means when a field's value is larger, and when it is smaller, than
-    before.
+    why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
+    these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
+    value is larger, and when it is smaller, than before.
     """
 
     summary: ClassVar[str] = ""
@@ -72,6 +73,7 @@ class Effect(Table):
     polar: ClassVar[tuple[tuple[str, ...], str] | None] = None
     geometry: ClassVar[tuple[str, ...]] = ()
     not_estimated: ClassVar[Mapping[str, str]] = {}
+    shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.effects.base import Effect
 from smsid.errors import DescriptionError
 from smsid.estimation.parameter_vector import Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
@@ -48,7 +49,9 @@ def unknowns_of(
     held: dict[str, str] = {}
     for effect in point.description.effect:
         held |= effect.held()
-        own = [effect_unknown(p) for p in effect.unknowns()]
+        part = _part_of_a_body(effect, point.base) if bodies else {}
+        held |= part
+        own = [effect_unknown(p) for p in effect.unknowns() if p.name not in part]
         pair = effect.polar_pair() if components else None
         found += own if pair is None else _components(own, *pair, effect.prior)
     return Unknowns(tuple(found), held)
@@ -125,6 +128,24 @@ def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     }
     own = [j for j in range(1, model.pin.njoints) if j not in special]
     return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
+
+
+def _part_of_a_body(effect: Effect, model: SpacecraftModel) -> dict[str, str]:
+    """Return the parameters that only say again what a body's own do, and why they are not estimated."""
+    if effect.shifted_body is None:
+        return {}
+    name = getattr(effect, effect.shifted_body)
+    if name is None:
+        joint = 1
+    elif model.pin.existJointName(name):
+        joint = model.pin.getJointId(name)
+    else:
+        joint = model.pin.frames[model.pin.getFrameId(name)].parentJoint
+    if joint not in moving_bodies(model):
+        return {}
+    body = body_names(model.pin)[joint - 1]
+    why = f"part of '{body}', whose inertia is estimated; give it a prior to tell them apart"
+    return {p.name: why for p in effect.unknowns() if p.sigma is None}
 
 
 def _components(own: list[Unknown], amplitude: str, angle: str, prior: Mapping[str, float]) -> list[Unknown]:
