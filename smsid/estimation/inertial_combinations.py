@@ -94,20 +94,20 @@ def _central(row: Reported, body: str, found: NormalEquations, described: Point)
         m, h = theta[0], theta[1:4]
         return float(((h @ h) * (i == j) - h[i] * h[j]) / m)
 
-    whole = _whole(found.point.model())[:10]
+    whole = whole_bodies(found.point.model())[:10]
     gradient = row.gradient.copy()
     for k, u in enumerate(found.unknowns):
         if u.kind == "inertial" and u.column < 4:
             step = np.zeros(10)
             step[u.column] = STEP * u.scale
             gradient[k] -= (shift(whole + step) - shift(whole - step)) / (2.0 * STEP)
-    nominal = row.nominal - shift(_whole(described.model())[:10])
+    nominal = row.nominal - shift(whole_bodies(described.model())[:10])
     return Reported(
         f"{body}.Ic{symbol}", row.unit, row.value - shift(whole), gradient, nominal, row.reference
     )
 
 
-def _whole(model: SpacecraftModel) -> np.ndarray:
+def whole_bodies(model: SpacecraftModel) -> np.ndarray:
     """Return the inertial parameters (10 bodies,), the bus with its wheels and undeformed appendages."""
     regressor = Regressor(model)
     return regressor.parameters + carried_by_bus(model, regressor) if model.free else regressor.parameters
@@ -133,7 +133,7 @@ def _by_effects(found: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
         models = [end.model() for end in ends]
         if models[0].nv != models[1].nv:
             continue
-        whole[:, i] = (_whole(models[0]) - _whole(models[1])) / apart * u.scale
+        whole[:, i] = (whole_bodies(models[0]) - whole_bodies(models[1])) / apart * u.scale
         mass[i] = (models[0].mass - models[1].mass) / apart * u.scale
     return whole, mass
 
@@ -169,7 +169,7 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]
     matrix, kept = combinations(inside * np.outer(width / scale, width / scale))
     matrix = matrix * width[kept][:, None] / width[None, :]  # from units of the prior to physical ones
     covariance = np.linalg.inv(found.gram)
-    values, nominal = _whole(found.point.model())[columns], _whole(described.model())[columns]
+    values, nominal = whole_bodies(found.point.model())[columns], whole_bodies(described.model())[columns]
     rows = []
     for factors, k in zip(matrix, kept, strict=True):
         rows.append(_combination(factors, int(k), unknowns, own, moved[columns], covariance, width))

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
 from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation.trust_region import ROUNDED
 
 NORMAL95 = 1.959964
 AT = 1e-6  # standard deviations from its bound within which a parameter sits at it
@@ -72,11 +73,12 @@ def _lowest(gram: np.ndarray, slope: np.ndarray, room: np.ndarray) -> float:
         own = gram[np.ix_(free, free)]
         aim = slope[free] - gram[np.ix_(free, fixed)] @ step[fixed]
         size = np.sqrt(np.diag(own))
-        root = np.linalg.cholesky(own / np.outer(size, size))
-        target = np.linalg.solve(root, aim / size)
-        best = np.linalg.solve(root.T, target)
+        share, basis = np.linalg.eigh(own / np.outer(size, size))
+        share = np.sqrt(np.maximum(share, 0.0) + ROUNDED)
+        target = basis.T @ (aim / size) / share
+        best = basis @ (target / share)
         low, high = (room[free, k] * size for k in (0, 1))
         if (best < low).any() or (best > high).any():
-            best = lsq_linear(root.T, target, (low, high), method="bvls").x
+            best = lsq_linear(share[:, None] * basis.T, target, (low, high), method="bvls").x
         step[free] = best / size
     return float(0.5 * step @ gram @ step - slope @ step)
