@@ -86,7 +86,7 @@ def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
 
 
 def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
-    """Whether commands of a recording jump between samples, and none varies smoothly."""
+    """Whether commands (N, k) of a recording jump between samples, and none varies smoothly."""
     return _looks(recording) == (True, False)
 
 
