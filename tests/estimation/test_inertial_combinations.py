@@ -51,4 +51,4 @@ def test_factors_have_the_digits_that_their_effect_asks_for():
     assert rounded_factor(0.123456789, 1.0) == 0.1235
     assert abs(rounded_factor(0.123456789, 1e-6) - 0.123456789) <= 1e-6
     factors = np.array([rounded_factor(-0.123456789, 1e-7), 1.0])
-    assert combination_name(factors, 1, ["a.m", "b.m"]) == f"b.m - {-factors[0]!r} a.m"
+    assert combination_name(factors, 1, ["a.m", "b.m"]) == f"b.m - {-float(factors[0])!r} a.m"
