@@ -237,13 +237,15 @@ def row_of(name: str, seed: int) -> dict:
         row["seconds"] = round(time.process_time() - began, 1)
         row["judgement"], row["widening"] = found.quality.judgement, round(found.quality.widening, 3)
         row["iterations"] = found.estimate.conditions["iterations"]
-        row["off"], row["unseen"], row["other"] = {}, [], []
+        row["off"], row["unseen"], row["other"], row["at_bound"] = {}, [], [], {}
         for p in found.estimate.parameters:
             truth = true_value(p.name, kind)
             if ": " in p.name:
                 continue
             if truth is None:
                 row["other"].append(p.name)
+            elif p.note.startswith("at its bound"):
+                row["at_bound"][p.name] = p.interval[0] <= truth <= p.interval[1]
             elif p.note:
                 row["unseen"].append(p.name)
             else:

@@ -52,15 +52,17 @@ class Effect(Table):
     ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
     this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
     changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
-    for an effect that is no more than that.
+    for an effect that is no more than that. ``polar`` names fields of amplitudes and the field of the angle
+    [rad] that they share: a fit takes an amplitude and the angle as two components, either of any sign.
 
     ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
     of those that are not to be estimated (``["all"]``: none of it is).
 
     Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
-    why. ``changes`` says in words what it means when a field's value is larger, and when it is smaller, than
-    before.
+    why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
+    these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
+    value is larger, and when it is smaller, than before.
     """
 
     summary: ClassVar[str] = ""
@@ -68,8 +70,10 @@ class Effect(Table):
     aliases: ClassVar[tuple[str, ...]] = ()
     strength: ClassVar[tuple[str, ...]] = ()
     point_mass: ClassVar[tuple[str, str] | None] = None
+    polar: ClassVar[tuple[tuple[str, ...], str] | None] = None
     geometry: ClassVar[tuple[str, ...]] = ()
     not_estimated: ClassVar[Mapping[str, str]] = {}
+    shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
@@ -126,6 +130,18 @@ class Effect(Table):
         """Return the parameters that identification estimates: all but those `held` names."""
         held = self.held()
         return tuple(p for p in self.parameters() if p.name not in held)
+
+    def polar_pair(self) -> tuple[str, str] | None:
+        """Return the names of an amplitude and its angle that are to be estimated as a pair, if there are.
+
+        Of several amplitudes the first that is not zero, or the first.
+        """
+        if self.polar is None:
+            return None
+        amplitudes, angle = self.polar
+        unknown = {p.name.removeprefix(f"{self.name}."): p.value for p in self.unknowns()}
+        free = sorted((a for a in amplitudes if a in unknown), key=lambda a: unknown[a] == 0.0)
+        return (f"{self.name}.{free[0]}", f"{self.name}.{angle}") if free and angle in unknown else None
 
     def held(self) -> dict[str, str]:
         """Return why parameters are not estimated, by name."""

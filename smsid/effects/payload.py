@@ -51,6 +51,7 @@ class BodyError(Effect):
     family: ClassVar[str] = "inertia"
     aliases: ClassVar[tuple[str, ...]] = ("payload",)
     strength: ClassVar[tuple[str, ...]] = ("mass", "first_moment", "inertia", "density")
+    shifted_body: ClassVar[str | None] = "body"
     kind: Literal["body_error"] = "body_error"
     body: str | None = Field(
         default=None, description="link, joint or frame of the body; the bus when not given"

@@ -29,6 +29,7 @@ class WheelImbalance(Effect):
     family: ClassVar[str] = "actuator"
     aliases: ClassVar[tuple[str, ...]] = ()
     strength: ClassVar[tuple[str, ...]] = ("static", "dynamic")
+    polar: ClassVar[tuple[tuple[str, ...], str] | None] = (("static", "dynamic"), "phase")
     kind: Literal["wheel_imbalance"] = "wheel_imbalance"
     wheel: str = Field(description="wheel, or the joint that is the wheel")
     static: float = physical("kg m", default=0.0, lower=0.0, description="mass times distance from the axis")

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.estimation.normal_equations import InnovationSums, NormalEquations
+from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
 WRONG = 3.0  # times beyond which the model does not explain a channel
@@ -42,24 +43,34 @@ class FitQuality:
     """The verdict on a fit: channel by channel, and by how much standard deviations had to be widened.
 
     ``dispersion`` is the spread of the slope of the likelihood over parts of the recordings, in standard
-    deviations of what it is if the model is right.
+    deviations of what it is if the model is right. ``conflict``: with what was known beforehand, if any.
     """
 
     channels: tuple[ChannelFit, ...]
     dispersion: float
+    conflict: PriorConflict | None = None
 
     @property
     def judgement(self) -> Judgement:
-        """The verdict on the whole: that of the worst channel, and no better than the slope's spread."""
+        """The verdict on the whole: of channels, spread of the slope and agreement with priors, the worst."""
         worst = max((BEST_FIRST.index(c.judgement) for c in self.channels), default=0)
         worst = max(worst, 1 if self.dispersion > DISPERSED else 0)
+        if self.conflict is not None:
+            worst = max(worst, 2 if self.conflict.size > WRONG else 1)
         return BEST_FIRST[worst]
 
     @property
     def widening(self) -> float:
-        """Factor on standard deviations: the spread seen, or the worst channel's misfit if that is larger."""
+        """Factor on standard deviations: spread of the slope, misfit of channels or priors, the largest."""
         worst = max((c.ratio for c in self.channels if c.judgement == "not explained"), default=1.0)
-        return max(1.0, self.dispersion, worst)
+        return max(1.0, self.dispersion, worst, 1.0 if self.conflict is None else self.conflict.size)
+
+    @property
+    def reason(self) -> str:
+        """Why nothing is identifiable where the judgement is ``not explained``."""
+        if any(c.judgement == "not explained" for c in self.channels):
+            return "the model does not explain the recordings"
+        return "the recordings contradict what was known beforehand"
 
     @property
     def sentence(self) -> str:
@@ -68,6 +79,8 @@ class FitQuality:
             "parts of the recordings disagree by more than noise, "
             f"as if it were {self.dispersion:.3g} times as large"
         )
+        if self.conflict is not None and all(c.judgement != "not explained" for c in self.channels):
+            return self.conflict.sentence
         if self.judgement == "roughly" and all(c.judgement == "explained" for c in self.channels):
             return f"The model explains the recordings roughly: {spread}."
         bad = sorted((c for c in self.channels if c.judgement != "explained"), key=lambda c: -c.ratio)
@@ -87,7 +100,7 @@ class FitQuality:
 def fit_quality(found: NormalEquations) -> FitQuality:
     """Return how well the recordings are explained at a point."""
     channels = [c for t in found.terms for c in _channels(t.label, t.innovations)]
-    return FitQuality(tuple(channels), _dispersion(found))
+    return FitQuality(tuple(channels), _dispersion(found), prior_conflict(found))
 
 
 def _channels(label: str, sums: InnovationSums) -> list[ChannelFit]:

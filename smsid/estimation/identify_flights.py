@@ -17,10 +17,12 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import Reported, reported
 from smsid.estimation.input_timing import timings
+from smsid.estimation.kalman import Timing
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, objective_of
-from smsid.estimation.panels import modal_panels
+from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, judged
 from smsid.likelihood.prior import Cad
@@ -105,7 +107,7 @@ def _identify(
             )
     modal, densities = modal_panels(description)
     described = Point.of(modal)
-    asked = unknowns_of(described, cad=cad, bodies=bodies)
+    asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)
     flights = [
         flight_of(described, r, label, options)
         for r, label in zip(recordings, labels_of(recordings), strict=True)
@@ -130,8 +132,9 @@ def _identify(
     gradient = np.array([r.gradient for r in rows])
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
+    limits = bound_intervals(found, quality.widening)
     parameters = [
-        _judged(r, float(s), float(share), quality)
+        _within_bounds(_judged(r, float(s), float(share), quality), unknowns, limits)
         for r, s, share in zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
     ]
     notes = [quality.sentence, *(c.sentence for c in disagree)]
@@ -163,7 +166,8 @@ def _identify(
         history=_history(visited),
         covariance=spread,
     )
-    return FlightEstimate(estimate, spread, found.point.description, quality, disagree, found, tuple(flights))
+    description = plain_panels(found.point.description)
+    return FlightEstimate(estimate, spread, description, quality, disagree, found, tuple(flights))
 
 
 def _as_density(row: Reported, densities: Mapping[str, tuple[str, float]]) -> Reported:
@@ -201,6 +205,10 @@ def _search(
             tell(f"search with a model that may err by {100 * share:.0f} % of what drives the motion")
         loose = [_loosened(f, share) for f in flights]
         point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
+        flights = [
+            _with_timing(f, _as_commands_act(point, unknowns, x).problem.timing)
+            for f, x in zip(flights, loose, strict=True)
+        ]
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
@@ -243,19 +251,26 @@ def _loosened(flight: Flight, share: float) -> Flight:
 def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight) -> Flight:
     """Return the flight with commands held, linear or both between samples, as is most likely at a point."""
     choices = timings(flight.problem.recording)
+    if len(choices) == 1:
+        return flight
     likely: dict[int, float] = {}
     for k, timing in enumerate(choices):
-        other = replace(flight, problem=replace(flight.problem, timing=timing))
         try:
-            likely[k] = -objective_of(point, unknowns, [other])
+            likely[k] = -objective_of(point, unknowns, [_with_timing(flight, timing)])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     now = choices.index(flight.problem.timing)
+    if not likely:
+        return flight
     best = max(likely, key=lambda k: likely[k])
     if likely[best] - likely.get(now, -np.inf) < CLEARLY:
         return flight
     timing = choices[best]
     LOGGER.info("commands of '%s' taken as %s, %s", flight.label, timing.hold, timing.side)
+    return _with_timing(flight, timing)
+
+
+def _with_timing(flight: Flight, timing: Timing) -> Flight:
     return replace(flight, problem=replace(flight.problem, timing=timing))
 
 
@@ -282,8 +297,27 @@ def _judged(row: Reported, sigma: float, share: float, quality: FitQuality) -> P
         note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
         return replace(found, status="not_identifiable", note=note)
     if quality.judgement == "not explained" and found.status == "identifiable":
-        return replace(found, status="not_identifiable", note="the model does not explain the recordings")
+        return replace(found, status="not_identifiable", note=quality.reason)
     return found
+
+
+def _within_bounds(
+    p: ParameterEstimate, unknowns: Sequence[Unknown], limits: Mapping[str, tuple[float, float]]
+) -> ParameterEstimate:
+    """Return a parameter with an interval that its bounds allow; at one of them, that of its profile."""
+    if p.name in limits:
+        low, high = limits[p.name]
+        other = f"at most {high:.4g}" if p.value == low else f"at least {low:.4g}"
+        note = f"at its bound: {other} {p.unit} (95 %)"
+        return replace(p, profile=(low, high), note=f"{note}; {p.note}" if p.note else note)
+    own = next((u for u in unknowns if u.name == p.name), None)
+    if own is None or p.profile is not None:
+        return p
+    lower, upper = (0.0, np.inf) if own.polar and own.polar.amplitude == p.name else (own.lower, own.upper)
+    low, high = p.interval
+    if low >= lower and high <= upper:
+        return p
+    return replace(p, profile=(max(low, lower), min(high, upper)))
 
 
 def _history(visited: Sequence[NormalEquations]) -> tuple[Iteration, ...]:

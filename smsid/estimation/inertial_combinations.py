@@ -24,7 +24,9 @@ from smsid.model.spacecraft import SpacecraftModel
 
 STEP = 1e-4  # of a parameter's scale, for derivatives of inertias
 NEGLIGIBLE = 0.05  # share of a combination's standard deviation that a term may bring and is left out below
+SMALLEST = 1e-6  # of its prior's standard deviation, an amplitude below which an angle is none
 ROUND = 1e-6  # a factor this near to 1 is 1
+DIGITS, MOST_DIGITS = 4, 12  # of a factor in a name: as few as its effect on the value allows
 TIPS = 0.1  # preference for lumping what is nearer to the tips
 
 
@@ -45,7 +47,9 @@ def reported(found: NormalEquations, described: Point) -> list[Reported]:
     unknowns = found.unknowns
     out = [_total_mass(found, described)] if any(u.kind == "inertial" for u in unknowns) else []
     for i, u in enumerate(unknowns):
-        if u.kind == "effect":
+        if u.kind == "effect" and u.polar is not None:
+            out.append(_polar(found, i, described))
+        elif u.kind == "effect":
             row = np.zeros(len(unknowns))
             row[i] = u.scale
             size = abs(u.nominal) or u.sigma
@@ -56,6 +60,26 @@ def reported(found: NormalEquations, described: Point) -> list[Reported]:
     if described.base.free and not any(r.name.startswith(f"{body}.m") for r in out):
         out = [_central(r, body, found, described) for r in out]
     return out
+
+
+def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
+    """Return the amplitude or the angle that an unknown is a component of."""
+    u = found.unknowns[i]
+    assert u.polar is not None
+    places = {v.name: k for k, v in enumerate(found.unknowns) if v.polar == u.polar}
+    parts = {n: found.point.value(found.unknowns[k]) for n, k in places.items()}
+    size = max(float(np.linalg.norm(list(parts.values()))), SMALLEST * u.sigma)
+    along, across = parts[u.polar.amplitude] / size, parts[u.polar.angle] / size
+    amplitude = u.name == u.polar.amplitude
+    row = np.zeros(len(found.unknowns))
+    row[places[u.polar.amplitude]] = along if amplitude else -across / size
+    row[places[u.polar.angle]] = across if amplitude else along / size
+    values, before = (
+        {p.name: p for e in x.description.effect for p in e.parameters()} for x in (found.point, described)
+    )
+    own = values[u.name]
+    reference = float(np.pi) if not amplitude else None
+    return Reported(u.name, own.unit, own.value, row * found.scales, before[u.name].value, reference)
 
 
 def _central(row: Reported, body: str, found: NormalEquations, described: Point) -> Reported:
@@ -70,20 +94,20 @@ def _central(row: Reported, body: str, found: NormalEquations, described: Point)
         m, h = theta[0], theta[1:4]
         return float(((h @ h) * (i == j) - h[i] * h[j]) / m)
 
-    whole = _whole(found.point.model())[:10]
+    whole = whole_bodies(found.point.model())[:10]
     gradient = row.gradient.copy()
     for k, u in enumerate(found.unknowns):
         if u.kind == "inertial" and u.column < 4:
             step = np.zeros(10)
             step[u.column] = STEP * u.scale
             gradient[k] -= (shift(whole + step) - shift(whole - step)) / (2.0 * STEP)
-    nominal = row.nominal - shift(_whole(described.model())[:10])
+    nominal = row.nominal - shift(whole_bodies(described.model())[:10])
     return Reported(
         f"{body}.Ic{symbol}", row.unit, row.value - shift(whole), gradient, nominal, row.reference
     )
 
 
-def _whole(model: SpacecraftModel) -> np.ndarray:
+def whole_bodies(model: SpacecraftModel) -> np.ndarray:
     """Return the inertial parameters (10 bodies,), the bus with its wheels and undeformed appendages."""
     regressor = Regressor(model)
     return regressor.parameters + carried_by_bus(model, regressor) if model.free else regressor.parameters
@@ -109,7 +133,7 @@ def _by_effects(found: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
         models = [end.model() for end in ends]
         if models[0].nv != models[1].nv:
             continue
-        whole[:, i] = (_whole(models[0]) - _whole(models[1])) / apart * u.scale
+        whole[:, i] = (whole_bodies(models[0]) - whole_bodies(models[1])) / apart * u.scale
         mass[i] = (models[0].mass - models[1].mass) / apart * u.scale
     return whole, mass
 
@@ -145,7 +169,7 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]
     matrix, kept = combinations(inside * np.outer(width / scale, width / scale))
     matrix = matrix * width[kept][:, None] / width[None, :]  # from units of the prior to physical ones
     covariance = np.linalg.inv(found.gram)
-    values, nominal = _whole(found.point.model())[columns], _whole(described.model())[columns]
+    values, nominal = whole_bodies(found.point.model())[columns], whole_bodies(described.model())[columns]
     rows = []
     for factors, k in zip(matrix, kept, strict=True):
         rows.append(_combination(factors, int(k), unknowns, own, moved[columns], covariance, width))
@@ -194,7 +218,10 @@ def _combination(
     covariance: np.ndarray,
     width: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a combination's factors (n,) without what does not matter, and its gradient (m,)."""
+    """Return a combination's factors (n,) without what does not matter, and its gradient (m,).
+
+    Factors are rounded to the digits that its name shows: whoever adds up what the name says gets the value.
+    """
 
     def gradient_of(x: np.ndarray) -> np.ndarray:
         row = x @ moved
@@ -208,7 +235,16 @@ def _combination(
     factors = np.where(small, 0.0, factors)
     factors = np.where(np.abs(np.abs(factors) - 1.0) < ROUND, np.sign(factors), factors)
     factors[kept] = 1.0
+    factors = np.array(
+        [rounded_factor(f, NEGLIGIBLE * sigma / w) for f, w in zip(factors, width, strict=True)]
+    )
     return factors, gradient_of(factors)
+
+
+def rounded_factor(factor: float, within: float) -> float:
+    """Return a factor rounded to four digits, or as many more as keep the error ``within`` a limit."""
+    rounded = (float(f"{factor:.{n}g}") for n in range(DIGITS, MOST_DIGITS))
+    return next((x for x in rounded if abs(x - factor) <= within), factor)
 
 
 def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> str:
@@ -217,7 +253,7 @@ def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> s
     for i in np.flatnonzero(factors).tolist():
         if i != first:
             size = abs(float(factors[i]))
-            term = names[i] if size == 1.0 else f"{size:.4g} {names[i]}"
+            term = names[i] if size == 1.0 else f"{size:.{MOST_DIGITS}g} {names[i]}"
             text += f" {'+' if factors[i] > 0.0 else '-'} {term}"
     return text
 

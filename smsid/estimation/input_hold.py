@@ -81,7 +81,17 @@ def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, st
 
 
 def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
-    """Whether some commands (N, k) of a recording jump between samples while some vary smoothly.
+    """Whether some commands (N, k) of a recording jump between samples while some vary smoothly."""
+    return all(_looks(recording))
+
+
+def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+    """Whether commands (N, k) of a recording jump between samples, and none varies smoothly."""
+    return _looks(recording) == (True, False)
+
+
+def _looks(recording: Mapping[str, np.ndarray] | Recording) -> tuple[bool, bool]:
+    """Return whether some commands (N, k) jump between samples, and whether some vary smoothly.
 
     Noise, pulses and what is rounded are held, as far as anyone can see.
     """
@@ -93,7 +103,7 @@ def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
             jumps = jumping(values)
             steps |= bool(jumps.any())
             smooth |= any(_smooth(x, j) for x, j in zip(values.T, jumps.T, strict=True))
-    return steps and smooth
+    return steps, smooth
 
 
 def jumping(values: np.ndarray) -> np.ndarray:
@@ -122,12 +132,16 @@ def _smooth(values: np.ndarray, jumps: np.ndarray) -> bool:
 
 
 def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return samples (N,), (N, k) with one more just before every jump: what is held until then."""
+    """Return samples (N,), (N, k) with one more just before every jump: what is held until then.
+
+    The last value goes on for another interval: a jump there is one, too, and no slope to be extrapolated.
+    """
     jumps = jumping(values)
     at = np.flatnonzero(jumps.any(axis=1))
     ramp = max(RAMP * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
     before = np.where(jumps[at], values[at], values[at + 1])
-    return np.insert(times, at + 1, times[at + 1] - ramp), np.insert(values, at + 1, before, axis=0)
+    later, after = np.append(times, 2.0 * times[-1] - times[-2]), np.vstack([values, values[-1:]])
+    return np.insert(later, at + 1, times[at + 1] - ramp), np.insert(after, at + 1, before, axis=0)
 
 
 def jumps_in(recording: Recording) -> bool:

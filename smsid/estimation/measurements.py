@@ -238,9 +238,11 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     gain, bias = np.eye(width), np.zeros(width)
     if quantity == "attitude":
         whole, part = _begins(np.broadcast_to(np.asarray(errors.bias, dtype=float), 3), errors.bias_from)
-        bias = whole + np.asarray(errors.misalignment, dtype=float)
+        turn = mounting(sensor, quantity, 3)
+        bias = turn @ (whole + np.asarray(errors.misalignment, dtype=float))
+        part = tuple((start, turn @ x) for start, x in part)
         return Block(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any(), part)
-    turn = sensor.rotation if any(sensor.orientation) and width == 3 else np.eye(width)
+    turn = mounting(sensor, quantity, width)
     if still.misaligned:
         turn_by = pin.exp3(np.asarray(still.misalignment, dtype=float))
         gain = turn_by.T
@@ -256,6 +258,15 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     later = tuple((start, turn @ x) for start, x in later)
     plain = not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
     return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later)
+
+
+def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
+    """Return the matrix (width, width) that takes errors of a reading from the sensor's axes to the bus's.
+
+    Places and velocities are read in inertial axes, whichever way the sensor is turned.
+    """
+    turned = any(sensor.orientation) and quantity in ("acceleration", "angular_rate", "attitude")
+    return sensor.rotation if turned else np.eye(width)
 
 
 def _begins(bias: np.ndarray, start: float | None) -> tuple[np.ndarray, tuple[tuple[float, np.ndarray], ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage, ModalAppendage
@@ -11,6 +12,29 @@ from smsid.identify.appendages import BEAMS_ONLY, described_modes
 from smsid.identify.identified import identified_modes
 
 WIDE = 10.0  # standard deviation of a density without a prior, relative to the described one
+
+
+class BeamModes(ModalAppendage):
+    """A beam's modes whose participation factor is its density: the whole panel is heavier with it."""
+
+    def rigid_inertia(self) -> pin.Inertia:
+        """Return the rigid inertia (about its CM, lever from the root) at the density there is."""
+        return scaled_inertia(super().rigid_inertia(), self.participation_factor)
+
+    def plain(self) -> ModalAppendage:
+        """Return modal data that say the same without a factor."""
+        return identified_modes(self, 1.0, ()).model_copy(update={"prior": {}, "known": self.known})
+
+
+def scaled_inertia(inertia: pin.Inertia, factor: float) -> pin.Inertia:
+    """Return the inertia of a body ``factor`` times as dense."""
+    return pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+
+
+def plain_panels(description: Description) -> Description:
+    """Return the description with its panels as modal data anyone can read."""
+    effects = tuple(e.plain() if isinstance(e, BeamModes) else e for e in description.effect)
+    return description.model_copy(update={"effect": effects})
 
 
 def modal_panels(description: Description) -> tuple[Description, dict[str, tuple[str, float]]]:
@@ -40,7 +64,7 @@ def modal_panels(description: Description) -> tuple[Description, dict[str, tuple
     return description.model_copy(update={"effect": tuple(effects)}), densities
 
 
-def _modal(description: Description, beam: BeamAppendage) -> ModalAppendage:
+def _modal(description: Description, beam: BeamAppendage) -> BeamModes:
     panel = identified_modes(beam, 1.0, (), described_modes(description, beam))
     prior: dict[str, float] = {}
     density = beam.prior.get("density")
@@ -60,4 +84,4 @@ def _modal(description: Description, beam: BeamAppendage) -> ModalAppendage:
         known += ["participation_factor"] if "density" in beam.known else []
         known += [f"mode{k}.frequency" for k in modes] if "youngs_modulus" in beam.known else []
         known += [f"mode{k}.damping" for k in modes] if "damping" in beam.known else []
-    return panel.model_copy(update={"prior": prior, "known": tuple(known)})
+    return BeamModes.model_construct(**{**dict(panel), "prior": prior, "known": tuple(known)})

@@ -20,12 +20,38 @@ Kind = Literal["inertial", "effect", "bias"]
 
 
 @dataclass(frozen=True)
+class Polar:
+    """An amplitude and its angle by name, and the angle of the reference [rad].
+
+    The unknown that is called like the amplitude is its part along the reference, that called like the angle
+    the part across.
+    """
+
+    amplitude: str
+    angle: str
+    reference: float
+
+    def parts(self, amplitude: float, angle: float) -> dict[str, float]:
+        """Return both components by name."""
+        turned = angle - self.reference
+        return {self.amplitude: amplitude * np.cos(turned), self.angle: amplitude * np.sin(turned)}
+
+    def polar(self, parts: Mapping[str, float], angle: float) -> dict[str, float]:
+        """Return amplitude and angle by name; of no amplitude, the ``angle`` given."""
+        along, across = parts[self.amplitude], parts[self.angle]
+        size = float(np.hypot(along, across))
+        turned = self.reference + float(np.arctan2(across, along)) if size > 0.0 else angle
+        return {self.amplitude: size, self.angle: turned}
+
+
+@dataclass(frozen=True)
 class Unknown:
     """A parameter of the search.
 
     ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>`` or ``<channel>.bias.<axis>``; ``column``
     is where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
-    standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change.
+    standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change. ``polar``
+    makes it a component of an amplitude: along a reference, or across it (`Polar`).
     """
 
     name: str
@@ -37,6 +63,7 @@ class Unknown:
     column: int = -1
     lower: float = -np.inf
     upper: float = np.inf
+    polar: Polar | None = None
 
     @property
     def positive(self) -> bool:
@@ -80,8 +107,12 @@ class Point:
             return self._urdf(unknown.column) + self.inertial.get(unknown.column, 0.0)
         if unknown.kind == "bias":
             return self.biases.get(unknown.name, 0.0)
-        effect = self.description.get_effect(unknown.name.partition(".")[0])
-        return next(p.value for p in effect.parameters() if p.name == unknown.name)
+        effect = self._owner(unknown.name)
+        values = {p.name: p.value for p in effect.parameters()}
+        if unknown.polar is not None:
+            parts = unknown.polar.parts(values[unknown.polar.amplitude], values[unknown.polar.angle])
+            return float(parts[unknown.name])
+        return values[unknown.name]
 
     def bounds(self, unknown: Unknown) -> tuple[float, float]:
         """Return between what values a step may take a parameter."""
@@ -103,11 +134,20 @@ class Point:
                 biases[unknown.name] = new
             else:
                 values.setdefault(unknown.name.partition(".")[0], {})[unknown.name] = new
+        for polar in {u.polar: None for u in unknowns if u.polar is not None}:
+            own = values[polar.amplitude.partition(".")[0]]
+            before = {p.name: p.value for p in self._owner(polar.amplitude).parameters()}
+            parts = polar.parts(before[polar.amplitude], before[polar.angle])
+            parts |= {n: own[n] for n in parts if n in own}
+            own |= polar.polar(parts, before[polar.angle])
         description = self.description
         if values:
             changed = [description.get_effect(name).with_values(v) for name, v in values.items()]
             description = description.with_effects(*changed)
         return replace(self, description=description, inertial=inertial, biases=biases)
+
+    def _owner(self, name: str) -> Effect:
+        return self.description.get_effect(name.partition(".")[0])
 
     def _urdf(self, column: int) -> float:
         return float(self.base.pin.inertias[column // 10 + 1].toDynamicParameters()[column % 10])

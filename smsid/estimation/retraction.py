@@ -65,7 +65,7 @@ def _inertias(point: Point, links: AbstractSet[int]) -> np.ndarray:
     model = point.model().pin
     bodies = list(model.inertias)
     for j in range(model.njoints - 1, 1, -1):
-        if j not in links and bodies[j].mass > 0.0:
+        if j not in links:  # without mass, too: an imbalance gives a wheel some
             carrier = model.parents[j]
             bodies[carrier] = bodies[carrier] + model.jointPlacements[j].act(bodies[j])
     return np.concatenate([dynamic_parameters(i) for i in bodies[1:]])

@@ -12,6 +12,7 @@ from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
 from smsid.estimation.kalman import Applied, FilterRun, Problem, applied
 from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.measurements import mounting
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.regressor import dynamic_parameters
@@ -102,23 +103,28 @@ class Sensitivities:
         return applied(process, self.problem, self.inputs, self.run.edges)
 
     def bias(self, unknown: Unknown) -> Sensitivity:
-        """Return the change by the bias of one axis of a channel."""
+        """Return the change by the bias of one axis, of the sensor's own, of a channel."""
         channel = ".".join(unknown.name.split(".")[:2])
         reading = np.zeros((len(self.run.states.time), self.problem.data.rows))
         for block in self.problem.data.blocks:
             if block.channel == channel:
-                reading[:, block.rows.start + unknown.column] = 1.0
+                turn = mounting(block.sensor, block.quantity, 3)
+                reading[:, block.rows] = np.resize(
+                    turn[:, unknown.column], block.rows.stop - block.rows.start
+                )
         return Sensitivity(reading=reading)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a central difference."""
-        effect = self.point.description.get_effect(unknown.name.partition(".")[0])
         value = self.point.value(unknown)
         step = DIFFERENCE * unknown.scale
         low = max(value - step, unknown.lower)
         high = min(value + step, unknown.upper)
-        less = effect.with_values({unknown.name: low})
-        more = effect.with_values({unknown.name: high})
+        owner = unknown.name.partition(".")[0]
+        less, more = (
+            self.point.moved([unknown], np.array([x - value])).description.get_effect(owner)
+            for x in (low, high)
+        )
         return self.effect(less, more, high - low)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:

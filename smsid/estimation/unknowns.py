@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.effects.base import Effect
 from smsid.errors import DescriptionError
-from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.parameter_vector import Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -33,18 +34,26 @@ class Unknowns:
     held: Mapping[str, str]
 
 
-def unknowns_of(point: Point, *, cad: Cad | None = None, bodies: bool = True) -> Unknowns:
+def unknowns_of(
+    point: Point, *, cad: Cad | None = None, bodies: bool = True, components: bool = False
+) -> Unknowns:
     """Return every parameter of bodies and listed effects, but for those marked as known.
 
-    Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`; wide when not given) around
-    the description, effects' that of the description, or ten times their value. Without ``bodies`` the rigid
-    bodies are taken as known. Raises `DescriptionError` for a prior of a parameter that there is not.
+    Inertial parameters have the prior ``cad`` (as in `smsid.likelihood.Prior`: of bodies as the URDF has
+    them, wheels included, what effects add to them not; wide when not given) around the description,
+    effects' that of the description, or ten times their value. Without ``bodies`` the rigid bodies are taken
+    as known. With ``components``, an amplitude and its angle are two components (`Unknown.polar`). Raises
+    `DescriptionError` for a prior of a parameter that there is not.
     """
     found = list(_inertial(point, cad)) if bodies else []
     held: dict[str, str] = {}
     for effect in point.description.effect:
         held |= effect.held()
-        found += [effect_unknown(p) for p in effect.unknowns()]
+        part = _part_of_a_body(effect, point.base) if bodies else {}
+        held |= part
+        own = [effect_unknown(p) for p in effect.unknowns() if p.name not in part]
+        pair = effect.polar_pair() if components else None
+        found += own if pair is None else _components(own, *pair, effect.prior)
     return Unknowns(tuple(found), held)
 
 
@@ -80,12 +89,15 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
     stated = dict(cad) if isinstance(cad, Mapping) else {}
     found = []
     for j in own:
-        theta = dynamic_parameters(model.pin.inertias[j])
-        size = body_size(theta)
+        theta, own_theta = dynamic_parameters(model.pin.inertias[j]), urdf_body(model, j)
+        size = body_size(own_theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
             column, name = 10 * (j - 1) + i, f"{names[j - 1]}.{label}"
             value = float(theta[i] + point.inertial.get(column, 0.0))
-            nominal, sigma = stated.pop(name, (value, relative * size[i]))
+            nominal, sigma = value, relative * float(size[i])
+            if name in stated:
+                mean, sigma = stated.pop(name)
+                nominal = mean + float(theta[i] - own_theta[i])  # what effects add to the body stays with it
             found.append(
                 Unknown(name, "inertial", unit, nominal, sigma, min(float(size[i]), sigma), column=column)
             )
@@ -97,6 +109,16 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
     return found
 
 
+def urdf_body(model: SpacecraftModel, joint: int) -> np.ndarray:
+    """Return the inertial parameters (10,) of a joint's body as the URDF has it, wheels but no effects.
+
+    Of a body without mass of its own, that of all it carries.
+    """
+    source = model.source.pin if model.source is not None else model.pin
+    own = source.inertias[joint] if joint < source.njoints else model.pin.inertias[joint]
+    return dynamic_parameters(own if own.mass > 0.0 else model.pin.inertias[joint])
+
+
 def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     """Return the joints whose bodies are unknown: all with mass but wheels and what effects have added."""
     special = {int(j) for g in (model.wheels, model.modes, model.further_modes) for j in g.joints}
@@ -106,6 +128,50 @@ def moving_bodies(model: SpacecraftModel) -> tuple[int, ...]:
     }
     own = [j for j in range(1, model.pin.njoints) if j not in special]
     return tuple(j for j in own if model.pin.inertias[j].mass > 0.0)
+
+
+def _part_of_a_body(effect: Effect, model: SpacecraftModel) -> dict[str, str]:
+    """Return the parameters that only say again what a body's own do, and why they are not estimated."""
+    if effect.shifted_body is None:
+        return {}
+    name = getattr(effect, effect.shifted_body)
+    if name is None:
+        joint = 1
+    elif model.pin.existJointName(name):
+        joint = model.pin.getJointId(name)
+    else:
+        joint = model.pin.frames[model.pin.getFrameId(name)].parentJoint
+    if joint not in moving_bodies(model):
+        return {}
+    body = body_names(model.pin)[joint - 1]
+    why = f"part of '{body}', whose inertia is estimated; give it a prior to tell them apart"
+    return {p.name: why for p in effect.unknowns() if p.sigma is None}
+
+
+def _components(own: list[Unknown], amplitude: str, angle: str, prior: Mapping[str, float]) -> list[Unknown]:
+    """Return an effect's unknowns, amplitude and angle as components along the described angle and across.
+
+    What is known of the angle is known of the part across, at the described amplitude.
+    """
+    by_name = {u.name: u for u in own}
+    size, turn = by_name[amplitude], by_name[angle]
+    polar = Polar(amplitude, angle, turn.nominal)
+    known = size.nominal * turn.sigma if angle.partition(".")[2] in prior else 0.0
+    across = known if known > 0.0 else size.sigma
+    parts = {
+        amplitude: replace(size, lower=-np.inf, upper=np.inf, polar=polar),
+        angle: replace(
+            size,
+            name=angle,
+            nominal=0.0,
+            sigma=across,
+            scale=min(size.scale, across),
+            lower=-np.inf,
+            upper=np.inf,
+            polar=polar,
+        ),
+    }
+    return [parts.get(u.name, u) for u in own]
 
 
 def effect_unknown(p: Parameter) -> Unknown:

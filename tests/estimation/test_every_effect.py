@@ -9,10 +9,7 @@ from .effect_cases import by_name, deviations, fly, identified
 
 pytest.importorskip("mujoco")
 FAST = ("joint_offset", "sensor_bias wheel")
-IMBALANCE = pytest.mark.xfail(reason="the search from no imbalance does not come to rest", strict=False)
-OTHERS = [
-    pytest.param(n, marks=IMBALANCE) if n == "wheel_imbalance" else n for n in by_name() if n not in FAST
-]
+OTHERS = [n for n in by_name() if n not in FAST]
 
 
 def recovered(name, folder):

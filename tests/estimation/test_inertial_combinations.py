@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from smsid.estimation.inertial_combinations import combination_name, combinations
+from smsid.estimation.inertial_combinations import combination_name, combinations, rounded_factor
 
 
 def test_everything_is_told_by_enough_information():
@@ -44,3 +44,11 @@ def test_nothing_is_told_by_nothing():
 
 def test_names_begin_with_their_own_parameter():
     assert combination_name(np.array([-2.0, 1.0, 1.0]), 1, ["a.m", "b.mx", "c.m"]) == "b.mx - 2 a.m + c.m"
+
+
+def test_factors_have_the_digits_that_their_effect_asks_for():
+    """And the name says them all: what is added up by the name is the value."""
+    assert rounded_factor(0.123456789, 1.0) == 0.1235
+    assert abs(rounded_factor(0.123456789, 1e-6) - 0.123456789) <= 1e-6
+    factors = np.array([rounded_factor(-0.123456789, 1e-7), 1.0])
+    assert combination_name(factors, 1, ["a.m", "b.m"]) == f"b.m - {-float(factors[0])!r} a.m"

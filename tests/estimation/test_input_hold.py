@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smsid.estimation.input_hold import _with_ramps, jumping, limits, means, mixed, unevenness
+from smsid.estimation.input_hold import _with_ramps, jumping, limits, means, mixed, stepwise, unevenness
 from smsid.simulate.changed import Delayed
 from smsid.simulate.signals import Fourier, Sampled
 
@@ -77,6 +77,27 @@ def test_between_jumps_commands_vary_linearly():
     for side, there in (("left", [values[7, 0], values[8, 1]]), ("right", values[8])):
         np.testing.assert_allclose(limits(signal, TIMES[8:9], side)[0], there, atol=1e-6)
     np.testing.assert_allclose(limits(signal, TIMES[4:5], "right")[0], values[4], atol=1e-6)
+
+
+def test_a_jump_at_the_last_sample_is_no_slope():
+    """Just after it a command is what it was last, not what the jump's slope leads to."""
+    values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
+    values[-1, 0] += 3.0
+    assert jumping(values)[-1].tolist() == [True, False]
+    signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
+    np.testing.assert_allclose(limits(signal, TIMES[-1:], "right")[0], values[-1], atol=1e-6)
+    np.testing.assert_allclose(
+        limits(signal, TIMES[-1:], "left")[0], [values[-2, 0], values[-1, 1]], atol=1e-6
+    )
+
+
+def test_what_commands_look_like():
+    steps = np.repeat([[0.0], [2.0], [-2.0], [0.0]], 10, axis=0)
+    waves = np.sin(0.3 * np.arange(40.0))[:, None]
+    assert stepwise({"command.force": steps}) and not mixed({"command.force": steps})
+    both = {"command.force": steps, "command.torque": waves}
+    assert mixed(both) and not stepwise(both)
+    assert not stepwise({"command.torque": waves}) and not mixed({"command.torque": waves})
 
 
 def test_a_pulse_of_one_sample_is_two_jumps():

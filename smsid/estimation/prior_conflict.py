@@ -1,0 +1,67 @@
+"""Do the recordings contradict what was known beforehand? The maximum of the likelihood against the prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.estimation.normal_equations import NormalEquations
+
+LEVEL = 1e-4  # probability below which recordings contradict the prior
+APART = 3.5  # standard deviations of its prior by which a parameter that is named is off
+NAMED = 5  # parameters at most
+
+
+@dataclass(frozen=True)
+class PriorConflict:
+    """What recordings say against priors: probability of so much by chance, and where it shows.
+
+    ``size`` is the root mean square of the difference in what it should be, ``parameters`` are (name,
+    standard deviations of its prior by which it is off), the worst first.
+    """
+
+    p_value: float
+    size: float
+    parameters: tuple[tuple[str, float], ...]
+
+    @property
+    def sentence(self) -> str:
+        """The conflict in a sentence."""
+        named = ", ".join(f"{n} by {z:+.1f} sigma" for n, z in self.parameters)
+        return (
+            f"The recordings contradict what was known beforehand (p = {self.p_value:.1g})"
+            + (f": {named}" if named else "")
+            + ". Check description and priors (`prior`, --cad), or give wider ones."
+        )
+
+
+def prior_conflict(found: NormalEquations) -> PriorConflict | None:
+    """Return by how much the recordings contradict the priors at the maximum of the posterior, if they do."""
+    sigma = np.array([u.sigma for u in found.unknowns])
+    off = np.array([(found.point.value(u) - u.nominal) for u in found.unknowns]) / sigma
+    information = found.information * np.outer(sigma / found.scales, sigma / found.scales)
+    return conflict_of(off, information, [u.name for u in found.unknowns])
+
+
+def conflict_of(off: np.ndarray, information: np.ndarray, names: Sequence[str]) -> PriorConflict | None:
+    """Return the conflict of posterior means ``off`` (m,) from the priors' with what data say (m, m), if any.
+
+    All in standard deviations of the priors. Along a direction of which the data's information is L, the
+    likelihood is largest at ``off (1 + 1 / L)``, whose variance about the prior's mean is ``1 + 1 / L``:
+    squares of both are chi-squared, over the directions that the data tell more of than the prior.
+    """
+    size, basis = np.linalg.eigh(0.5 * (information + information.T))
+    told = size > 1.0
+    if not told.any():
+        return None
+    squares = (basis[:, told].T @ off) ** 2 * (1.0 + 1.0 / size[told])
+    statistic, freedom = float(squares.sum()), int(told.sum())
+    p_value = float(chi2.sf(statistic, freedom))
+    if p_value >= LEVEL:
+        return None
+    ranked = sorted(zip(names, off.tolist(), strict=True), key=lambda x: -abs(x[1]))
+    worst = [(name, z) for name, z in ranked[:NAMED] if abs(z) > APART]
+    return PriorConflict(p_value, float(np.sqrt(statistic / freedom)), tuple(worst))
