@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
+from smsid.estimation.bent import bent_by
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
@@ -133,9 +134,12 @@ def _identify(
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
     limits = bound_intervals(found, quality.widening)
+    judgements = zip(
+        rows, np.sqrt(np.diag(spread)), shares, bent_by(found, gradient, covariance), strict=True
+    )
     parameters = [
-        _within_bounds(_judged(r, float(s), float(share), quality), unknowns, limits)
-        for r, s, share in zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
+        _within_bounds(_judged(r, float(s), float(share), bent, quality), unknowns, limits)
+        for r, s, share, bent in judgements
     ]
     notes = [quality.sentence, *(c.sentence for c in disagree)]
     notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
@@ -288,13 +292,18 @@ def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.n
     return np.einsum("ij,j,ij->i", spread, prior, spread) / np.maximum(variance, 1e-300)
 
 
-def _judged(row: Reported, sigma: float, share: float, quality: FitQuality) -> ParameterEstimate:
-    """Return a parameter with its status; ``share`` of its variance is the prior's."""
+def _judged(
+    row: Reported, sigma: float, share: float, bent: str | None, quality: FitQuality
+) -> ParameterEstimate:
+    """Return a parameter with its status; ``share`` of its variance is the prior's, it goes with ``bent``."""
     if ": " in row.name:
         return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
     found = judged(row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference)
     if share > HELD:
         note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
+        return replace(found, status="not_identifiable", note=note)
+    if bent is not None and bent != row.name and found.status == "identifiable":
+        note = f"goes with {bent}, which the data hardly tell: its interval is too tight"
         return replace(found, status="not_identifiable", note=note)
     if quality.judgement == "not explained" and found.status == "identifiable":
         return replace(found, status="not_identifiable", note=quality.reason)
