@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 
@@ -16,9 +15,3 @@ def bundled_craft(name: str) -> Path | None:
     """Return the TOML of a spacecraft that comes with smsid by its name (``paper_sms``); None for another."""
     found = urdf_folder() / f"{name}.toml"
     return found if name.isidentifier() and found.is_file() else None
-
-
-def oracle_folder() -> Path | None:
-    """Return the folder of recordings of an independent engine, from ``SMSID_ORACLE``; None when absent."""
-    name = os.environ.get("SMSID_ORACLE", "")
-    return Path(name) if name and Path(name).is_dir() else None

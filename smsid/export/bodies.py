@@ -10,7 +10,6 @@ its bodies is therefore the description's.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parame
 from smsid.model import SpacecraftModel
 from smsid.model.assembly import pseudo_inertia
 from smsid.model.load import load_bus, mount_arm
-from smsid.model.regressor import INERTIAL_NAMES, Regressor
+from smsid.model.regressor import Regressor
 
 GROUPS = ("maximum_likelihood", "exp2.step_b", "arm")
 """Groups of an estimate that hold inertial combinations linear in ordinary parameters."""
@@ -195,12 +194,3 @@ def _with_extent(theta: np.ndarray) -> np.ndarray:
     matrix = np.trace(second) * np.eye(3) - second
     xx, xy, xz, _, yy, yz, _, _, zz = matrix.ravel()
     return np.concatenate([theta[:4], [xx, xy, yy, xz, yz, zz]])
-
-
-def inertial_table(bodies: dict[str, np.ndarray]) -> Sequence[tuple[str, float]]:
-    """Return ``(<joint>.<parameter>, value)`` of all bodies."""
-    return [
-        (f"{joint}.{name}", float(x))
-        for joint, theta in bodies.items()
-        for name, x in zip(INERTIAL_NAMES, theta, strict=True)
-    ]

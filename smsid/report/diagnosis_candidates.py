@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.search import Search
-from smsid.report.axes import Axis
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
-from smsid.report.numbers import number
-from smsid.report.rows import Bar, Row, RowChart
 
 SHOWN, COMPARED = 24, 14
 EDGES = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
@@ -32,39 +29,6 @@ def rescored(search: Search) -> tuple[Score, ...]:
         columns = signatures(search.nominal, known)
         found = scored(search.nominal, [known[i] for i in columns], list(columns.values()))
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
-
-
-def candidate_ranking(search: Search, scores: Sequence[Score]) -> Figure | None:
-    """Return the likelihood ratios of the strongest candidates, each alone beside the nominal parameters."""
-    shown = [s for s in scores if s.freedom][:SHOWN]
-    if not shown:
-        return None
-    named = {c.score.candidate.key for c in search.causes}
-    aliases = {a.candidate.key for c in search.causes for a, _ in c.aliases}
-    rows = []
-    for s in shown:
-        key = s.candidate.key
-        series = 0 if key in named else 1 if key in aliases else 2
-        value = max(s.ratio, 1e-3)
-        what = {0: "cause", 1: "alias"}.get(series, "")
-        rows.append(Row(label(s.candidate), (Bar(value, series),), f"{number(s.ratio, 4)} {what}".strip()))
-    values = [max(s.ratio, 1.0) for s in shown] + [1.0]
-    axis = Axis.over("likelihood ratio (chi-squared), alone on the nominal fit", values, log=True, room=0.02)
-    legend = [("named as cause", 0, "bar"), ("alias of a cause", 1, "bar"), ("other", 2, "bar")]
-    used = {r.items[0].series for r in rows}
-    chart = RowChart(
-        axis,
-        tuple(rows),
-        "likelihood ratios of the candidates",
-        tuple(x for x in legend if x[1] in used),
-        ((threshold(search), "accepted above"),),
-    )
-    caption = (
-        "Each candidate alone, everything nominal free to move within its prior. The line is where one "
-        f"parameter becomes significant over all {search.candidates} candidates. Ordered by what they "
-        "explain for the parameters they cost (Bayes's criterion)."
-    )
-    return Figure("ranking", "What each candidate would explain", chart, caption)
 
 
 def threshold(search: Search) -> float:
