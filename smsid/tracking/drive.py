@@ -49,7 +49,7 @@ class CommandMemory:
         self.memory: dict[str, deque[tuple[float, np.ndarray]]] = {c: deque() for c in self.sizes}
 
     def add(self, time: float, channels: Mapping[str, np.ndarray]) -> None:
-        """Remember the commands (k,) of a sample by channel; those before `MEMORY` are forgotten.
+        """Remember the commands (k,) of a sample by channel.
 
         Raises `RecordingError` for one of the wrong size.
         """
@@ -64,7 +64,11 @@ class CommandMemory:
                     channel=channel,
                 )
             own.append((time, value))
-            while len(own) > 2 and own[1][0] < time - MEMORY:
+
+    def forget(self, before: float) -> None:
+        """Forget what was commanded earlier than `MEMORY` before a time [s] up to which all is taken in."""
+        for own in self.memory.values():
+            while len(own) > 2 and own[1][0] < before - MEMORY:
                 own.popleft()
 
     def inputs(self) -> Inputs:

@@ -308,6 +308,7 @@ class Tracker:
         out: list[Update] = []
         for entry in entries:
             self.commands.add(entry.time, entry.channels)
+        last = entries[-1].time
         while entries:
             if self.moving:
                 times = [self.time, *(e.time for e in entries)]
@@ -323,6 +324,7 @@ class Tracker:
                 self._settling.append(entries[0])
                 entries = entries[1:]
                 out += self._settle(inputs)
+        self.commands.forget(self.time if self.moving else last - SETTLE)
         return out
 
     def _settle(self, inputs: Inputs | None, *, force: bool = False) -> list[Update]:

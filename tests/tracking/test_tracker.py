@@ -181,3 +181,14 @@ def test_bad_samples_and_names_are_told(description, samples):
         Tracker(description, follow={"bus.Iww": 0.0})
     with pytest.raises(DescriptionError, match="rate"):
         Tracker(description, follow={"bus.Ixx": -1.0})
+
+
+def test_commands_of_slow_telemetry_are_not_forgotten_before_they_act(description, samples):
+    """Samples taken in together, over more seconds than commands are remembered, are those one by one."""
+    together, single = streaming(description), streaming(description)
+    together.update_all(samples[:120])
+    for sample in samples[:120]:
+        single.update(sample)
+    single.flush()
+    np.testing.assert_allclose(together.state.v, single.state.v, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(together.filter.values, single.filter.values, rtol=1e-9)
