@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 from smsid.cli.lazy import Entry, lazy_group, register
 from smsid.cli.manners import error_document, print_json
 from smsid.cli.output import error_console
+from smsid.description.robot_sources import xacro_arguments
 from smsid.errors import SmsidError
 
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
@@ -51,6 +53,7 @@ app = typer.Typer(
     "A spacecraft is a URDF and a TOML beside it (DESC.toml). Start with `smsid demo`; then\n"
     "`smsid simulate` or `smsid import` to get recordings, `smsid identify` to identify the spacecraft from\n"
     "them, `smsid show` and `smsid view` to look at anything.\n\n"
+    "Robots are URDF, xacro (its arguments as NAME:=VALUE), SDF or MJCF.\n\n"
     "Every command takes --json (the result on stdout, nothing else) and --quiet.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -58,6 +61,8 @@ app = typer.Typer(
 )
 register(app, COMMANDS)
 INTERRUPTED = 130  # exit code
+ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
+"""An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 
 
 @app.callback()
@@ -77,8 +82,11 @@ def main() -> None:
     unexplained and not evaluated of a diagnosis, 70 a fault of smsid itself (with its traceback), 130
     interrupted.
     """
+    given = [a for a in sys.argv[1:] if ARGUMENT.match(a)]
     try:
-        code = app(standalone_mode=False, prog_name="smsid")
+        with xacro_arguments(dict(a.split(":=", 1) for a in given)):
+            rest = [a for a in sys.argv[1:] if a not in given]
+            code = app(rest, standalone_mode=False, prog_name="smsid")
     except SmsidError as error:  # with --json it has been printed by the command
         _tell(f"error: {error}")
         code = 1

@@ -31,7 +31,6 @@ PICTURES = {
     ".png": "a picture",
     ".svg": "a picture",
     ".pdf": "a picture",
-    ".xml": "a MuJoCo model",
 }
 
 
@@ -50,7 +49,7 @@ def kind_of(path: Path) -> str:
             return _kind_of_json(path)
         case ".jsonl":
             return "campaign"
-        case ".urdf" | ".xacro":
+        case ".urdf" | ".xacro" | ".sdf" | ".mjcf" | ".xml":
             return "description"
         case ".toml":
             return _kind_of_toml(path)
