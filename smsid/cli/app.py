@@ -26,7 +26,7 @@ COMMANDS = {
     "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
     "cut": Entry("smsid.cli.cutting:cut_command", "Cut a window or pieces without gaps out of a recording."),
     "resample": Entry("smsid.cli.cutting:resample_command", "Bring a recording to one even clock."),
-    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as a CSV or Parquet table."),
+    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as CSV, Parquet or MCAP."),
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),

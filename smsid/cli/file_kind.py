@@ -25,7 +25,7 @@ KINDS = (
 )
 """What `smsid show` shows: whatever a command writes or reads, but pages and pictures."""
 
-LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".txt")
+LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".ulg", ".txt")
 PICTURES = {
     ".html": "a page for a browser",
     ".png": "a picture",

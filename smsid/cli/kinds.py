@@ -26,6 +26,7 @@ KINDS = {
     ".mat": LOG,
     ".bag": LOG,
     ".mcap": LOG,
+    ".ulg": LOG,
     ".parquet": LOG,
 }
 """What a file is by its suffix."""
