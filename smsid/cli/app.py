@@ -38,7 +38,9 @@ COMMANDS = {
     "regressor": Entry(
         "smsid.cli.regressor:regressor_command", "Check the regressors of a machine; name base parameters."
     ),
-    "export": Entry("smsid.cli.export:export_command", "Export URDF, TOML, CSV and MuJoCo XML."),
+    "export": Entry(
+        "smsid.cli.export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."
+    ),
     "lab": Entry("smsid.cli.lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
     "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
     "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
