@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from smsid._files import atomic_write
 from smsid._reading import read_toml as _read_toml
 from smsid.description.explain import explain_validation
+from smsid.description.finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, given_arguments, is_xacro
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
@@ -50,6 +51,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
             f"'{file}' has the unknown key 'folder'.",
             advice="Paths start at the folder of the file; remove it.",
         )
+    tables = with_finite_elements(tables, file.parent)
     try:
         found = Description.model_validate({**tables, "folder": file.parent})
     except ValidationError as cause:

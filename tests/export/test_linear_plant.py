@@ -52,7 +52,8 @@ def test_the_poles_are_those_of_the_free_free_panel(tmp_path):
 
 def test_a_pendulum_about_its_holding_torque(tmp_path):
     urdf = """<robot name="p"><link name="base"/><link name="l"><inertial>
-    <origin xyz="0.5 0 0"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <origin xyz="0.5 0 0"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
     <joint name="j" type="continuous"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/>
     <dynamics damping="0.3" friction="0.2"/></joint></robot>"""
     (tmp_path / "p.urdf").write_text(urdf)
