@@ -88,7 +88,9 @@ def with_finite_elements(tables: Mapping[str, Any], folder: Path) -> dict[str, A
 def modal_data(path: Path, asked: FiniteElements) -> dict[str, Any]:
     """Return the keys of a modal appendage that a file tells: modes, and rigid properties where it has them.
 
-    Raises as `with_finite_elements`.
+    Raises:
+        DescriptionError: as `with_finite_elements`.
+        MissingDependencyError: .op2 needs pyNastran (extra ``nastran``).
     """
     if not path.is_file():
         raise DescriptionError(f"There is no file '{path}' of finite elements.", advice="Check the path.")

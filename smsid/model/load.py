@@ -151,7 +151,7 @@ def _load(
             "%s: welded, as only frames without mass or shape lie beyond: joints %s. Name one in `joints`, "
             "or as a wheel with `inertia`, to keep it.",
             path,
-            ", ".join(empty),
+            some_of(empty),
         )
     try:
         model = pin.buildModelFromXML(text) if root is None else pin.buildModelFromXML(text, root)

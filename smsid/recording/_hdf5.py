@@ -37,9 +37,11 @@ def read_matlab_hdf5(path: Path) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            return {
-                str(k): v for k in file if not k.startswith("#") if (v := _matlab(file[k], file)) is not None
-            }
+            refuse_other_files(file, path)
+            tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
+            return {name: value for name, value in tree.items() if value is not None}
+    except RecordingError:
+        raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
         raise _damaged(path, error) from error
 
