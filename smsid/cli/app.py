@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
+from smsid._xacro_arguments import xacro_arguments
 from smsid.cli.lazy import Entry, lazy_group, register
 from smsid.cli.manners import error_document, print_json
 from smsid.cli.output import error_console
-from smsid.description.robot_sources import xacro_arguments
 from smsid.errors import SmsidError
 
 # a new command is a line here; the order is that of the help, the module is imported when the command runs

@@ -33,7 +33,7 @@ KINDS = {
 
 ROBOTS = (".toml", ".urdf", ".xacro", ".sdf", ".mjcf", ".xml")
 WANTED = {
-    "description": ("description (TOML, URDF, xacro, SDF or MJCF)", ROBOTS),
+    "description": ("description (TOML or URDF)", ROBOTS),
     "experiment": ("experiment (TOML or a name)", (".toml",)),
     "recordings": ("recordings (.nc)", (".nc", ".h5", ".hdf5")),
     "recording": ("recording (.nc)", (".nc", ".h5", ".hdf5")),
@@ -43,7 +43,7 @@ WANTED = {
     "truth": ("estimate (JSON)", (".json",)),
     "mapping": ("mapping (TOML)", (".toml",)),
     "plan": ("plan (TOML)", (".toml",)),
-    "arm": ("description (TOML, URDF, xacro, SDF or MJCF)", ROBOTS),
+    "arm": ("description (TOML or URDF)", ROBOTS),
 }
 """What a parameter takes by its name, and the suffixes that fit."""
 

@@ -11,9 +11,10 @@ from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
 from smsid._reading import read_toml as _read_toml
+from smsid._xacro_arguments import given_arguments
 from smsid.description.explain import explain_validation
 from smsid.description.finite_elements import with_finite_elements
-from smsid.description.robot_sources import SUFFIXES, given_arguments, is_xacro
+from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
 from smsid.paths import bundled_craft

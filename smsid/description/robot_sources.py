@@ -5,9 +5,8 @@ from __future__ import annotations
 import logging
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr
-from contextvars import ContextVar
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
 
@@ -19,23 +18,6 @@ XACRO = re.compile(rb"<xacro:|=\s*[\"']\$[({]")
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 SUFFIXES = (".urdf", ".xacro", ".sdf", ".mjcf", ".xml")
 """What `load_description` takes in place of a TOML."""
-
-_given: ContextVar[Mapping[str, str]] = ContextVar("xacro_arguments")
-
-
-@contextmanager
-def xacro_arguments(arguments: Mapping[str, str]) -> Iterator[None]:
-    """Let every description that is loaded meanwhile hand these arguments to its xacro files."""
-    token = _given.set(dict(arguments))
-    try:
-        yield
-    finally:
-        _given.reset(token)
-
-
-def given_arguments() -> dict[str, str]:
-    """Return the arguments of the innermost `xacro_arguments`."""
-    return dict(_given.get({}))
 
 
 def is_xacro(path: Path) -> bool:

@@ -92,7 +92,18 @@ def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndar
                 advice="Give its link a mass and moments, or export without the MuJoCo XML (--no-mujoco).",
                 joint=p.names[j],
             )
+        if j not in stacked and not _is_rigid(theta[j]):
+            raise DescriptionError(
+                f"The body of joint '{p.names[j]}' has an inertia no rigid body can have; MuJoCo refuses it.",
+                advice="Mend the inertia of its link, or export without the MuJoCo XML (--no-mujoco).",
+                joint=p.names[j],
+            )
     return theta
+
+
+def _is_rigid(theta: np.ndarray) -> bool:
+    moments = np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))
+    return bool(moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12))
 
 
 def _is_body(theta: np.ndarray) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid._xacro_arguments import xacro_arguments
 from smsid.description import Description, load_description
-from smsid.description.robot_sources import xacro_arguments
 from smsid.errors import DescriptionError, MissingDependencyError
 from smsid.model import build_model
 
