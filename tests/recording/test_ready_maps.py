@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.errors import MissingDependencyError, RecordingError
 from smsid.recording import import_recording
+from smsid.recording.inspect import inspect_file
 from smsid.recording.mapping import bundled_mappings, load_mapping, parse_mapping
 from smsid.recording.readers import read_columns
 
@@ -183,3 +184,17 @@ def test_an_mcap_comes_back_to_the_nanosecond(tmp_path):
     for name in before.channels:
         assert after.time(name) + first == pytest.approx(before.time(name), abs=1e-9)
         np.testing.assert_array_equal(after[name].reshape(before[name].shape), before[name])
+
+
+def test_a_telemetry_table_with_calendar_times_and_blank_cells_needs_no_map(tmp_path):
+    rates = [f"/SAT/ADCS/gyro_rate_{axis}" for axis in "xyz"]
+    lines = ["\t".join(["Generation Time", *rates, "/SAT/EPS/volts", "/SAT/MODE"])]
+    for k in range(100):
+        volts = f"{28 + 0.01 * k:.2f}" if k % 10 == 0 else ""
+        lines.append(f"2026-03-01T12:00:{0.1 * k:06.3f}Z\t{0.01 * k:.4f}\t0\t0.05\t{volts}\tNOMINAL")
+    (tmp_path / "tm.tsv").write_text("\n".join(lines) + "\n")
+    drafted = inspect_file(tmp_path / "tm.tsv").mapping
+    found = import_recording(tmp_path / "tm.tsv", parse_mapping(tomllib.loads(drafted)))
+    assert found["log.angular_rate"].shape == (100, 3) and found.time("log")[-1] == pytest.approx(9.9)
+    (volts,) = (name for name in found.channels if "volts" in name)
+    assert found[volts].shape == (10,) and found.time(volts)[1] == pytest.approx(1.0)
