@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import sys
 
@@ -168,3 +169,12 @@ def test_joints_beyond_which_are_only_frames_are_welded_unless_they_are_named(tm
     with pytest.raises(DescriptionError, match="spin"):  # asked for by name, it has to be able to move
         arm = {"name": "a", "joints": ["j", "spin"]}
         build_model(Description(name="r", urdf="r.urdf", folder=tmp_path, wheel=[wheel], arm=[arm]))
+
+
+def test_arguments_stand_on_the_command_line(tmp_path, monkeypatch, capsys):
+    from smsid.cli import main
+
+    file = written(tmp_path / "arm.urdf.xacro", XACRO)
+    monkeypatch.setattr(sys, "argv", ["smsid", "show", str(file), "mass:=7", "--json"])
+    main()
+    assert json.loads(capsys.readouterr().out)["description"]["mass"]["value"] == pytest.approx(27.0)

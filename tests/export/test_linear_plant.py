@@ -7,8 +7,10 @@ import json
 import numpy as np
 import pytest
 from scipy.io import loadmat
+from typer.testing import CliRunner
 
-from smsid.description import Description
+from smsid.cli.app import app
+from smsid.description import Description, save_description
 from smsid.export.linear_plant import linear_plant, save_linear_plant
 from smsid.identify.estimate import Estimate
 from smsid.identify.parameter_estimate import ParameterEstimate
@@ -98,3 +100,12 @@ def test_an_estimate_makes_the_plant_uncertain_where_it_is(tmp_path):
     assert plant.b[k, force] == pytest.approx(1 / 112.0, rel=1e-3)
     assert plant.b_sigma[k, force] == pytest.approx(0.01 / 112.0, rel=0.3)
     assert plant.a_sigma[k].max() < 1e-3
+
+
+def test_the_command_writes_what_is_asked(tmp_path):
+    save_description(craft(tmp_path), tmp_path / "b.toml")
+    words = ["export", str(tmp_path / "b.toml"), "--linear", str(tmp_path / "p.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0 and "16 states" in done.output
+    assert json.loads((tmp_path / "p.json").read_text())["kind"] == "linear_plant"
+    assert "Nothing is to be written" in str(CliRunner().invoke(app, words[:2]).exception)
