@@ -22,6 +22,8 @@ from smsid.effects.base import Vector3
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError, MissingDependencyError
 
+logger = logging.getLogger(__name__)
+
 KEY = "finite_elements"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?"
 ROW = re.compile(rf"\s*(\d+)\s+G\s+({NUMBER}(?:\s+{NUMBER}){{5}})\s*")
@@ -193,7 +195,7 @@ def _read_op2(path: Path) -> list[NastranMode]:
             advice="Install it with: pip install 'smsid[nastran]' 'numpy<2.4', or give the .f06 or .pch.",
             module="pyNastran",
         ) from error
-    model = OP2(debug=False, log=logging.getLogger(__name__))
+    model = OP2(debug=False, log=logger)
     try:
         model.read_op2(str(path), build_dataframe=False)
     except Exception as error:  # pyNastran raises its own errors, struct.error, ... depending on the place
@@ -204,7 +206,8 @@ def _read_op2(path: Path) -> list[NastranMode]:
     for table in model.eigenvalues.values():
         pairs = zip(table.eigenvalues, table.generalized_mass, strict=True)
         modes += [NastranMode(float(x), float(m)) for x, m in pairs]
-    if not modes:  # without its table of eigenvalues they are taken as mass-normalised, as those of a .pch
+    if not modes:
+        logger.warning("%s has no table of eigenvalues: its modes are taken as mass-normalised.", path)
         modes = [NastranMode(float(x)) for result in model.eigenvectors.values() for x in result.eigns]
     for kind, results in (("shape", model.eigenvectors), ("forces", model.spc_forces)):
         for result in results.values():
