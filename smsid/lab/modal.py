@@ -36,6 +36,9 @@ MOST_ROWS = 200
 FAINT = 0.02
 """Share of the covariance down to which a stable pole is told as faint, though not as a mode."""
 
+UNEVEN = 5.0
+"""Outputs of standard deviations further apart are also tried as of equal size."""
+
 DRIFT_CYCLES = 20
 """Of what moves slower than this often in the record, no mode is identified: it is a drift."""
 
@@ -150,8 +153,10 @@ def ambient_modes(
     windows, those are used that resolve most modes while three at least agree on them. Values are medians
     over windows. Intervals come from identifying again with blocks of the record drawn at random.
 
-    Every output loses its straight line and is divided by its standard deviation, so that neither units nor a
-    drift choose the modes; shapes come back in the units of y. No correlation reaches across a gap.
+    Every output loses its straight line, so that a drift chooses no modes; no correlation reaches across a
+    gap. Where outputs differ in size by more than `UNEVEN`, they are taken as they are, and divided by their
+    standard deviations, too: the smaller may be in another unit, or noise across the motion. What resolves
+    more modes counts; shapes come back in the units of y.
 
     Args:
         y: (N,) or (N, l) outputs [any unit, one for each]; rows that are not finite are gaps.
@@ -170,7 +175,32 @@ def ambient_modes(
     kurtosis.
     """
     factor = max(1, int(rate / (4.0 * highest_frequency)))
-    pieces, slow, slow_rate, scale = _prepared(y, rate, factor)
+    generator = rng or np.random.default_rng(0)
+    found = []
+    for alike in (False, True):
+        prepared = _prepared(y, rate, factor, alike=alike)
+        sizes = np.sqrt(np.mean(np.concatenate(prepared[1]) ** 2, axis=0))
+        found.append(_identified(prepared, rate, highest_frequency, orders, stability, replicates, generator))
+        sizes = sizes[sizes > 0.0]
+        if not sizes.size or sizes.max() <= UNEVEN * sizes.min():
+            break
+    return max(found, key=lambda f: len(f.modes))  # of equals the first
+
+
+Prepared = tuple[list[np.ndarray], list[np.ndarray], float, np.ndarray]
+
+
+def _identified(
+    prepared: Prepared,
+    rate: float,
+    highest_frequency: float,
+    orders: Sequence[int],
+    stability: Stability,
+    replicates: int,
+    generator: np.random.Generator,
+) -> AmbientModes:
+    """Return the modes of outputs that `_prepared` has made; arguments as of `ambient_modes`."""
+    pieces, slow, slow_rate, scale = prepared
     x = max(pieces, key=len)
     # correlations of a machine's harmonic never die away
     window = min(correlation_window(max(slow, key=len), slow_rate), MOST_ROWS / slow_rate)
@@ -178,7 +208,6 @@ def ambient_modes(
     least = max(orders) // outputs + 2
     rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
     blocks = min(max(10, int(sum(map(len, slow)) / (8 * max(rows)))), 30)
-    generator = rng or np.random.default_rng(0)
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
     found: list[list[Mode]] = []
     loose: list[list[Mode]] = []
@@ -224,10 +253,10 @@ def ambient_modes(
     )
 
 
-def _prepared(
-    y: np.ndarray, rate: float, factor: int
-) -> tuple[list[np.ndarray], list[np.ndarray], float, np.ndarray]:
+def _prepared(y: np.ndarray, rate: float, factor: int, *, alike: bool) -> Prepared:
     """Return the pieces of y between gaps, without their straight lines and scaled; the same, decimated.
+
+    ``alike`` gives every output unit variance, else the largest.
 
     Returns:
         pieces (N_i, l), the same decimated, their rate [Hz], and the scale (l,) of the outputs: zero for one
@@ -253,7 +282,7 @@ def _prepared(
     slow_rate = slow[0][1]
     spread = np.sqrt(np.mean(np.concatenate([piece for piece, _ in slow]) ** 2, axis=0))
     still = spread <= 1e-12 * np.abs(y[finite]).max(axis=0)
-    scale = np.where(still, 0.0, spread)
+    scale = np.where(still, 0.0, spread if alike else spread.max())
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     return [p * inverse for p in pieces], [p * inverse for p, _ in slow], slow_rate, scale
 
