@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,24 +25,29 @@ class UrdfPart:
     prefix: str
     arm: Arm | None
     folders: tuple[Path, ...]
+    arguments: Mapping[str, str] = field(default_factory=dict)
+
+    def text(self) -> str:
+        """Return the URDF; raises `DescriptionError`."""
+        return read_urdf(self.path, self.arguments, self.folders)
 
     def links(self) -> list[str]:
         """Return the prefixed names of the links that have a mass."""
-        root = ElementTree.fromstring(read_urdf(self.path))
+        root = ElementTree.fromstring(self.text())
         return [self.prefix + str(link.get("name")) for link in root.iter("link") if _mass(link) > 0.0]
 
 
 def urdf_parts(description: Description) -> tuple[UrdfPart, ...]:
     """Return the URDFs a description names, its own first; raises `DescriptionError` for a missing robot."""
     own = description.folder / description.urdf
-    parts = [UrdfPart(own, "", None, (own.parent,))]
+    parts = [UrdfPart(own, "", None, (own.parent,), description.arguments)]
     for arm in description.arm:
         if arm.robot is not None:
             path, folders = robot_urdf(arm.robot)
             parts.append(UrdfPart(path, f"{arm.name}/", arm, (path.parent, *folders)))
         elif arm.urdf is not None:
             path = description.folder / arm.urdf
-            parts.append(UrdfPart(path, f"{arm.name}/", arm, (path.parent,)))
+            parts.append(UrdfPart(path, f"{arm.name}/", arm, (path.parent,), arm.arguments))
     return tuple(parts)
 
 
@@ -81,13 +86,15 @@ def with_drawn_inertias(
         chosen = {n.removeprefix(part.prefix): s for n, s in sigmas.items() if _belongs(n, part)}
         if not chosen:
             continue
-        file = folder / f"{number}_{part.path.name}"
+        file = folder / f"{number}_{part.path.stem}.urdf"
         file.write_text(_drawn_urdf(part, chosen, rng), encoding="utf-8")
         package_dirs += [str(place.resolve()) for place in part.folders]
         if part.arm is None:
             own = str(file)
         else:
-            arms[part.arm.name] = part.arm.model_copy(update={"urdf": str(file), "robot": None})
+            arms[part.arm.name] = part.arm.model_copy(
+                update={"urdf": str(file), "robot": None, "arguments": {}}
+            )
     return description.model_copy(
         update={"urdf": own, "arm": tuple(arms.values()), "package_dirs": tuple(package_dirs)}
     )
@@ -120,7 +127,7 @@ def drawn_inertia(
 
 
 def _drawn_urdf(part: UrdfPart, sigmas: Mapping[str, float], rng: Generators) -> str:
-    root = ElementTree.fromstring(read_urdf(part.path))
+    root = ElementTree.fromstring(part.text())
     for link in root.iter("link"):
         name = str(link.get("name"))
         if name in sigmas:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from typing import Annotated
 
 import typer
 
+from smsid._xacro_arguments import xacro_arguments
 from smsid.cli.lazy import Entry, lazy_group, register
 from smsid.cli.manners import error_document, print_json
 from smsid.cli.output import error_console
@@ -24,7 +26,7 @@ COMMANDS = {
     "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
     "cut": Entry("smsid.cli.cutting:cut_command", "Cut a window or pieces without gaps out of a recording."),
     "resample": Entry("smsid.cli.cutting:resample_command", "Bring a recording to one even clock."),
-    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as a CSV or Parquet table."),
+    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as CSV, Parquet or MCAP."),
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),
@@ -36,7 +38,9 @@ COMMANDS = {
     "regressor": Entry(
         "smsid.cli.regressor:regressor_command", "Check the regressors of a machine; name base parameters."
     ),
-    "export": Entry("smsid.cli.export:export_command", "Export URDF, TOML, CSV and MuJoCo XML."),
+    "export": Entry(
+        "smsid.cli.export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."
+    ),
     "lab": Entry("smsid.cli.lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
     "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
     "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
@@ -51,6 +55,7 @@ app = typer.Typer(
     "A spacecraft is a URDF and a TOML beside it (DESC.toml). Start with `smsid demo`; then\n"
     "`smsid simulate` or `smsid import` to get recordings, `smsid identify` to identify the spacecraft from\n"
     "them, `smsid show` and `smsid view` to look at anything.\n\n"
+    "Robots are URDF, xacro (its arguments as NAME:=VALUE), SDF or MJCF.\n\n"
     "Every command takes --json (the result on stdout, nothing else) and --quiet.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -58,6 +63,8 @@ app = typer.Typer(
 )
 register(app, COMMANDS)
 INTERRUPTED = 130  # exit code
+ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
+"""An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 
 
 def _version(asked: bool) -> None:
@@ -88,8 +95,11 @@ def main() -> None:
     unexplained and not evaluated of a diagnosis, 70 a fault of smsid itself (with its traceback), 130
     interrupted.
     """
+    given = [a for a in sys.argv[1:] if ARGUMENT.match(a)]
     try:
-        code = app(standalone_mode=False, prog_name="smsid")
+        with xacro_arguments(dict(a.split(":=", 1) for a in given)):
+            rest = [a for a in sys.argv[1:] if a not in given]
+            code = app(rest, standalone_mode=False, prog_name="smsid")
     except SmsidError as error:  # with --json it has been printed by the command
         _tell(f"error: {error}")
         code = 1

@@ -75,17 +75,22 @@ def _mapping_beside(output: Path) -> tuple[Path, ...]:
 
 def convert_command(
     recording: Source,
-    output: Annotated[Output, Writes((".csv", ".parquet"), beside=_mapping_beside)],
+    output: Annotated[Output, Writes((".csv", ".parquet", ".mcap"), beside=_mapping_beside)],
 ) -> Outcome:
-    """Write a recording as a table, CSV or Parquet, and beside it the mapping that imports it again."""
+    """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""
     from smsid._files import atomic_write
     from smsid.recording import load_recording
+    from smsid.recording.mcap_writing import mcap_mapping, save_mcap
     from smsid.recording.tables import save_table, table_mapping
 
     log = load_recording(recording)
     with working("writing"):
-        save_table(log, output)
         mapping = output.with_suffix(".toml")
-        atomic_write(mapping, table_mapping(log))
+        if output.suffix.lower() == ".mcap":
+            save_mcap(log, output)
+            atomic_write(mapping, mcap_mapping(log))
+        else:
+            save_table(log, output)
+            atomic_write(mapping, table_mapping(log))
     console().print(f"wrote {output}, {mapping}", markup=False, highlight=False, soft_wrap=True)
     return Outcome({}, [output, mapping])

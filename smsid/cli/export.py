@@ -3,38 +3,96 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.output import console, working
 from smsid.cli.places import Writes
+from smsid.errors import OutputError
+
+if TYPE_CHECKING:
+    from smsid.description import Description
+    from smsid.identify.estimate import Estimate
 
 
 def export_command(
     description: Annotated[Path, typer.Argument(help="description of the spacecraft or arm: a TOML")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="folder to make, whole or not at all"), Writes(folder=True)
-    ],
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate of it (JSON of `smsid identify`); without: as described")
     ] = None,
     mujoco: Annotated[
         bool, typer.Option("--mujoco/--no-mujoco", help="write the MuJoCo XML of the whole spacecraft")
     ] = True,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="folder to make, whole or not at all"),
+        Writes(folder=True),
+    ] = None,
+    linear: Annotated[
+        Path | None,
+        typer.Option(help="linear plant about home, named inputs and outputs, uncertainty: .json or .mat"),
+        Writes((".json", ".mat")),
+    ] = None,
+    fmu: Annotated[
+        Path | None, typer.Option(help="FMI 3.0 unit for co-simulation"), Writes((".fmu",))
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the draws for the plant's uncertainty")] = 0,
 ) -> Outcome:
-    """Export for other programs: identified URDF, TOML, parameters as CSV, MuJoCo XML."""
+    """Export for other programs: URDF, TOML, CSV and MuJoCo XML; a linear plant; an FMU."""
     from smsid.description import load_description
-    from smsid.export.folder import export_folder
     from smsid.identify.estimate import load_estimate
 
+    if output is None and linear is None and fmu is None:
+        raise OutputError("Nothing is to be written.", advice="State --output, --linear or --fmu.")
     described = load_description(description)
     known = None if estimate is None else load_estimate(estimate)
+    document: dict[str, Any] = {"notes": []}
+    written: list[Path] = []
+    if linear is not None:
+        written.append(_write_linear(described, known, linear, seed, document))
+    if fmu is not None:
+        from smsid.export.fmu import write_fmu
+
+        with working("building the FMU"):
+            written.append(write_fmu(described, fmu, known))
+        console().print(f"wrote {fmu}", markup=False, highlight=False, soft_wrap=True)
+    if output is not None:
+        written += _write_folder(described, known, output, mujoco, document)
+    return Outcome(document, written)
+
+
+def _write_linear(
+    described: Description, known: Estimate | None, path: Path, seed: int, document: dict[str, Any]
+) -> Path:
+    import numpy as np
+
+    from smsid.export.linear_plant import linear_plant, save_linear_plant
+
+    with working("linearising"):
+        plant = linear_plant(described, known, rng=np.random.default_rng(seed))
+        save_linear_plant(plant, path)
+    out = console()
+    document["notes"] += plant.notes
+    out.print(f"linear plant: {len(plant.states)} states, inputs {', '.join(plant.inputs)}", soft_wrap=True)
+    if plant.a_sigma is not None:
+        out.print(f"its uncertainty is that of {len(plant.draws)} draws of the estimate")
+    for note in plant.notes:
+        out.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+    return path
+
+
+def _write_folder(
+    described: Description, known: Estimate | None, output: Path, mujoco: bool, document: dict[str, Any]
+) -> list[Path]:
+    from smsid.export.folder import export_folder
+
     with working("exporting"):
         found = export_folder(described, output, known, mujoco=mujoco)
     out = console()
-    document: dict[str, Any] = {"notes": list(found.notes)}
+    document["notes"] += found.notes
     if found.bodies is not None:
         document |= {"combinations": found.bodies.combinations, "misfit": found.bodies.misfit}
         out.print(
@@ -45,4 +103,4 @@ def export_command(
     for note in dict.fromkeys(found.notes):
         out.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
     out.print(f"wrote {', '.join(found.files)} to {output}", markup=False, highlight=False, soft_wrap=True)
-    return Outcome(document, [output / name for name in found.files])
+    return [output / name for name in found.files]

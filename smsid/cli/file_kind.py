@@ -25,13 +25,12 @@ KINDS = (
 )
 """What `smsid show` shows: whatever a command writes or reads, but pages and pictures."""
 
-LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".txt")
+LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".ulg", ".txt")
 PICTURES = {
     ".html": "a page for a browser",
     ".png": "a picture",
     ".svg": "a picture",
     ".pdf": "a picture",
-    ".xml": "a MuJoCo model",
 }
 
 
@@ -50,7 +49,7 @@ def kind_of(path: Path) -> str:
             return _kind_of_json(path)
         case ".jsonl":
             return "campaign"
-        case ".urdf" | ".xacro":
+        case ".urdf" | ".xacro" | ".sdf" | ".mjcf" | ".xml":
             return "description"
         case ".toml":
             return _kind_of_toml(path)

@@ -13,10 +13,14 @@ from smsid.cli.output import console, working
 
 
 def import_command(
-    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT or HDF5 file")],
+    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag, MCAP or PX4 ULog")],
     mapping: Annotated[
         str,
-        typer.Option("--map", help="mapping file (TOML), or oracle_exp1, oracle_exp2 for the bundled ones"),
+        typer.Option(
+            "--map",
+            help="mapping file (TOML), or a ready one: joint_states, tiago, kinova, franka (ROS bags), "
+            "ur_rtde (CSV), px4 (ULog), oracle_exp1, oracle_exp2",
+        ),
     ],
     output: RecordingOutput = Path("recording.nc"),
     unchecked: Annotated[

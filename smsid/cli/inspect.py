@@ -18,7 +18,7 @@ MAPPING = 20  # lines of a drafted mapping that are printed
 
 
 def inspect_command(
-    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag or MCAP")],
+    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag, MCAP or PX4 ULog")],
     output: Annotated[
         Path | None, typer.Option("--map", help="write the drafted mapping to this TOML"), Writes((".toml",))
     ] = None,

@@ -15,6 +15,10 @@ KINDS = {
     ".nc": "a recording",
     ".toml": "a TOML (description, experiment or mapping)",
     ".urdf": "a URDF",
+    ".xacro": "a xacro",
+    ".sdf": "an SDF",
+    ".mjcf": "an MJCF",
+    ".xml": "an MJCF",
     ".json": "a JSON (estimate, diagnosis or controller)",
     ".jsonl": "the store of a campaign",
     ".csv": LOG,
@@ -22,12 +26,14 @@ KINDS = {
     ".mat": LOG,
     ".bag": LOG,
     ".mcap": LOG,
+    ".ulg": LOG,
     ".parquet": LOG,
 }
 """What a file is by its suffix."""
 
+ROBOTS = (".toml", ".urdf", ".xacro", ".sdf", ".mjcf", ".xml")
 WANTED = {
-    "description": ("description (TOML or URDF)", (".toml", ".urdf")),
+    "description": ("description (TOML or URDF)", ROBOTS),
     "experiment": ("experiment (TOML or a name)", (".toml",)),
     "recordings": ("recordings (.nc)", (".nc", ".h5", ".hdf5")),
     "recording": ("recording (.nc)", (".nc", ".h5", ".hdf5")),
@@ -37,7 +43,7 @@ WANTED = {
     "truth": ("estimate (JSON)", (".json",)),
     "mapping": ("mapping (TOML)", (".toml",)),
     "plan": ("plan (TOML)", (".toml",)),
-    "arm": ("description (TOML or URDF)", (".toml", ".urdf")),
+    "arm": ("description (TOML or URDF)", ROBOTS),
 }
 """What a parameter takes by its name, and the suffixes that fit."""
 

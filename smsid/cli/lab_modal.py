@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,11 +14,18 @@ from smsid.cli.options import JsonOutput, ReportPath
 from smsid.cli.output import console, working
 from smsid.errors import RecordingError
 
+if TYPE_CHECKING:
+    import numpy as np
+
+    from smsid.recording import Recording
+
 
 def modal(
     recording: RecordingPath,
     highest: Annotated[float, typer.Option(min=1e-9, help="highest frequency sought [Hz]")],
-    channel: Annotated[str | None, typer.Option(help="channel of the outputs; default the only one")] = None,
+    channel: Annotated[
+        list[str] | None, typer.Option(help="channel of the outputs, several times; default: all, if alike")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
     output: JsonOutput = Path("modes.json"),
     report: ReportPath = None,
@@ -29,19 +36,12 @@ def modal(
     from smsid.identify.estimate import save_estimate
     from smsid.lab.modal import ambient_modes
     from smsid.recording import load_recording
+    from smsid.recording.pieces import even_with_gaps
 
     log = load_recording(recording)
-    if channel is None and len(log.channels) != 1:
-        raise RecordingError(
-            f"The recording has {len(log.channels)} channels.",
-            advice=f"Choose with --channel one of {', '.join(log.channels)}.",
-        )
-    name = channel or log.channels[0]
-    log.require(name)
-    times = log.time(name)
-    rate = (times.size - 1) / (times[-1] - times[0])
-    even = log.resampled(rate)[name]
-    outputs = even.reshape(len(even), -1)
+    names = tuple(channel or _alike(log))
+    log.require(*names)
+    outputs, rate = even_with_gaps(log, names)
     with working("looking for modes"):
         found = ambient_modes(outputs, rate, highest_frequency=highest, rng=np.random.default_rng(seed))
     estimate = found.estimate(log.name)
@@ -53,7 +53,8 @@ def modal(
 
         with working("writing the report"):
             origin = provenance([recording], seed=seed)
-            made = modal_report(log.name, name, outputs, rate, highest, found, origin)
+            longest = max(_finite_runs(outputs), key=len)
+            made = modal_report(log.name, ", ".join(names), longest, rate, highest, found, origin)
             written.append(write_report(made, report))
     print_estimate(out, estimate)
     for k, mode in enumerate(found.modes, start=1):
@@ -61,6 +62,41 @@ def modal(
             out.print(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
     for f in found.harmonics:
         out.print(f"{f:.4g} Hz is a harmonic of the excitation, no mode")
+    for f in found.faint:
+        out.print(f"{f:.4g} Hz is stable too, but faint: less than a tenth of the covariance")
+    if not found.modes:
+        out.print("no mode: none is stable over model orders and correlation windows")
+    if found.drift > 0.5:
+        out.print(
+            f"{100 * found.drift:.0f} % of the variance moves fewer than 20 times in the record: a drift, "
+            "which hides modes; high-pass it"
+        )
+    gaps = len(_finite_runs(outputs)) - 1
+    if gaps:
+        out.print(f"{gaps} {'gap' if gaps == 1 else 'gaps'} left out; no correlation reaches across")
     out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
-    return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": harmonics}, written)
+    faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
+    told = {"harmonics": harmonics, "faint": faint, "drift": found.drift, "gaps": gaps}
+    return Outcome({"estimate": json.loads(estimate.to_json()), **told}, written)
+
+
+def _alike(log: Recording) -> tuple[str, ...]:
+    """Return all channels, if they are one quantity on one clock; else raise `RecordingError`."""
+    names = log.channels
+    units = {log.dataset[name].attrs.get("unit") for name in names}
+    if len(names) == 1 or (len(units) == 1 and len({len(log.time(name)) for name in names}) == 1):
+        return tuple(names)
+    raise RecordingError(
+        f"The recording has {len(names)} channels of several kinds.",
+        advice=f"Choose with --channel one or more of {', '.join(names)}.",
+    )
+
+
+def _finite_runs(outputs: np.ndarray) -> list[np.ndarray]:
+    """Return the runs of finite rows of outputs (N, l)."""
+    import numpy as np
+
+    bad = ~np.isfinite(outputs).all(axis=1)
+    pieces = np.split(outputs, np.flatnonzero(np.diff(bad.astype(int))) + 1)
+    return [piece for piece in pieces if len(piece) and np.isfinite(piece).all()]

@@ -11,7 +11,10 @@ from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
 from smsid._reading import read_toml as _read_toml
+from smsid._xacro_arguments import given_arguments
 from smsid.description.explain import explain_validation
+from smsid.description.finite_elements import with_finite_elements
+from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
 from smsid.paths import bundled_craft
@@ -27,8 +30,10 @@ def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[st
 
 
 def load_description(path: str | os.PathLike[str]) -> Description:
-    """Load a spacecraft from its TOML, or straight from a ``.urdf``; relative paths start at the file's
-    folder. The name of a spacecraft that comes with smsid (``paper_sms``) does as well, where no file has it.
+    """Load a spacecraft from its TOML, or straight from a URDF, xacro, SDF or MJCF.
+
+    Relative paths start at the file's folder. The name of a spacecraft that comes with smsid (``paper_sms``)
+    does as well, where no file has it.
 
     Raises `DescriptionError` for a missing file, bad TOML, or anything against the schema; the URDFs
     themselves are read, and checked, by `smsid.model.build_model`.
@@ -36,20 +41,46 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     file = Path(path)
     if not file.exists():
         file = bundled_craft(str(path)) or file
-    if file.suffix in (".urdf", ".xacro"):  # xacro is refused by name where the URDF is read
+    if file.suffix in SUFFIXES:
         if not file.is_file():
             raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
-        return Description(name=file.stem, urdf=file.name, folder=file.parent)
+        name = file.stem.removesuffix(".urdf")
+        return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent))
     tables = read_toml(file)
     if "folder" in tables:
         raise DescriptionError(
             f"'{file}' has the unknown key 'folder'.",
             advice="Paths start at the folder of the file; remove it.",
         )
+    tables = with_finite_elements(tables, file.parent)
     try:
-        return Description.model_validate({**tables, "folder": file.parent})
+        found = Description.model_validate({**tables, "folder": file.parent})
     except ValidationError as cause:
         raise explain_validation(cause, file, model=Description, tables=tables) from cause
+    return _with_arguments(found)
+
+
+def _with_arguments(d: Description) -> Description:
+    """Return the description with the arguments of `xacro_arguments`, for every file that is a xacro.
+
+    Raises `DescriptionError` if there are arguments, but no such file.
+    """
+    given = given_arguments()
+    if not given:
+        return d
+    arms = tuple(
+        a.model_copy(update={"arguments": {**a.arguments, **given}})
+        if a.urdf is not None and is_xacro(d.folder / a.urdf)
+        else a
+        for a in d.arm
+    )
+    own = is_xacro(d.folder / d.urdf)
+    if not own and arms == d.arm:
+        raise DescriptionError(
+            f"'{d.name}' has no xacro that could take {', '.join(f'{k}:={v}' for k, v in given.items())}.",
+            advice="Leave the arguments out.",
+        )
+    return d.model_copy(update={"arm": arms, "arguments": {**d.arguments, **given} if own else d.arguments})
 
 
 def save_description(description: Description, path: str | os.PathLike[str]) -> None:

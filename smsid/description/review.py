@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,17 +39,20 @@ def review_description(path: str | os.PathLike[str]) -> Review:
         d = load_description(path)
     except SmsidError as error:
         return Review((str(error),), ())
-    files = [(d.folder / d.urdf, d.inertias == "trusted", "the TOML (before its tables)")]
+    files = [(d.folder / d.urdf, d.inertias == "trusted", "the TOML (before its tables)", d.arguments)]
     for arm in d.arm:
         try:
             if arm.robot is not None:
-                files.append((robot_urdf(arm.robot)[0], arm.inertias == "trusted", f"[[arm]] '{arm.name}'"))
+                files.append(
+                    (robot_urdf(arm.robot)[0], arm.inertias == "trusted", f"[[arm]] '{arm.name}'", {})
+                )
         except SmsidError as error:
             wrong.append(f"[[arm]] '{arm.name}': {error}")
         if arm.urdf is not None:
-            files.append((d.folder / arm.urdf, arm.inertias == "trusted", f"[[arm]] '{arm.name}'"))
-    for file, trusted, where in files:
-        wrong += _wrong_in_urdf(d, file, trusted, where)
+            where = f"[[arm]] '{arm.name}'"
+            files.append((d.folder / arm.urdf, arm.inertias == "trusted", where, arm.arguments))
+    for file, trusted, where, arguments in files:
+        wrong += _wrong_in_urdf(d, file, trusted, where, arguments)
     with _warnings() as told:
         try:
             build_model(d)
@@ -61,9 +64,12 @@ def review_description(path: str | os.PathLike[str]) -> Review:
     return Review(tuple(dict.fromkeys(wrong)), tuple(dict.fromkeys(doubtful)), d)
 
 
-def _wrong_in_urdf(d: Description, file: Path, trusted: bool, where: str) -> list[str]:
+def _wrong_in_urdf(
+    d: Description, file: Path, trusted: bool, where: str, arguments: Mapping[str, str]
+) -> list[str]:
+    folders = [file.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
     try:
-        text = read_urdf(file)
+        text = read_urdf(file, arguments, folders)
         reading = parse_urdf(text, str(file))
     except DescriptionError as error:
         return [str(error)]
@@ -74,7 +80,7 @@ def _wrong_in_urdf(d: Description, file: Path, trusted: bool, where: str) -> lis
         found.append(str(error))
     if d.meshes == "required":
         try:
-            check_meshes(text, str(file), [file.parent, d.folder, *(d.folder / p for p in d.package_dirs)])
+            check_meshes(text, str(file), folders)
         except DescriptionError as error:
             found.append(str(error))
     return found

@@ -70,7 +70,7 @@ class Arm(Table):
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
     name of example-robot-data, see `smsid.model.robots`). Names of a mounted URDF get the prefix ``<name>/``.
     ``home`` gives joint positions by name (without prefix) [rad | m]; joints of the URDF listed in ``fixed``
-    are welded there. ``inertias = "trusted"`` takes the
+    are welded there. ``arguments`` are those of a xacro file. ``inertias = "trusted"`` takes the
     inertias of a mounted URDF as they are, where ``"checked"`` refuses those no rigid body can have.
     """
 
@@ -81,6 +81,7 @@ class Arm(Table):
     mount: Mount = Mount()
     home: dict[str, float] = Field(default_factory=dict)
     fixed: tuple[str, ...] = ()
+    arguments: dict[str, str] = Field(default_factory=dict)
     inertias: Inertias = "checked"
 
     @property
@@ -174,6 +175,7 @@ class Description(Table):
     meshes: Literal["required", "ignored"] = "required"
     inertias: Inertias = "checked"
     package_dirs: tuple[str, ...] = ()
+    arguments: dict[str, str] = Field(default_factory=dict)  # of the URDF, if it is a xacro
     thrust: Thrust = Thrust()
     thruster: tuple[Thruster, ...] = ()
     wheel: tuple[Wheel, ...] = ()

@@ -2,38 +2,26 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from smsid.description.robot_sources import robot_xml
 from smsid.description.urdf_reading import INERTIA, UrdfReading
 from smsid.errors import DescriptionError
 
 NUMBERS = {"value", "xyz", "rpy", "lower", "upper", "effort", "velocity", "damping", "friction", *INERTIA}
-XACRO = re.compile(rb"<xacro:|=\s*[\"']\$[({]")
-COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
-def read_urdf(path: Path) -> str:
-    """Return the text of a URDF, decoded as it declares.
+def read_urdf(path: Path, arguments: Mapping[str, str] | None = None, folders: Sequence[Path] = ()) -> str:
+    """Return the text of a robot's file as a URDF, decoded as it declares; see `robot_xml`.
 
-    Raises `DescriptionError` if it is missing, not XML, still xacro, or not a tree of links.
+    Raises `DescriptionError` if it is missing, not XML, cannot become a URDF, or is not a tree of links.
     """
-    if not path.is_file():
-        raise DescriptionError(
-            f"The URDF '{path}' does not exist.", advice="Check the `urdf` key of the TOML.", path=str(path)
-        )
-    content = path.read_bytes()
-    if path.suffix == ".xacro" or XACRO.search(COMMENT.sub(b"", content)):
-        raise DescriptionError(
-            f"'{path}' still has xacro in it.",
-            advice=f"Expand with xacro first: `xacro {path.name} > {path.name.split('.')[0]}_expanded.urdf`.",
-            path=str(path),
-        )
+    content = robot_xml(path, arguments, folders)
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:

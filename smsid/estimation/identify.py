@@ -91,9 +91,12 @@ def identify_spacecraft(
         try:
             return _batch(description, recordings, cad, tell)
         except (RecordingError, NotIdentifiableError) as error:
-            if not error.evidence.get("other_flight"):  # it is bad, not of another kind
+            if error.evidence.get("marginal"):  # the filter keeps what is clear, and marks the rest
+                reason = f"the paper's method cannot separate all that is there: {error.message}"
+            elif error.evidence.get("other_flight"):
+                reason = f"the recordings are not the paper's experiments: {error.message}"
+            else:  # they are bad, not of another kind
                 raise
-            reason = f"the recordings are not the paper's experiments: {error.message}"
     if tell is not None:
         tell(f"taken as flights: {reason}")
     found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)

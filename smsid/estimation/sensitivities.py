@@ -255,7 +255,8 @@ def _inverse(model: SpacecraftModel, states: States) -> np.ndarray:
     """Return the generalised forces (N, nv) that the bodies' motion takes."""
     data = model.pin.createData()
     rows = zip(states.q, states.v, states.a, strict=True)
-    return np.array([pin.rnea(model.pin, data, q, v, a) for q, v, a in rows])
+    # a flight of one sample has no middles
+    return np.array([pin.rnea(model.pin, data, q, v, a) for q, v, a in rows]).reshape(-1, model.nv)
 
 
 def _inertial(model: SpacecraftModel) -> np.ndarray:

@@ -137,7 +137,8 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
     own = None if bodies is None else {n: x for n, x in bodies.items() if "/" not in n}
     path = d.folder / d.urdf
     root = bodies.get(ROOT) if bodies is not None and free else None
-    atomic_write(folder / f"{d.name}.urdf", rewritten_urdf(path, target, own, root=root, losses=losses))
+    text = rewritten_urdf(path, target, own, root=root, losses=losses, arguments=d.arguments, folders=places)
+    atomic_write(folder / f"{d.name}.urdf", text)
     arms = []
     for arm in d.arm:
         if not arm.mounted:
@@ -160,14 +161,17 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
             welded=arm.fixed,
             rootless=bodies is not None and _on_moving_body(d, arm),
             losses={n.removeprefix(prefix): x for n, x in losses.items() if n.startswith(prefix)},
+            arguments=arm.arguments,
+            folders=places,
         )
         atomic_write(folder / f"{arm.name}.urdf", text)
-        arms.append(arm.model_copy(update={"urdf": f"{arm.name}.urdf", "robot": None}))
+        arms.append(arm.model_copy(update={"urdf": f"{arm.name}.urdf", "robot": None, "arguments": {}}))
     folders = dict.fromkeys(os.path.relpath(Path(p).resolve(), target) for p in places)
     uses_packages = any("package://" in f.read_text(encoding="utf-8") for f in folder.glob("*.urdf"))
     return d.model_copy(
         update={
             "urdf": f"{d.name}.urdf",
+            "arguments": {},
             "arm": tuple(arms),
             "folder": folder,
             "package_dirs": tuple(folders) if uses_packages else (),

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from smsid.effects import JointFriction, MotorCoupling, TorqueOffset
 from smsid.errors import DescriptionError
-from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, with_lent_inertia
+from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, stacked_joints, with_lent_inertia
 from smsid.model.regressor import body_names
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -47,8 +47,10 @@ def write_mjcf(model: SpacecraftModel) -> str:
     for j in range(1, p.njoints):
         children[p.parents[j]].append(j)
     sites = _sites(model)
+    stacked = stacked_joints(p)
 
-    def joint_lines(j: int, indent: str) -> list[str]:
+    def joint_lines(j: int, indent: str, seen: pin.SE3) -> list[str]:
+        """Write joint j of a body whose frame is ``seen`` in the joint's."""
         if p.joints[j].nq == 7:
             return [f"{indent}<freejoint name={quoteattr(p.names[j])}/>"]
         lines = []
@@ -56,7 +58,10 @@ def write_mjcf(model: SpacecraftModel) -> str:
             k = p.joints[j].idx_v + i
             kind, axis = ("slide", column[:3]) if column[:3].any() else ("hinge", column[3:])
             stiffness, damping = springs.get(k, (0.0, 0.0))
-            extra = f' armature="{numbers(p.armature[k])}"' if p.armature[k] > 0.0 else ""
+            axis = seen.rotation.T @ axis
+            at = seen.inverse().translation
+            extra = f' pos="{numbers(at)}"' if at.any() else ""
+            extra += f' armature="{numbers(p.armature[k])}"' if p.armature[k] > 0.0 else ""
             extra += f' frictionloss="{numbers(dry[k])}"' if dry.get(k, 0.0) > 0.0 else ""
             lines.append(
                 f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
@@ -64,8 +69,14 @@ def write_mjcf(model: SpacecraftModel) -> str:
             )
         return lines
 
-    def body_lines(j: int, depth: int) -> list[str]:
+    def body_lines(j: int, depth: int, before: tuple[int, ...] = ()) -> list[str]:
+        if j in stacked:
+            return body_lines(stacked[j], depth, (*before, j))
         place, indent = p.jointPlacements[j], "  " * depth
+        joints = [(j, pin.SE3.Identity())]
+        for k in reversed(before):
+            joints.insert(0, (k, place))
+            place = p.jointPlacements[k] * place
         if p.joints[j].nq == 7 and not place.isIdentity(1e-12):
             raise DescriptionError("A free joint away from the origin.", advice="Put the root there.")
         x, y, z, w = pin.Quaternion(place.rotation).coeffs()
@@ -73,7 +84,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
             f"{indent}<body name={quoteattr(names[j - 1])} "
             f'pos="{numbers(place.translation)}" quat="{numbers([w, x, y, z])}">'
         ]
-        lines += joint_lines(j, indent + "  ")
+        for k, seen in joints:
+            lines += joint_lines(k, indent + "  ", seen)
         lines.append(f"{indent}  {inertial(theta[j])}")
         lines += [f"{indent}  {site}" for site in sites.get(j, [])]
         for c in children[j]:

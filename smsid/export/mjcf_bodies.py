@@ -39,13 +39,36 @@ def joint_axes(p: pin.Model) -> dict[int, np.ndarray]:
     return found
 
 
+def stacked_joints(p: pin.Model) -> dict[int, int]:
+    """Return the joints whose body has no inertia and carries one other, by number, with that other.
+
+    The other body has both joints in MuJoCo, as those of a hip or a wrist that turns about a point.
+    """
+    children: dict[int, list[int]] = {}
+    for j in range(1, p.njoints):
+        children.setdefault(int(p.parents[j]), []).append(j)
+    return {
+        j: children[j][0]
+        for j in range(1, p.njoints)
+        if len(children.get(j, ())) == 1
+        and p.joints[j].nv == 1
+        and not p.inertias[j].toDynamicParameters().any()
+    }
+
+
 def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndarray]:
     """Return every joint's inertia, parameters (10,) in Pinocchio's order, with what lacks it lent.
 
     ``axes``: as from `joint_axes`. The motion of the whole is the same.
+
+    Raises:
+        DescriptionError: a body without inertia carries bodies that lack it, too.
     """
     theta = [np.asarray(i.toDynamicParameters()) for i in p.inertias]
+    stacked = stacked_joints(p)
     for j in range(p.njoints - 1, 0, -1):
+        if j in stacked:
+            continue
         about = parameters_to_matrix(_about_centre(theta[j])) if theta[j][0] > 0.0 else np.zeros((3, 3))
         if theta[j][0] > 0.0 and np.linalg.eigvalsh(about)[0] > 1e-9:
             continue
@@ -61,7 +84,30 @@ def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndar
         theta[j] = theta[j] + lent
         if p.parents[j]:
             theta[p.parents[j]] = theta[p.parents[j]] - move_parameters(p.jointPlacements[j], lent)
+    for j in range(1, p.njoints):
+        if j not in stacked and not _is_body(theta[j]):
+            raise DescriptionError(
+                f"MuJoCo wants mass and inertia on the body of joint '{p.names[j]}'; it has none, and bodies "
+                "hang on it that have too little themselves.",
+                advice="Give its link a mass and moments, or export without the MuJoCo XML (--no-mujoco).",
+                joint=p.names[j],
+            )
+        if j not in stacked and not _is_rigid(theta[j]):
+            raise DescriptionError(
+                f"The body of joint '{p.names[j]}' has an inertia no rigid body can have; MuJoCo refuses it.",
+                advice="Mend the inertia of its link, or export without the MuJoCo XML (--no-mujoco).",
+                joint=p.names[j],
+            )
     return theta
+
+
+def _is_rigid(theta: np.ndarray) -> bool:
+    moments = np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))
+    return bool(moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12))
+
+
+def _is_body(theta: np.ndarray) -> bool:
+    return bool(theta[0] > 0.0 and np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))[0] > 0.0)
 
 
 def inertial(theta: np.ndarray) -> str:

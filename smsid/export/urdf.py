@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from smsid.description.robot_sources import robot_xml
 from smsid.description.urdf_check import read_urdf
 from smsid.model.assembly import parameters_to_matrix
 
@@ -22,26 +23,30 @@ def rewritten_urdf(
     welded: Collection[str] = (),
     rootless: bool = False,
     losses: Mapping[str, tuple[float, float]] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    folders: Sequence[Path] = (),
 ) -> str:
     """Return the text of a URDF for another folder, with inertias replaced.
 
     Links welded together carry their inertia on the first of them.
 
     Args:
-        path: the URDF.
+        path: the URDF, or what can become one.
         folder: where the text will be; paths of meshes that are relative are made to start there.
         bodies: parameters (10,) by joint of this URDF, in the frame of its child link; None leaves all.
         root: parameters (10,) of the root link's body; None leaves them.
         welded: joints counted as fixed besides those of that type.
         rootless: take the root body's inertia away: another body has it.
         losses: viscous and Coulomb friction by joint, written to ``<dynamics>``; None leaves what is there.
+        arguments: of a xacro.
+        folders: searched for the packages it includes.
 
     Raises:
         DescriptionError: the file is missing or no URDF.
     """
-    read_urdf(path)
+    read_urdf(path, arguments, folders)
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    tree = ElementTree.parse(path, parser).getroot()
+    tree = ElementTree.fromstring(robot_xml(path, arguments, folders), parser)
     for mesh in tree.iter("mesh"):
         name = mesh.get("filename", "")
         if "://" not in name and not os.path.isabs(name):

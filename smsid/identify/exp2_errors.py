@@ -73,6 +73,7 @@ def widened(
                 f"The identifiable combinations change with the sensors' noise: {'; '.join(unlike)}.",
                 advice="Fly a richer Exp. 2: these are excited only marginally.",
                 names=unlike,
+                marginal=True,
             )
         position = (other.a.position - basis.a.position) / found.a.position_sigma
         moments = (other.a.moments.values - basis.a.moments.values) / found.a.moments.sigma
@@ -143,6 +144,7 @@ def with_carried_errors(
                 f"{'; '.join(unlike)}.",
                 advice="Fly a richer Exp. 2: these are excited only marginally.",
                 names=unlike,
+                marginal=True,
             )
         return other
 

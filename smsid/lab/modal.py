@@ -5,20 +5,20 @@ flagged.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, detrend, sosfiltfilt
 from scipy.stats import kurtosis
 
 from smsid._short_repr import short_repr
-from smsid.errors import NotIdentifiableError
+from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, judged
 from smsid.identify.modes import Mode, Poles, mac
-from smsid.identify.ssi_decimate import decimate
-from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles, signal_matrix
+from smsid.identify.ssi_decimate import decimate, filter_length
+from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
 
 ORDERS = tuple(range(4, 42, 2))
@@ -32,6 +32,15 @@ STABILITY = Stability(
     frequency=0.01, damping=0.2, shape=0.01, largest_damping=0.1, share_of_orders=0.4, contribution=0.1
 )
 MOST_ROWS = 200
+
+FAINT = 0.02
+"""Share of the covariance down to which a stable pole is told as faint, though not as a mode."""
+
+UNEVEN = 5.0
+"""Outputs of standard deviations further apart are also tried as of equal size."""
+
+DRIFT_CYCLES = 20
+"""Of what moves slower than this often in the record, no mode is identified: it is a drift."""
 
 LINE = 40.0
 """Height of a line over its neighbourhood; the largest of fifty bins of noise reaches about eight."""
@@ -100,7 +109,9 @@ class AmbientModes:
     ``separations`` [Hz] are the distances of neighbouring modes with standard deviations, found on the same
     resampled records: close modes move together. ``harmonics`` [Hz] are sines of the excitation, which are
     no modes; ``rate`` [Hz] after decimation, ``window`` [s] over which correlations stand out. ``diagram``
-    is that of the middle one of the windows used, or of all windows where none could be.
+    is that of the middle one of the windows used, or of all windows where none could be. ``faint`` [Hz] are
+    stable too, but carry less of the covariance than a mode has to; ``drift`` is the share of the variance
+    (of outputs without their straight lines) that moves fewer than `DRIFT_CYCLES` times in the record.
     """
 
     modes: tuple[AmbientMode, ...]
@@ -109,6 +120,8 @@ class AmbientModes:
     rate: float
     window: float
     diagram: PoleDiagram
+    faint: tuple[float, ...] = ()
+    drift: float = 0.0
 
     def estimate(self, name: str) -> Estimate:
         """Return frequencies [Hz], damping ratios and separations [Hz] as an estimate of a structure."""
@@ -138,11 +151,15 @@ def ambient_modes(
     Twelve lengths of past and future are tried, from a seventh to three times the time over which
     correlations stand out of their scatter (Bartlett's formula). A mode must be stable over orders; of the
     windows, those are used that resolve most modes while three at least agree on them. Values are medians
-    over windows. Intervals come from
-    identifying again with blocks of the record drawn at random.
+    over windows. Intervals come from identifying again with blocks of the record drawn at random.
+
+    Every output loses its straight line, so that a drift chooses no modes; no correlation reaches across a
+    gap. Where outputs differ in size by more than `UNEVEN`, they are taken as they are, and divided by their
+    standard deviations, too: the smaller may be in another unit, or noise across the motion. What resolves
+    more modes counts; shapes come back in the units of y.
 
     Args:
-        y: (N,) or (N, l) outputs [any unit].
+        y: (N,) or (N, l) outputs [any unit, one for each]; rows that are not finite are gaps.
         rate: [Hz].
         highest_frequency: modes above are not sought [Hz]; the record is decimated accordingly.
         orders: model orders; none is picked.
@@ -151,40 +168,66 @@ def ambient_modes(
         rng: for them; default a generator of fixed seed.
 
     Raises:
-        NotIdentifiableError: not finite, too short, or no correlation stands out.
+        NotIdentifiableError: nothing finite, too short, or no correlation stands out.
+        SmsidError: y has more than two dimensions.
 
     Source: Peeters and De Roeck (1999) for SSI-COV; Jacobsen, Andersen and Brincker (2007) for harmonics by
     kurtosis.
     """
-    x = signal_matrix(y, "y")
-    x = x - x.mean(axis=0)
     factor = max(1, int(rate / (4.0 * highest_frequency)))
-    slow, slow_rate = decimate(x, rate, factor)
-    # correlations of a machine's harmonic never die away
-    window = min(correlation_window(slow, slow_rate), MOST_ROWS / slow_rate)
-    least = max(orders) // slow.shape[1] + 2
-    rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
-    blocks = min(max(10, int(len(slow) / (8 * max(rows)))), 30)
     generator = rng or np.random.default_rng(0)
+    found = []
+    for alike in (False, True):
+        prepared = _prepared(y, rate, factor, alike=alike)
+        sizes = np.sqrt(np.mean(np.concatenate(prepared[1]) ** 2, axis=0))
+        found.append(_identified(prepared, rate, highest_frequency, orders, stability, replicates, generator))
+        sizes = sizes[sizes > 0.0]
+        if not sizes.size or sizes.max() <= UNEVEN * sizes.min():
+            break
+    return max(found, key=lambda f: len(f.modes))  # of equals the first
+
+
+Prepared = tuple[list[np.ndarray], list[np.ndarray], float, np.ndarray]
+
+
+def _identified(
+    prepared: Prepared,
+    rate: float,
+    highest_frequency: float,
+    orders: Sequence[int],
+    stability: Stability,
+    replicates: int,
+    generator: np.random.Generator,
+) -> AmbientModes:
+    """Return the modes of outputs that `_prepared` has made; arguments as of `ambient_modes`."""
+    pieces, slow, slow_rate, scale = prepared
+    x = max(pieces, key=len)
+    # correlations of a machine's harmonic never die away
+    window = min(correlation_window(max(slow, key=len), slow_rate), MOST_ROWS / slow_rate)
+    outputs = slow[0].shape[1]
+    least = max(orders) // outputs + 2
+    rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
+    blocks = min(max(10, int(sum(map(len, slow)) / (8 * max(rows)))), 30)
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
     found: list[list[Mode]] = []
+    loose: list[list[Mode]] = []
     again: list[list[tuple[Poles, ...]]] = []
     every: list[tuple[Poles, ...]] = []
     for count in rows:
         covariances = _block_covariances(slow, count, blocks)
-        chosen = checked_orders(orders, count, slow.shape[1], count * slow.shape[1])
+        chosen = checked_orders(orders, count, outputs, count * outputs)
         left, singular, right = np.linalg.svd(covariances.mean(axis=0), full_matrices=False)
-        poles = observability_poles(left, singular, right, slow.shape[1], slow_rate, chosen)
+        poles = observability_poles(left, singular, right, outputs, slow_rate, chosen)
         every.append(poles)
-        found.append(
-            [m for m in stable_modes(poles, slow_rate, stability) if m.frequency <= highest_frequency]
-        )
+        stable = stable_modes(poles, slow_rate, replace(stability, contribution=FAINT))
+        loose.append([m for m in stable if m.frequency <= highest_frequency])
+        found.append([m for m in loose[-1] if m.contribution >= stability.contribution])
         # What a resampled covariance changes lies in the leading subspaces; there it is small to decompose.
         kept = min(2 * max(chosen), singular.size)
         left, right = left[:, :kept], right[:kept]
         small = np.einsum("ai,kab,jb->kij", left, covariances, right, optimize=True)
         few = chosen[:: -(-len(chosen) // RESAMPLED_ORDERS)]
-        again.append([_resampled(small, w, left, right, slow.shape[1], slow_rate, few) for w in draws])
+        again.append([_resampled(small, w, left, right, outputs, slow_rate, few) for w in draws])
     used = _finest(found, stability.frequency)
     groups = [
         g for g in _grouped([found[k] for k in used], stability.frequency) if len(g) >= _enough(len(used))
@@ -193,7 +236,7 @@ def ambient_modes(
     groups = [g for g in groups if not any(_is_line(g, line) for line in lines)]
     groups = sorted(groups, key=lambda g: np.median([m.frequency for m in g]))
     scatter = _scatter(groups, [again[k] for k in used]) if groups else np.zeros((0, 0, 0, 2))
-    modes = tuple(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate) for k, g in enumerate(groups))
+    modes = tuple(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate, scale) for k, g in enumerate(groups))
     gaps = tuple(
         (high.frequency - low.frequency, float(_sigma(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]))
         for k, (low, high) in enumerate(pairwise(modes))
@@ -201,7 +244,53 @@ def ambient_modes(
     middle = used[len(used) // 2] if used else len(rows) // 2
     shown = every[middle]
     diagram = PoleDiagram(rows[middle] / slow_rate, tuple(shown), stable_poles(shown, stability))
-    return AmbientModes(modes, gaps, lines, slow_rate, window, diagram)
+    seen = _grouped([loose[k] for k in used or range(len(rows))], stability.frequency)
+    middles = [float(np.median([m.frequency for m in g])) for g in seen if len(g) >= _enough(len(used))]
+    told = [*(m.frequency for m in modes), *lines]
+    faint = [f for f in middles if all(abs(f - other) > 2 * stability.frequency * f for other in told)]
+    return AmbientModes(
+        modes, gaps, lines, slow_rate, window, diagram, tuple(sorted(faint)), _drift(pieces, rate)
+    )
+
+
+def _prepared(y: np.ndarray, rate: float, factor: int, *, alike: bool) -> Prepared:
+    """Return the pieces of y between gaps, without their straight lines and scaled; the same, decimated.
+
+    ``alike`` gives every output unit variance, else the largest.
+
+    Returns:
+        pieces (N_i, l), the same decimated, their rate [Hz], and the scale (l,) of the outputs: zero for one
+        that does not move.
+    """
+    y = np.asarray(y, float)
+    y = y[:, None] if y.ndim == 1 else y
+    if y.ndim != 2 or y.shape[1] == 0:
+        raise SmsidError(f"y {y.shape} must be (N,) or (N, channels).")
+    finite = np.isfinite(y).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], finite, [False])).astype(int)))
+    runs = [y[a:b] for a, b in edges.reshape(-1, 2).tolist()]
+    longest = max(map(len, runs), default=0)
+    # A piece of a few samples tells nothing of a mode but its straight line.
+    pieces = [detrend(run, axis=0) for run in runs if len(run) >= max(longest // 20, 2 * factor + 1, 3)]
+    if not pieces:
+        raise NotIdentifiableError(
+            f"Of {len(y)} samples none are finite in a row.", advice="Leave out the outputs with gaps."
+        )
+    slow = [decimate(piece, rate, factor) for piece in pieces if len(piece) >= filter_length(factor)]
+    if not slow:
+        decimate(max(pieces, key=len), rate, factor)  # says what is too short
+    slow_rate = slow[0][1]
+    spread = np.sqrt(np.mean(np.concatenate([piece for piece, _ in slow]) ** 2, axis=0))
+    still = spread <= 1e-12 * np.abs(y[finite]).max(axis=0)
+    scale = np.where(still, 0.0, spread if alike else spread.max())
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    return [p * inverse for p in pieces], [p * inverse for p, _ in slow], slow_rate, scale
+
+
+def _drift(pieces: list[np.ndarray], rate: float) -> float:
+    """Return the share of the variance that moves fewer than `DRIFT_CYCLES` times in the longest piece."""
+    power = np.sum(np.abs(np.fft.rfft(max(pieces, key=len), axis=0)) ** 2, axis=1)
+    return float(power[1:DRIFT_CYCLES].sum() / max(power[1:].sum(), 1e-300))
 
 
 def spectral_lines(y: np.ndarray, rate: float, highest: float) -> tuple[float, ...]:
@@ -267,20 +356,27 @@ def band_kurtosis(y: np.ndarray, rate: float, frequency: float, width: float) ->
     return float(kurtosis(strongest, fisher=False))
 
 
-def _block_covariances(y: np.ndarray, rows: int, blocks: int) -> np.ndarray:
-    """Covariances (blocks, rows l, rows l) between future and past, of as many blocks of the record."""
-    columns = len(y) - 2 * rows + 1
-    if columns < 2 * blocks:
+def _block_covariances(pieces: list[np.ndarray], rows: int, blocks: int) -> np.ndarray:
+    """Covariances (<= blocks, rows l, rows l) between future and past, of blocks of the pieces."""
+    columns = [max(len(y) - 2 * rows + 1, 0) for y in pieces]
+    if sum(columns) < 2 * blocks:
         raise NotIdentifiableError(
-            f"{len(y)} samples are too few for {rows} block rows.", advice="Record longer.", samples=len(y)
+            f"{sum(map(len, pieces))} samples are too few for {rows} block rows.",
+            advice="Record longer.",
+            samples=sum(map(len, pieces)),
         )
-    edges = np.linspace(0, columns, blocks + 1).astype(int)
-    return np.array(
-        [
-            block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / (b - a)
-            for a, b in pairwise(edges.tolist())
-        ]
-    )
+    # A block counts by its columns, however the gaps have cut it.
+    share = sum(columns) / blocks
+    found = np.zeros((blocks, rows * pieces[0].shape[1], rows * pieces[0].shape[1]))
+    at = 0.0
+    for y, width in zip(pieces, columns, strict=True):
+        a = 0
+        while a < width:
+            block = min(int((at + 1e-9) / share), blocks - 1)
+            b = width if block == blocks - 1 else min(width, a + max(1, round((block + 1) * share - at)))
+            found[block] += block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / share
+            at, a = at + b - a, b
+    return found
 
 
 def _resampled(
@@ -371,11 +467,15 @@ def _sigma(scatter: np.ndarray) -> np.ndarray:
     return np.median(np.where(lost[:, None], np.inf, sigma), axis=0)
 
 
-def _mode(group: list[Mode], windows: int, sigma: np.ndarray, y: np.ndarray, rate: float) -> AmbientMode:
+def _mode(
+    group: list[Mode], windows: int, sigma: np.ndarray, y: np.ndarray, rate: float, scale: np.ndarray
+) -> AmbientMode:
     frequency = float(np.median([m.frequency for m in group]))
     damping = float(np.median([m.damping for m in group]))
     peaked = band_kurtosis(y, rate, frequency, max(4.0 * damping, 0.01) * frequency)
+    shape = group[len(group) // 2].shape * scale
+    shape = shape / shape[np.argmax(np.abs(shape))]
     return AmbientMode(
-        frequency, float(sigma[0]), damping, float(sigma[1]), group[len(group) // 2].shape,
+        frequency, float(sigma[0]), damping, float(sigma[1]), shape,
         float(np.median([m.contribution for m in group])), len(group) / windows, peaked,
     )  # fmt: skip

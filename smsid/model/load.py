@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -41,9 +44,11 @@ def load_bus(d: Description, visuals: bool) -> Loaded:
     folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
     root = pin.JointModelFreeFlyer() if d.root == "free" else None
     own = [arm for arm in d.arm if not arm.mounted]
+    keep = mentioned(d)
     fixed = tuple(name for arm in own for name in arm.fixed)
     where = "the TOML (before its tables)"
-    loaded = _load(path, folders, d, root, visuals, d.inertias == "trusted", where, fixed)
+    trusted = d.inertias == "trusted"
+    loaded = _load(path, folders, d, root, visuals, trusted, where, fixed, d.arguments, keep)
     for arm in own:
         if arm.fixed:
             loaded = _with_fixed(loaded, arm)
@@ -62,7 +67,10 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
         path = d.folder / str(arm.urdf)
         folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
     trusted = arm.inertias == "trusted"
-    child = _load(path, folders, d, None, bus.visual is not None, trusted, f"[[arm]] '{arm.name}'", arm.fixed)
+    where, shown = f"[[arm]] '{arm.name}'", bus.visual is not None
+    keep = mentioned(d)
+    keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
+    child = _load(path, folders, d, None, shown, trusted, where, arm.fixed, arm.arguments, keep)
     if arm.fixed:
         child = _with_fixed(child, arm)
     names = []
@@ -93,7 +101,6 @@ def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
     """Return an arm's model with its ``fixed`` joints welded at home."""
     model = child.model
     q = pin.neutral(model)
-    joints = []
     for name in arm.fixed:
         if not model.existJointName(name):
             known = list(model.names)[1:]
@@ -102,13 +109,20 @@ def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
                 advice=f"It has: {', '.join(known)}.",
                 joint=name,
             )
-        joints.append(model.getJointId(name))
-        one = JointGroup.of(model, joints[-1:])
+        one = JointGroup.of(model, [model.getJointId(name)])
         q = set_group_angles(model, one, q, np.array([arm.home.get(name, 0.0)]))
-    losses = {n: x for n, x in child.losses.items() if n not in arm.fixed}
-    if child.visual is None:
-        return Loaded(pin.buildReducedModel(model, joints, q), None, losses)
-    reduced, visual = pin.buildReducedModel(model, child.visual, joints, q)
+    return _welded(child, arm.fixed, q)
+
+
+def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
+    """Return a model with joints welded at the configuration q (nq,)."""
+    if not names:
+        return loaded
+    joints = [loaded.model.getJointId(name) for name in names]
+    losses = {n: x for n, x in loaded.losses.items() if n not in names}
+    if loaded.visual is None:
+        return Loaded(pin.buildReducedModel(loaded.model, joints, q), None, losses)
+    reduced, visual = pin.buildReducedModel(loaded.model, loaded.visual, joints, q)
     return Loaded(reduced, visual, losses)
 
 
@@ -121,14 +135,24 @@ def _load(
     trusted: bool,
     where: str,
     fixed: tuple[str, ...] = (),
+    arguments: Mapping[str, str] | None = None,
+    keep: Collection[str] = (),
 ) -> Loaded:
-    text = read_urdf(path)
+    text = read_urdf(path, arguments, folders)
     reading = parse_urdf(text, str(path))
     check_inertias(reading, trusted=trusted, where=where)
     if d.meshes == "required":
         check_meshes(text, str(path), folders)
     _tell_unused(reading, fixed)
     text = normalised(text)
+    empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
+    if empty:
+        logger.warning(
+            "%s: welded, as only frames without mass or shape lie beyond: joints %s. Name one in `joints`, "
+            "or as a wheel with `inertia`, to keep it.",
+            path,
+            some_of(empty),
+        )
     try:
         model = pin.buildModelFromXML(text) if root is None else pin.buildModelFromXML(text, root)
     except (ValueError, RuntimeError) as error:
@@ -144,7 +168,7 @@ def _load(
         if (j.damping or j.friction) and j.kind in ("revolute", "continuous", "prismatic")
     }
     if not visuals:
-        return Loaded(model, None, losses)
+        return _welded(Loaded(model, None, losses), empty, pin.neutral(model))
     places = [str(f) for f in folders]
     shown = without_meshes(text) if d.meshes == "ignored" else text
     try:
@@ -153,7 +177,51 @@ def _load(
         raise DescriptionError(
             f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
         ) from error
-    return Loaded(model, visual, losses)
+    return _welded(Loaded(model, visual, losses), empty, pin.neutral(model))
+
+
+def mentioned(d: Description) -> set[str]:
+    """Return every text in a description's arms, wheels, effects and sensors: names of joints among them."""
+    found: set[str] = set()
+
+    def walk(value: Any) -> None:
+        if isinstance(value, str):
+            found.add(value)
+        elif isinstance(value, Mapping):
+            for key, item in value.items():
+                walk(key)
+                walk(item)
+        elif isinstance(value, list | tuple):
+            for item in value:
+                walk(item)
+
+    for part in (*d.arm, *d.wheel, *d.effect, *d.sensor):
+        walk(part.model_dump(exclude_none=True))
+    return found
+
+
+def frame_joints(reading: UrdfReading, text: str) -> list[str]:
+    """Return the joints beyond which there are only frames: links without mass, moment or shape.
+
+    None, if no other joint moves: then the masses are missing.
+    """
+    shaped = {
+        link.get("name")
+        for link in ElementTree.fromstring(text).findall("link")
+        if link.find("visual") is not None or link.find("collision") is not None
+    }
+    children: dict[str, list[str]] = {}
+    for joint in reading.joints.values():
+        children.setdefault(joint.parent, []).append(joint.child)
+
+    def is_body(name: str) -> bool:
+        link = reading.links[name]
+        own = bool(link.mass > 0.0 or np.any(link.inertia)) or name in shaped
+        return own or any(is_body(child) for child in children.get(name, ()))
+
+    moving = [j for j in reading.joints.values() if j.kind != "fixed"]
+    found = [j.name for j in moving if not is_body(j.child)]
+    return found if len(found) < len(moving) else []
 
 
 def _tell_unused(reading: UrdfReading, fixed: tuple[str, ...]) -> None:
@@ -161,7 +229,10 @@ def _tell_unused(reading: UrdfReading, fixed: tuple[str, ...]) -> None:
     followers = [j.name for j in reading.joints.values() if j.mimic is not None and j.name not in fixed]
     if followers:
         logger.warning(
-            "%s: joints %s mimic another; here each moves on its own.", reading.source, some_of(followers)
+            "%s: joints %s mimic another; here each moves on its own. To lock them: fixed = [%s].",
+            reading.source,
+            some_of(followers),
+            some_of([f'"{name}"' for name in followers]),
         )
     for what in reading.unused:
         logger.warning("%s: not used: %s.", reading.source, what)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import logging
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from smsid.errors import RecordingError
 from smsid.recording._names import unit_word
 from smsid.recording.columns import Columns
+
+logger = logging.getLogger(__name__)
 
 DELIMITERS = (";", "\t", "|", ",")
 NO_SAMPLE = frozenset({"", "na", "n/a", "#n/a", "null", "none"})
@@ -32,7 +35,7 @@ class CsvFormat:
         delimiter: between cells.
         decimal: '.' or ','.
         skip_rows: lines before the header (lines starting with '#' there are skipped anyway).
-        names: names of the columns, for a file without header.
+        names: names of the columns, for a file without header; without them ``column1``, ``column2``, ...
     """
 
     delimiter: str | None = None
@@ -48,7 +51,7 @@ def read_csv(path: Path, csv_format: CsvFormat) -> Columns:
     the header is not a sample. A column of numbers is float64, NaN where a cell is blank; any other is text.
 
     Raises:
-        RecordingError: not text, cut short, no header, a repeated name, or a line with another number of
+        RecordingError: not text, cut short, a repeated name, or a line with another number of
             cells.
     """
     lines, first = _csv_lines(path, csv_format)
@@ -57,7 +60,13 @@ def read_csv(path: Path, csv_format: CsvFormat) -> Columns:
         preamble = _preamble(lines, delimiter)
         lines, first = lines[preamble:], first + preamble
     rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    names = list(csv_format.names) if csv_format.names else [cell.strip() for cell in next(rows, [])]
+    named = csv_format.names
+    if not named:
+        cells = next(csv.reader(lines[:1], delimiter=delimiter, skipinitialspace=True), [])
+        if len(cells) > 1 and all(NUMBER.fullmatch(cell.strip()) for cell in cells):
+            named = tuple(f"column{k}" for k in range(1, len(cells) + 1))
+            logger.warning("%s has no header: its columns are called column1 to column%d.", path, len(cells))
+    names = list(named) if named else [cell.strip() for cell in next(rows, [])]
     _check_header(path, names)
     table = _table(path, rows, names, delimiter, first)
     decimal = csv_format.decimal or _sniff_decimal(table, delimiter)
@@ -180,6 +189,9 @@ def _sniff_delimiter(path: Path, lines: list[str]) -> str:
         return next(iter(mostly))
     if any(delimiter in head[0] for delimiter in DELIMITERS):
         return max(DELIMITERS, key=head[0].count)
+    blanks = {len(line.split()) for line in head[:20][:-1] or head}
+    if len(blanks) == 1 and blanks != {1} and len({line.count(" ") for line in head}) == 1:
+        return " "
     raise RecordingError(
         f"{path}: no delimiter found in the line {head[0].strip()!r}.",
         advice="State it in the mapping: [csv] delimiter = ' '; if the header comes later, skip_rows = 3 or "
@@ -196,12 +208,6 @@ def _check_header(path: Path, names: list[str]) -> None:
             advice="Rename them in the header.",
             path=str(path),
             repeated=tuple(repeated),
-        )
-    if names and all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?", name) for name in names):
-        raise RecordingError(
-            f"{path} has no header: the first line is {', '.join(names[:4])}.",
-            advice="Name the columns in the mapping: [csv] names = ['t', ...].",
-            path=str(path),
         )
 
 

@@ -24,25 +24,55 @@ def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
     return {name: _unpacked(values, attributes) for name, values, attributes in _datasets(path)}
 
 
-def read_matlab_hdf5(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the numeric arrays of a MATLAB 7.3 file, with MATLAB's axes; fields are called ``data.imu.acc``.
+def read_matlab_hdf5(path: Path) -> dict[str, Any]:
+    """Read a MATLAB 7.3 file as nested dictionaries, with MATLAB's axes.
+
+    Structures are dictionaries, arrays of structures and cells lists, characters text. Objects such as
+    timeseries are left out.
 
     Raises:
         RecordingError: cut short or damaged.
     """
-    # MATLAB writes column-major, so HDF5 sees every array transposed.
-    return {
-        name.replace("/", "."): np.squeeze(values.T)
-        for name, values, _ in _datasets(path, skip_user_block=True)
-        if not name.startswith("#")
-    }
-
-
-def _datasets(path: Path, *, skip_user_block: bool = False) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
     import h5py
 
-    if not skip_user_block:
-        check_hdf5(path)
+    try:
+        with h5py.File(path, "r") as file:
+            refuse_other_files(file, path)
+            tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
+            return {name: value for name, value in tree.items() if value is not None}
+    except RecordingError:
+        raise
+    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
+        raise _damaged(path, error) from error
+
+
+def _matlab(node: Any, file: Any) -> Any:
+    """Return a group as a dictionary, or a list of them; a dataset as an array, text or list."""
+    import h5py
+
+    if isinstance(node, h5py.Group):
+        fields = {str(k): v for k in node if (v := _matlab(node[k], file)) is not None}
+        # The fields of an array of structures are arrays of references of one length.
+        sizes = {len(v) for v in fields.values() if isinstance(v, list)}
+        if fields and len(sizes) == 1 and all(isinstance(v, list) for v in fields.values()):
+            return [{k: v[i] for k, v in fields.items()} for i in range(sizes.pop())]
+        return fields
+    kind = node.attrs.get("MATLAB_class", b"")
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    if h5py.check_ref_dtype(node.dtype) is not None:
+        found = [_matlab(file[r], file) for r in np.ravel(node[()].T) if r]
+        return None if any(x is None for x in found) else found
+    if node.attrs.get("MATLAB_empty", 0) or node.dtype.kind not in "fiub":
+        return None
+    # MATLAB writes column-major, so HDF5 sees every array transposed.
+    values = np.squeeze(np.asarray(node[()]).T)
+    return "".join(map(chr, np.ravel(values))) if kind == "char" else values
+
+
+def _datasets(path: Path) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
+    import h5py
+
+    check_hdf5(path)
     found: list[tuple[str, NDArray[Any], dict[str, Any]]] = []
 
     def visit(name: str, node: Any) -> None:
@@ -56,13 +86,17 @@ def _datasets(path: Path, *, skip_user_block: bool = False) -> list[tuple[str, N
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise RecordingError(
-            f"{path} ({path.stat().st_size} bytes) cannot be read as HDF5: {error}.",
-            advice="It is cut short or damaged: copy it again from where it was made.",
-            path=str(path),
-            size=path.stat().st_size,
-        ) from error
+        raise _damaged(path, error) from error
     return found
+
+
+def _damaged(path: Path, error: Exception) -> RecordingError:
+    return RecordingError(
+        f"{path} ({path.stat().st_size} bytes) cannot be read as HDF5: {error}.",
+        advice="It is cut short or damaged: copy it again from where it was made.",
+        path=str(path),
+        size=path.stat().st_size,
+    )
 
 
 def _unpacked(values: NDArray[Any], attributes: dict[str, Any]) -> NDArray[Any]:

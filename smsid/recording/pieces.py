@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from smsid.errors import RecordingError
@@ -52,6 +54,31 @@ def complete_pieces(recording: Recording) -> tuple[Recording, ...]:
             advice="Leave out the channels with most gaps or samples that are not finite.",
         )
     return tuple(recording.window(*span) for span in spans)
+
+
+def even_with_gaps(recording: Recording, names: Sequence[str]) -> tuple[np.ndarray, float]:
+    """Bring channels to one even clock, piece by piece; a row of NaN stands for each gap.
+
+    Args:
+        recording: with gaps or samples that are not finite, or without.
+        names: of its channels.
+
+    Returns:
+        values (N, columns) of the channels side by side, and their rate [Hz], that of the longest piece.
+
+    Raises:
+        RecordingError: no such channel, a clock that does not increase, or nothing is left.
+    """
+    recording.require(*names)
+    pieces = complete_pieces(recording.without(*(n for n in recording.channels if n not in names)))
+    longest = max((piece.time(names[0]) for piece in pieces), key=len)
+    rate = float((longest.size - 1) / (longest[-1] - longest[0]))
+    rows: list[np.ndarray] = []
+    for piece in pieces:
+        even = piece.resampled(rate)
+        values = [even[name].reshape(len(even[name]), -1) for name in names]
+        rows += [np.hstack(values), np.full((1, sum(v.shape[1] for v in values)), np.nan)]
+    return np.vstack(rows[:-1]), rate
 
 
 def _sampled(recording: Recording, t0: float, t1: float) -> bool:

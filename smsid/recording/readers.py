@@ -22,6 +22,7 @@ from smsid.recording._csv import CsvFormat, parse_number, read_csv, unreadable
 from smsid.recording._hdf5 import read_hdf5, read_matlab_hdf5
 from smsid.recording._parquet import read_parquet
 from smsid.recording._times import read_times
+from smsid.recording._ulog import read_ulog
 from smsid.recording.columns import Columns
 
 __all__ = [
@@ -43,7 +44,7 @@ def read_columns(path: str | os.PathLike[str], csv_format: CsvFormat | None = No
 
     Raises:
         RecordingError: no such file, no reader for the suffix, or what the reader finds wrong.
-        MissingDependencyError: the reader needs an extra, such as ``bags`` or ``parquet``.
+        MissingDependencyError: the reader needs an extra: ``bags``, ``parquet`` or ``px4``.
     """
     file = Path(path)
     if is_bag_folder(file):
@@ -88,12 +89,12 @@ def read_mat(path: Path, csv_format: CsvFormat) -> Columns:
     try:
         tree = loadmat(path, simplify_cells=True)
     except NotImplementedError:  # version 7.3 is HDF5
-        return Columns(read_matlab_hdf5(path))
+        tree = read_matlab_hdf5(path)
     except Exception as error:  # MatReadError, ValueError, TypeError, zlib.error, ...
         raise unreadable(path, "MATLAB", error) from error
     kept = {name: value for name, value in tree.items() if not name.startswith("__")}
     columns = Columns(dict(_leaves("", kept)))
-    if not columns and tree:
+    if not columns:
         raise RecordingError(
             f"{path} holds no arrays of numbers; objects such as timeseries and datasets are not written in "
             "a public form.",
@@ -118,6 +119,7 @@ READERS: MappingProxyType[str, Reader] = MappingProxyType(
         ".bag": lambda path, _: read_bag(path),
         ".db3": lambda path, _: read_bag(path),
         ".mcap": lambda path, _: read_bag(path),
+        ".ulg": lambda path, _: read_ulog(path),
     }
 )
 """Readers by suffix."""

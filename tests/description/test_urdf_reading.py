@@ -46,12 +46,6 @@ def test_inertia_is_turned_into_link_axes(tmp_path):
     np.testing.assert_allclose(body.inertia, link.inertia, atol=1e-15)
 
 
-def test_xacro_file_is_refused_by_name(tmp_path):
-    (tmp_path / "x.urdf.xacro").write_text(BUS)
-    with pytest.raises(DescriptionError, match="Expand with xacro first"):
-        build_model(load_description(tmp_path / "x.urdf.xacro"))
-
-
 def test_gear_of_a_transmission_is_named_as_unused(tmp_path):
     more = "<transmission name='t1'><joint name='shoulder'/><actuator name='m'><mechanicalReduction>50"
     more += "</mechanicalReduction></actuator></transmission></robot>"

@@ -97,3 +97,27 @@ def test_a_mode_that_twists_and_bends_is_refused_by_name():
     description = Description(name="sms", urdf="paper_sms.urdf", folder=URDF, effect=(panel,))
     with pytest.raises(DescriptionError, match=r"skew\.mode1.*--no-mujoco"):
         write_mjcf(build_model(description))
+
+
+def test_joints_that_turn_about_a_point_stand_on_one_body(tmp_path):
+    inertia = '<inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0" ixz="0" iyz="0"/>'
+    link = '<link name="{}"><inertial><origin xyz="0.1 0.02 0"/><mass value="{}"/>'
+    link += f"{inertia}</inertial></link>"
+    joint = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>'
+    joint += '<origin xyz="{}" rpy="0.2 0 0.1"/><axis xyz="{}"/>'
+    joint += '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+    text = link.format("bus", 20) + '<link name="v1"/><link name="v2"/>' + link.format("leg", 2)
+    text += joint.format("yaw", "bus", "v1", "0.5 0 0.1", "0 0 1") + joint.format(
+        "roll", "v1", "v2", "0 0.05 0", "1 0 0"
+    )
+    text += joint.format("pitch", "v2", "leg", "0 0 -0.1", "0 1 0")
+    (tmp_path / "hip.urdf").write_text(f'<robot name="hip">{text}</robot>')
+    model, mj, data = both(Description(name="hip", urdf="hip.urdf", folder=tmp_path))
+    assert mj.nbody == 3 and [mj.joint(k).name for k in range(1, 4)] == ["yaw", "roll", "pitch"]
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q, v = random_state(model, rng)
+        data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+        mujoco.mj_forward(mj, data)
+        _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(model.nv)))
+        assert data.qacc == pytest.approx(expected, rel=1e-9, abs=1e-9)

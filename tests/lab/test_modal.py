@@ -111,3 +111,26 @@ def test_both_modes_of_the_slab():
     assert apart - 1.96 * sigma > 0.0
     # three hard steps carry the record
     assert first.impulsive and second.impulsive
+
+
+def test_neither_units_nor_a_drift_nor_a_gap_nor_a_dead_output_choose_the_modes():
+    y = structure(CLOSE[:1])[:6000, :2]
+    (plain,) = ambient_modes(y, RATE, highest_frequency=12.0, replicates=4).modes
+    t = np.linspace(0.0, 1.0, len(y))[:, None]
+    spoilt = np.column_stack([y * [1.0, 1e-3] + 9.81 + 50.0 * t, np.full(len(y), 9.81)])
+    (mode,) = ambient_modes(spoilt, RATE, highest_frequency=12.0, replicates=4).modes
+    assert mode.frequency == pytest.approx(plain.frequency, rel=2e-3)
+    ratio = mode.shape[:2] * [1.0, 1e3]
+    assert mode.shape[2] == 0.0
+    assert ratio / np.linalg.norm(ratio) == pytest.approx(plain.shape / np.linalg.norm(plain.shape), abs=0.02)
+    holed = y.copy()
+    holed[2000:2100] = np.nan
+    (mode,) = ambient_modes(holed, RATE, highest_frequency=12.0, replicates=4).modes
+    assert abs(mode.frequency - 7.0) < 3.0 * np.hypot(mode.frequency_sigma, 0.01)
+
+
+def test_what_moves_slowly_is_told_as_a_drift():
+    y = structure(CLOSE[:1])[:6000, :2]
+    wander = 100.0 * np.sin(2 * np.pi * 3.0 * np.linspace(0.0, 1.0, len(y)))[:, None]
+    assert ambient_modes(y, RATE, highest_frequency=12.0, replicates=2).drift < 0.1
+    assert ambient_modes(y + wander, RATE, highest_frequency=12.0, replicates=2).drift > 0.9

@@ -1,0 +1,85 @@
+"""A URDF made link by link, of a robot that was written in another format."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+
+import numpy as np
+
+INERTIA = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+
+
+class UrdfTree:
+    """The ``<robot>`` under construction."""
+
+    def __init__(self, name: str) -> None:
+        self.root = ElementTree.Element("robot", name=name)
+
+    def link(
+        self,
+        name: str,
+        mass: float = 0.0,
+        centre: np.ndarray | None = None,
+        inertia: np.ndarray | None = None,
+    ) -> None:
+        """Add a link with its mass [kg], centre (3,) [m] and inertia (3, 3) about it, link axes [kg m^2]."""
+        link = ElementTree.SubElement(self.root, "link", name=name)
+        if centre is None or inertia is None or not (mass > 0.0 or np.any(inertia)):
+            return
+        tag = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(tag, "origin", xyz=_text(centre), rpy="0 0 0")
+        ElementTree.SubElement(tag, "mass", value=repr(float(mass)))
+        ElementTree.SubElement(tag, "inertia", {k: repr(float(inertia[p])) for k, p in INERTIA.items()})
+
+    def joint(
+        self,
+        name: str,
+        kind: str,
+        parent: str,
+        child: str,
+        position: np.ndarray,
+        rotation: np.ndarray,
+        *,
+        axis: np.ndarray | None = None,
+        lower: float = -1e9,
+        upper: float = 1e9,
+        effort: float = 1e9,
+        velocity: float = 1e9,
+        damping: float = 0.0,
+        friction: float = 0.0,
+    ) -> None:
+        """Add a joint: ``position`` (3,) [m] and ``rotation`` (3, 3) of its frame in the parent link's.
+
+        ``axis`` (3,) in the joint's frame; limits [rad | m], [N m | N], [rad/s | m/s], losses [N m s/rad |
+        N s/m], [N m | N].
+        """
+        joint = ElementTree.SubElement(self.root, "joint", name=name, type=kind)
+        ElementTree.SubElement(joint, "parent", link=parent)
+        ElementTree.SubElement(joint, "child", link=child)
+        ElementTree.SubElement(joint, "origin", xyz=_text(position), rpy=_text(_rpy(rotation)))
+        if axis is None:
+            return
+        ElementTree.SubElement(joint, "axis", xyz=_text(axis))
+        limit = {"effort": repr(effort), "velocity": repr(velocity)}
+        if kind != "continuous":
+            limit |= {"lower": repr(float(lower)), "upper": repr(float(upper))}
+        ElementTree.SubElement(joint, "limit", limit)
+        if damping or friction:
+            ElementTree.SubElement(joint, "dynamics", damping=repr(damping), friction=repr(friction))
+
+    def text(self) -> bytes:
+        """Return the file."""
+        ElementTree.indent(self.root, "  ")
+        return ElementTree.tostring(self.root, encoding="utf-8")
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(repr(float(x)) for x in values)
+
+
+def _rpy(rotation: np.ndarray) -> np.ndarray:
+    """Return roll, pitch, yaw (3,) of a rotation (3, 3) [rad]."""
+    import pinocchio as pin
+
+    return pin.rpy.matrixToRpy(np.asarray(rotation, dtype=float))
