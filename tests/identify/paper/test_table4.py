@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import typer
-from control_cases import URDF, paper, two_arms
 from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
@@ -14,14 +13,26 @@ from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
-from smsid.control.table4 import Run, Study, Variant, cases
-from smsid.control.table4_summary import improvements, orderings, summarise
 from smsid.control.uncertainty import perturbed
+from smsid.description import load_description
 from smsid.errors import ControlError
+from smsid.identify.paper.table4 import Run, Study, Variant, cases
+from smsid.identify.paper.table4_summary import improvements, orderings, summarise
+from smsid.model import SpacecraftModel, build_model
+from smsid.paths import urdf_folder
 
+URDF = urdf_folder()
 APP = typer.Typer()
 APP.command()(control_command)
 DESCRIPTION = str(URDF / "paper_sms.toml")
+
+
+def paper() -> SpacecraftModel:
+    return build_model(load_description(URDF / "paper_sms.toml"))
+
+
+def two_arms() -> SpacecraftModel:
+    return build_model(load_description(URDF / "two_arm_sms.toml"))
 
 
 def run(case, controller, draw, base, joints=1e-3, **saturated) -> Run:
