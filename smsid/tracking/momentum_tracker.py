@@ -1,0 +1,371 @@
+"""Follow inertial parameters by recursive total least squares of the conserved momentum, (38)-(39)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.errors import EstimateError, RecordingError
+from smsid.identify.appendages import linear_appendages
+from smsid.identify.estimate import Estimate
+from smsid.identify.hidden_states import check_on_bus
+from smsid.identify.momentum import HiddenStates, rows_b, step_a
+from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus
+from smsid.identify.motion import Motion, prepare, raw_rates
+from smsid.identify.recursive_tls import RecursiveTls
+from smsid.identify.rest import check_at_rest
+from smsid.identify.robust import hac_covariance
+from smsid.identify.shaken import shaken
+from smsid.identify.streamed import MARGIN, HiddenStateCarrier
+from smsid.model import build_model
+from smsid.model.identifiable import BaseParameters, base_parameters
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.simulate import Inputs
+from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.sample import Sample
+from smsid.tracking.sample_buffer import EventLog
+from smsid.tracking.tracker import Update
+
+WINDOW = 40.0  # [s] of motion taken in together: a few periods of a panel, many of the errors' correlation
+CUTOFF, RATE = 2.0, 20.0  # [Hz] as Exp. 2 is prepared
+FREE = 1e3  # [m] prior of the centre of mass where a recording begins
+EQUATIONS = tuple(f"{what} {x}" for what in ("angular momentum", "centre of mass") for x in "xyz")
+FORCES = ("command.force", "command.thruster", "command.thruster_force", "command.torque")
+
+
+@dataclass(frozen=True)
+class RowErrors:
+    """What sensor noise makes of the equations, read from the first window of a recording.
+
+    ``weights`` (6,) bring the kinds of equation to errors of one, ``scale`` (n,) the columns to one length;
+    ``noise`` (n + 1, n + 1) is the covariance of a scaled row, made as much larger as its correlation in time
+    costs.
+    """
+
+    weights: np.ndarray
+    scale: np.ndarray
+    noise: np.ndarray
+
+
+class MomentumTracker:
+    """The paper's Step B as a tracker: total least squares of a stream, with a prior and forgetting.
+
+    A twin of `Tracker` for a spacecraft that floats freely from rest on wheels and arms alone: it needs no
+    torques and no model of friction, and tells combinations of inertial parameters only. Slosh and panels are
+    taken as described. Samples are taken in window by window, so results come ``window`` [s] late. Memory
+    does not grow.
+
+    Args:
+        description: the spacecraft, with slosh and panels as known.
+        estimate: of the paper's method, whose Step B is what is known beforehand.
+        cad: without one, how far bodies may be off the description, relative to their size.
+        memory: time [s] over which equations, and the prior, are forgotten; ``None`` keeps all.
+        mass: total mass [kg], the description's if not given.
+        window: [s] of motion taken in together.
+
+    Raises:
+        RecordingError: ``memory`` or ``window`` is not positive.
+        EstimateError: the estimate has no Step B of this spacecraft.
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        *,
+        estimate: Estimate | None = None,
+        cad: float = UNCERTAIN,
+        memory: float | None = None,
+        mass: float | None = None,
+        window: float = WINDOW,
+    ) -> None:
+        for label, value in (("memory", memory), ("window", window)):
+            if value is not None and not value > 0.0:
+                raise RecordingError(f"A {label} of {value} s is none.", advice="Give a positive time [s].")
+        self.described = description
+        self.description = linear_appendages(description)[0]
+        self.model = build_model(self.description)
+        check_on_bus(self.model)
+        self.mass = self.model.mass if mass is None else mass
+        self.window, self.memory = round(window * RATE) / RATE, memory
+        self.regressor = Regressor(self.model)
+        self.split = Split.of(self.model, self.regressor, bus_first=True)
+        self.base = structural_base(self.model, self.regressor, self.split, self.mass)
+        theta = self.regressor.parameters
+        self._carried = self.base.matrix @ carried_by_bus(self.model, self.regressor)[self.split.unknown]
+        self.nominal = self.base.matrix @ theta[self.split.unknown] + self._carried
+        self._mean = self.nominal - self._carried
+        self._covariance = self._described_covariance(cad)
+        if estimate is not None:
+            self._take_estimate(estimate)
+        self.log = EventLog()
+        self.listener: Callable[[Update], None] | None = None
+        self.samples = 0
+        self._time = -np.inf
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a recording: what is known of the parameters stays, the rest is its own."""
+        self._raw: dict[str, tuple[list[float], list[np.ndarray]]] = {}
+        self._first: float | None = None
+        self._taken = 0
+        self._newest = -np.inf
+        self._carrier = HiddenStateCarrier(self.model)
+        self._tls: RecursiveTls | None = None
+        self._errors: RowErrors | None = None
+        self._centre = np.zeros(3)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the combinations followed (m,); "bus" includes wheels and undeformed panels."""
+        return self.base.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the combinations followed (m,)."""
+        return self.base.units
+
+    @property
+    def time(self) -> float:
+        """Time [s] up to which motion was taken in; minus infinity before the first window."""
+        return self._time
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values (m,) of the combinations followed."""
+        return self._mean + self._carried
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations (m,) of the combinations followed."""
+        return np.sqrt(np.diag(self._covariance))
+
+    @property
+    def parameter_covariance(self) -> np.ndarray:
+        """Covariance (m, m) of the combinations followed."""
+        return self._covariance.copy()
+
+    def begin_recording(self) -> None:
+        """Begin another recording, from rest again; parameters go on from where they are."""
+        self.flush()
+        self._begin()
+
+    def update(self, sample: Sample) -> tuple[Update, ...]:
+        """Take in a sample of any sensors; return what the windows told that are complete.
+
+        Raises `RecordingError` where thrust acts, since momentum is not conserved then,
+        `NotIdentifiableError` where the recording does not begin at rest.
+        """
+        self._receive(sample)
+        return tuple(self._ready(final=False))
+
+    def update_all(self, samples: Iterable[Sample], inputs: Inputs | None = None) -> tuple[Update, ...]:
+        """Take in samples together; raises as `update`. Nothing depends on ``inputs``."""
+        return tuple(x for sample in samples for x in self.update(sample))
+
+    def flush(self, inputs: Inputs | None = None) -> tuple[Update, ...]:
+        """Take in the window that is not complete; the recording is over then."""
+        return tuple(self._ready(final=True))
+
+    def _receive(self, sample: Sample) -> None:
+        for channel, value in sample.channels.items():
+            if channel.startswith("command."):
+                if channel in FORCES and np.abs(np.nan_to_num(value)).max(initial=0.0) > 1e-9:
+                    raise RecordingError(
+                        f"'{channel}' acts at {sample.time:.6g} s: momentum is not conserved.",
+                        advice="Follow by the filter (smsid.tracking.Tracker), or leave the thrust out.",
+                        channel=channel,
+                    )
+                continue
+            if not np.isfinite(value).all():
+                self.log.add(sample.time, "not finite", channel, "is not finite; left out")
+                continue
+            times, values = self._raw.setdefault(channel, ([], []))
+            if times and sample.time <= times[-1]:
+                self.log.add(sample.time, "late", channel, "came late or twice and is left out")
+                continue
+            times.append(sample.time)
+            values.append(np.asarray(value, dtype=float))
+        self._first = sample.time if self._first is None else self._first
+        self._newest = max(self._newest, sample.time)
+
+    def _ready(self, *, final: bool) -> list[Update]:
+        out: list[Update] = []
+        while self._first is not None:
+            begin = self._first + self._taken * self.window
+            end = begin + self.window
+            if self._newest < end + MARGIN:
+                break
+            out += self._push(self._motion(begin, end))
+            self._taken += 1
+        if final and self._first is not None:
+            begin = self._first + self._taken * self.window
+            if self._newest - begin >= 4.0 * CORRELATION_TIME:
+                out += self._push(self._motion(begin, np.inf))
+            out += self._push(None)
+            self._first = None
+        return out
+
+    def _motion(self, begin: float, end: float) -> Motion:
+        """Return the motion from ``begin`` to ``end`` [s], and forget samples that no window needs again."""
+        channels = {}
+        for channel, (times, values) in self._raw.items():
+            own = np.array(times)
+            shape = (len(own), -1, 3) if self._is_station(channel) else (len(own), -1)
+            if len(own):
+                channels[channel] = (own, np.array(values).reshape(shape))
+            kept = int(np.searchsorted(own, end - MARGIN)) if np.isfinite(end) else 0
+            del times[:kept], values[:kept]
+        recording = Recording.from_arrays(None, channels, name=self.description.name)
+        if self._taken == 0:
+            check_at_rest(self.description.name, raw_rates(self.model, recording))
+        sensors = self.description.effective_sensors()
+        noisier = shaken(recording, sensors, np.random.default_rng([0, self._taken]))
+        motion = prepare(self.model, recording, cutoff=CUTOFF, rate=RATE)
+        motion = replace(motion, again=prepare(self.model, noisier, cutoff=CUTOFF, rate=RATE))
+        inside = (motion.time > begin - 0.25 / RATE) & (motion.time < end - 0.25 / RATE)
+        return motion.only(inside)
+
+    def _is_station(self, channel: str) -> bool:
+        kinds = {s.name: s.kind for s in self.description.effective_sensors()}
+        return kinds.get(channel.partition(".")[0]) == "accelerometers"
+
+    def _push(self, motion: Motion | None) -> list[Update]:
+        chunk = self._carrier.push(motion)
+        if chunk is None or not len(chunk[0]):
+            return []
+        told = self._take_in(*chunk)
+        if self.listener is not None:
+            self.listener(told)
+        return [told]
+
+    def _take_in(self, motion: Motion, hidden: HiddenStates) -> Update:
+        if self._tls is None:
+            self._centre = step_a(self.model, motion, hidden, self.mass).position
+        equations = [
+            rows_b(self.model, self.regressor, self.split, m, h, self.mass, self._centre)
+            for m, h in ((motion, hidden), (motion.again, hidden.again))
+            if m is not None and h is not None
+        ]
+        count = len(self.split.names)
+        kept = [*self.base.independent.tolist(), *range(count, count + 3)]
+        (rows, rhs), (other_rows, other_rhs) = [(a[:, :, kept], b) for a, b in equations]
+        if self._tls is None or self._errors is None:
+            before = np.concatenate([self._mean, np.zeros(3)])
+            moved = np.concatenate([other_rows - rows, (other_rhs - rhs)[:, :, None]], axis=2)
+            errors = self._errors = row_errors(rows, rhs, moved, before, motion.step)
+            self._tls = self._started(errors, motion.step)
+        errors, n = self._errors, rows.shape[2]
+        expected = np.concatenate([self._mean, np.zeros(3)])
+        scaled = (rows * errors.weights[:, None] / errors.scale).reshape(-1, n)
+        self._tls.update(scaled, (rhs * errors.weights).reshape(-1))
+        found = self._tls.solution()
+        x = found.x / errors.scale
+        # the noise is absolute; residuals that are larger than it widen what is believed
+        size = max(found.sigma**2, 1.0) / found.sigma**2
+        covariance = found.covariance * size / np.outer(errors.scale, errors.scale)
+        left = (rhs - rows @ expected) * errors.weights
+        self._mean, own = x[:-3], covariance[:-3, :-3]
+        self._covariance = 0.5 * (own + own.T)
+        self._time, self.samples = float(motion.time[-1]), self.samples + len(motion)
+        fit = np.sqrt(np.mean(((rhs - rows @ x) * errors.weights) ** 2, axis=0))
+        return Update(
+            self._time,
+            self.values,
+            self.sigmas,
+            EQUATIONS,
+            np.sqrt(np.mean(left**2, axis=0)),
+            fit,
+            float("nan"),
+            None,
+            (),
+        )
+
+    def _started(self, errors: RowErrors, step: float) -> RecursiveTls:
+        n = len(errors.scale)
+        covariance = np.zeros((n, n))
+        covariance[:-3, :-3], covariance[-3:, -3:] = self._covariance, FREE**2 * np.eye(3)
+        forgetting = 1.0 if self.memory is None else float(np.exp(-step / (len(EQUATIONS) * self.memory)))
+        return RecursiveTls(
+            n,
+            np.concatenate([self._mean, np.zeros(3)]) * errors.scale,
+            covariance * np.outer(errors.scale, errors.scale),
+            noise=errors.noise,
+            names=[*self.base.names, "centre.x", "centre.y", "centre.z"],
+            forgetting=forgetting,
+        )
+
+    def _described_covariance(self, cad: float) -> np.ndarray:
+        """Return the prior covariance (m, m): every body's parameters off by ``cad`` of its size."""
+        sigma = np.zeros(self.regressor.columns)
+        for k in range(len(self.regressor.bodies)):
+            theta = self.regressor.parameters[10 * k : 10 * k + 10]
+            turn = 0.5 * abs(theta[4] + theta[6] + theta[9])
+            sizes = [abs(theta[0]), *[np.sqrt(abs(theta[0]) * turn)] * 3, *[turn] * 6]
+            sigma[10 * k : 10 * k + 10] = cad * np.array(sizes)
+        own = self.base.matrix * sigma[self.split.unknown]
+        return own @ own.T
+
+    def _take_estimate(self, estimate: Estimate) -> None:
+        """Take what Step B found for mean and standard deviations."""
+        found = {p.name: p for p in estimate.group("exp2.step_b")}
+        used = [(i, found[n]) for i, n in enumerate(self.base.names) if n in found]
+        if not used:
+            raise EstimateError(
+                "The estimate has no Step B of this spacecraft.",
+                advice="Give one that `smsid identify --method paper` made from Exp. 2, or none.",
+            )
+        for i, p in used:
+            self._mean[i] = p.value - self._carried[i]
+            self._covariance[i, :] = self._covariance[:, i] = 0.0
+            self._covariance[i, i] = p.sigma**2
+
+
+def structural_base(
+    model: SpacecraftModel, regressor: Regressor, split: Split, mass: float, samples: int = 60
+) -> BaseParameters:
+    """Return the base parameters of Step B when every joint moves: of random states."""
+    rng = np.random.default_rng(0)
+    arm, wheels = len(model.arm_joints), len(model.wheels)
+
+    def draw(width: int) -> np.ndarray:
+        return rng.uniform(-1.0, 1.0, (samples, width))
+
+    turned = np.linalg.qr(rng.normal(size=(samples, 3, 3)))[0]
+    turned *= np.sign(np.linalg.det(turned))[:, None, None]
+    motion = Motion(
+        np.arange(samples) / RATE, draw(3), turned, draw(3), draw(3), draw(3), draw(3),
+        draw(arm), draw(arm), draw(wheels), {}, {}, np.zeros(3), np.zeros(3),
+    )  # fmt: skip
+    full, _ = rows_b(model, regressor, split, motion, HiddenStates({}, {}), mass, np.zeros(3))
+    columns = full[:, :, : len(split.names)].reshape(6 * samples, -1)
+    return base_parameters(columns, split.names, split.units)
+
+
+def row_errors(rows: np.ndarray, rhs: np.ndarray, moved: np.ndarray, x: np.ndarray, step: float) -> RowErrors:
+    """Return what noise makes of equations rows (N, 6, n), rhs (N, 6).
+
+    ``moved`` (N, 6, n + 1) is what noise once more changes of [rows rhs], ``x`` (n,) roughly the unknowns,
+    ``step`` [s] the sampling time.
+    """
+    error = moved @ np.append(x, -1.0)
+    size = np.sqrt(np.mean(error**2, axis=0))
+    weights = 1.0 / np.maximum(size, 1e-9 * size.max())
+    weighted, n = rows * weights[:, None], rows.shape[2]
+    length = np.linalg.norm(weighted.reshape(-1, n), axis=0)
+    scale = np.maximum(length, 1e-9 * length.max()) / np.linalg.norm(rhs * weights)
+    own = moved * weights[:, None]
+    own[:, :, :-1] /= scale
+    own = own.reshape(-1, n + 1)
+    covariance = own.T @ own / len(own)
+    lags = max(1, round(CORRELATION_TIME / step))
+    scaled = (weighted / scale).reshape(-1, n)
+    flat = (error * weights).reshape(-1)
+    late, white = (np.diag(hac_covariance(scaled, flat, len(rows), k)) for k in (lags, 0))
+    inflation = max(1.0, float(np.median(late / white)))
+    noise = inflation * covariance
+    return RowErrors(weights, scale, noise + 1e-12 * np.trace(noise) * np.eye(n + 1))
