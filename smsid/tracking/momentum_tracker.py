@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +18,9 @@ from smsid.identify.motion import Motion, prepare, raw_rates
 from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import hac_covariance
-from smsid.identify.shaken import shaken
-from smsid.identify.streamed import MARGIN, HiddenStateCarrier
+from smsid.identify.row_sums import ScoreSums
+from smsid.identify.shaken import shaken, widened_for_few
+from smsid.identify.streamed import MARGIN, Chunk, HiddenStateCarrier
 from smsid.model import build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
@@ -33,6 +34,7 @@ from smsid.tracking.tracker import Update
 
 WINDOW = 40.0  # [s] of motion taken in together: a few periods of a panel, many of the errors' correlation
 CUTOFF, RATE = 2.0, 20.0  # [Hz] as Exp. 2 is prepared
+REPLICATES = 3  # of noise once more
 FREE = 1e3  # [m] prior of the centre of mass where a recording begins
 EQUATIONS = tuple(f"{what} {x}" for what in ("angular momentum", "centre of mass") for x in "xyz")
 FORCES = ("command.force", "command.thruster", "command.thruster_force", "command.torque")
@@ -115,7 +117,10 @@ class MomentumTracker:
         self._taken = 0
         self._newest = -np.inf
         self._carrier = HiddenStateCarrier(self.model)
+        self._others = [HiddenStateCarrier(self.model) for _ in range(REPLICATES)]
         self._tls: RecursiveTls | None = None
+        self._other_tls: list[RecursiveTls] = []
+        self._scores: ScoreSums | None = None
         self._errors: RowErrors | None = None
         self._centre = np.zeros(3)
 
@@ -200,18 +205,21 @@ class MomentumTracker:
             end = begin + self.window
             if self._newest < end + MARGIN:
                 break
-            out += self._push(self._motion(begin, end))
+            out += self._push(*self._motions(begin, end))
             self._taken += 1
         if final and self._first is not None:
             begin = self._first + self._taken * self.window
             if self._newest - begin >= 4.0 * CORRELATION_TIME:
-                out += self._push(self._motion(begin, np.inf))
-            out += self._push(None)
+                out += self._push(*self._motions(begin, np.inf))
+            out += self._push(None, [None] * REPLICATES)
             self._first = None
         return out
 
-    def _motion(self, begin: float, end: float) -> Motion:
-        """Return the motion from ``begin`` to ``end`` [s], and forget samples that no window needs again."""
+    def _motions(self, begin: float, end: float) -> tuple[Motion, list[Motion]]:
+        """Return the motion from ``begin`` to ``end`` [s], and with noise once more, several times.
+
+        Samples that no later window needs are forgotten.
+        """
         channels = {}
         for channel, (times, values) in self._raw.items():
             own = np.array(times)
@@ -224,79 +232,116 @@ class MomentumTracker:
         if self._taken == 0:
             check_at_rest(self.description.name, raw_rates(self.model, recording))
         sensors = self.description.effective_sensors()
-        noisier = shaken(recording, sensors, np.random.default_rng([0, self._taken]))
-        motion = prepare(self.model, recording, cutoff=CUTOFF, rate=RATE)
-        motion = replace(motion, again=prepare(self.model, noisier, cutoff=CUTOFF, rate=RATE))
-        inside = (motion.time > begin - 0.25 / RATE) & (motion.time < end - 0.25 / RATE)
-        return motion.only(inside)
+
+        def prepared(of: Recording) -> Motion:
+            motion = prepare(self.model, of, cutoff=CUTOFF, rate=RATE)
+            return motion.only((motion.time > begin - 0.25 / RATE) & (motion.time < end - 0.25 / RATE))
+
+        others = [
+            prepared(shaken(recording, sensors, np.random.default_rng([k, self._taken])))
+            for k in range(REPLICATES)
+        ]
+        return replace(prepared(recording), again=others[0]), others
 
     def _is_station(self, channel: str) -> bool:
         kinds = {s.name: s.kind for s in self.description.effective_sensors()}
         return kinds.get(channel.partition(".")[0]) == "accelerometers"
 
-    def _push(self, motion: Motion | None) -> list[Update]:
+    def _push(self, motion: Motion | None, others: Sequence[Motion | None]) -> list[Update]:
         chunk = self._carrier.push(motion)
+        more = [c.push(m) for c, m in zip(self._others, others, strict=True)]
         if chunk is None or not len(chunk[0]):
             return []
-        told = self._take_in(*chunk)
+        told = self._take_in(chunk, [x for x in more if x is not None])
         if self.listener is not None:
             self.listener(told)
         return [told]
 
-    def _take_in(self, motion: Motion, hidden: HiddenStates) -> Update:
+    def _equations(self, motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows (N, 6, m + 3) of the combinations and the centre's offset, right-hand side (N, 6)."""
+        full, rhs = rows_b(self.model, self.regressor, self.split, motion, hidden, self.mass, self._centre)
+        count = len(self.split.names)
+        return full[:, :, [*self.base.independent.tolist(), *range(count, count + 3)]], rhs
+
+    def _take_in(self, chunk: Chunk, others: Sequence[Chunk]) -> Update:
+        motion, hidden = chunk
         if self._tls is None:
             self._centre = step_a(self.model, motion, hidden, self.mass).position
-        equations = [
-            rows_b(self.model, self.regressor, self.split, m, h, self.mass, self._centre)
-            for m, h in ((motion, hidden), (motion.again, hidden.again))
-            if m is not None and h is not None
-        ]
-        count = len(self.split.names)
-        kept = [*self.base.independent.tolist(), *range(count, count + 3)]
-        (rows, rhs), (other_rows, other_rhs) = [(a[:, :, kept], b) for a, b in equations]
-        if self._tls is None or self._errors is None:
-            before = np.concatenate([self._mean, np.zeros(3)])
-            moved = np.concatenate([other_rows - rows, (other_rhs - rhs)[:, :, None]], axis=2)
-            errors = self._errors = row_errors(rows, rhs, moved, before, motion.step)
-            self._tls = self._started(errors, motion.step)
-        errors, n = self._errors, rows.shape[2]
+        rows, rhs = self._equations(motion, hidden)
+        again = [self._equations(*other) for other in others]
         expected = np.concatenate([self._mean, np.zeros(3)])
-        scaled = (rows * errors.weights[:, None] / errors.scale).reshape(-1, n)
-        self._tls.update(scaled, (rhs * errors.weights).reshape(-1))
-        found = self._tls.solution()
-        x = found.x / errors.scale
-        # the noise is absolute; residuals that are larger than it widen what is believed
-        size = max(found.sigma**2, 1.0) / found.sigma**2
-        covariance = found.covariance * size / np.outer(errors.scale, errors.scale)
+        if self._tls is None or self._errors is None:
+            moved = np.concatenate([again[0][0] - rows, (again[0][1] - rhs)[:, :, None]], axis=2)
+            self._errors = row_errors(rows, rhs, moved, expected, motion.step)
+            self._tls = self._started(self._errors, motion.step)
+            self._other_tls = [self._started(self._errors, motion.step) for _ in again]
+        errors = self._errors
+        x, exact = self._solved(self._tls, errors, rows, rhs)
+        covariance = self._widened(exact, errors, rows, rhs - rows @ x)
+        moves = [
+            self._solved(tls, errors, *equations)[0] - x
+            for tls, equations in zip(self._other_tls, again, strict=True)
+        ]
+        covariance = covariance * _factor(covariance[:-3, :-3], [m[:-3] for m in moves])
         left = (rhs - rows @ expected) * errors.weights
         self._mean, own = x[:-3], covariance[:-3, :-3]
         self._covariance = 0.5 * (own + own.T)
         self._time, self.samples = float(motion.time[-1]), self.samples + len(motion)
         fit = np.sqrt(np.mean(((rhs - rows @ x) * errors.weights) ** 2, axis=0))
-        return Update(
-            self._time,
-            self.values,
-            self.sigmas,
-            EQUATIONS,
-            np.sqrt(np.mean(left**2, axis=0)),
-            fit,
-            float("nan"),
-            None,
-            (),
+        before = np.sqrt(np.mean(left**2, axis=0))
+        return Update(self._time, self.values, self.sigmas, EQUATIONS, before, fit, float("nan"), None, ())
+
+    def _widened(
+        self, covariance: np.ndarray, errors: RowErrors, rows: np.ndarray, left: np.ndarray
+    ) -> np.ndarray:
+        """Return a covariance (n, n) whose variances are no less than what residuals say.
+
+        The sandwich of `hac_covariance`, with the prior's part: what the model leaves out stays for seconds
+        and is not in the sensors' noise. ``rows`` (N, 6, n), ``left`` (N, 6) are of the latest window.
+        """
+        assert self._scores is not None
+        lost = self._forgetting**left.size
+        if self._scores.meat is not None:
+            self._scores.meat *= lost
+        self._prior_scores *= lost
+        self._scores.add(rows * errors.weights[:, None] / errors.scale, left * errors.weights)
+        assert self._scores.meat is not None
+        z = np.append(np.concatenate([self._mean, np.zeros(3)]) * errors.scale, -1.0)
+        size = float(z @ errors.noise @ z)  # the variance of a row's error
+        scaled = covariance * np.outer(errors.scale, errors.scale)
+        inverse = scaled / size
+        sandwich = inverse @ (self._scores.meat + size**2 * self._prior_scores) @ inverse
+        fit = np.mean((left * errors.weights) ** 2, axis=0)
+        factor = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(scaled), max(1.0, float(fit.max()))))
+        return covariance * np.outer(factor, factor)
+
+    @staticmethod
+    def _solved(
+        tls: RecursiveTls, errors: RowErrors, rows: np.ndarray, rhs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take equations in; return unknowns (n,), and their covariance (n, n) if noise is all there is."""
+        n = rows.shape[2]
+        scaled = (rows * errors.weights[:, None] / errors.scale).reshape(-1, n)
+        found = tls.update(scaled, (rhs * errors.weights).reshape(-1)).solution()
+        return found.x / errors.scale, found.covariance / found.sigma**2 / np.outer(
+            errors.scale, errors.scale
         )
 
     def _started(self, errors: RowErrors, step: float) -> RecursiveTls:
         n = len(errors.scale)
         covariance = np.zeros((n, n))
         covariance[:-3, :-3], covariance[-3:, -3:] = self._covariance, FREE**2 * np.eye(3)
-        forgetting = 1.0 if self.memory is None else float(np.exp(-step / (len(EQUATIONS) * self.memory)))
+        memory = np.inf if self.memory is None else self.memory
+        self._forgetting = float(np.exp(-step / (len(EQUATIONS) * memory)))
+        self._scores = ScoreSums(max(1, round(CORRELATION_TIME / step)))
+        self._prior_scores = np.linalg.inv(covariance * np.outer(errors.scale, errors.scale))
         return RecursiveTls(
             n,
             np.concatenate([self._mean, np.zeros(3)]) * errors.scale,
             covariance * np.outer(errors.scale, errors.scale),
             noise=errors.noise,
             names=[*self.base.names, "centre.x", "centre.y", "centre.z"],
-            forgetting=forgetting,
+            forgetting=self._forgetting,
         )
 
     def _described_covariance(self, cad: float) -> np.ndarray:
@@ -323,6 +368,16 @@ class MomentumTracker:
             self._mean[i] = p.value - self._carried[i]
             self._covariance[i, :] = self._covariance[:, i] = 0.0
             self._covariance[i, i] = p.sigma**2
+
+
+def _factor(covariance: np.ndarray, moves: Sequence[np.ndarray]) -> float:
+    """Return by how much larger a covariance (m, m) noise once more shows it to be, at least one.
+
+    Errors of the slosh state stay for its period and look like motion; residuals do not show them, the
+    ``moves`` (each (m,)) that the same noise makes do.
+    """
+    z = np.array(moves) / np.sqrt(np.diag(covariance))
+    return max(1.0, float(np.mean(z**2)) * widened_for_few(len(moves)) ** 2)
 
 
 def structural_base(
@@ -366,6 +421,5 @@ def row_errors(rows: np.ndarray, rhs: np.ndarray, moved: np.ndarray, x: np.ndarr
     scaled = (weighted / scale).reshape(-1, n)
     flat = (error * weights).reshape(-1)
     late, white = (np.diag(hac_covariance(scaled, flat, len(rows), k)) for k in (lags, 0))
-    inflation = max(1.0, float(np.median(late / white)))
-    noise = inflation * covariance
+    noise = max(1.0, float(np.median(late / white))) * covariance
     return RowErrors(weights, scale, noise + 1e-12 * np.trace(noise) * np.eye(n + 1))

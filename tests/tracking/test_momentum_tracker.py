@@ -59,22 +59,24 @@ def test_a_wrong_prior_is_corrected_window_by_window(samples: list[Sample]):
     assert len(told) == 1  # modes are smoothed with the window after
     told += tracker.flush()
     assert [u.time for u in told] == heard == pytest.approx([13.95, 27.95, 40.0])
-    assert np.abs(off(tracker)).max() < 4.0 and np.sqrt(np.mean(off(tracker) ** 2)) < 1.5
+    assert np.abs(off(tracker)).max() < 4.0 and np.sqrt(np.mean(off(tracker) ** 2)) < 1.2
     i = tracker.names.index("link2.mx + 2 link3.m")
     assert tracker.sigmas[i] < 0.02 * wide[i] and told[0].sigmas[i] > told[-1].sigmas[i]
-    assert np.all((told[-1].normalised > 0.3) & (told[-1].normalised < 2.0))
+    # faster than the low-pass and the panel's described modes follow: residuals say so, and widen
+    assert told[-1].normalised[3:].min() > 0.5 and 1.5 < told[-1].normalised.max() < 6.0
 
 
-def test_memory_lets_go_of_a_prior_that_is_surely_wrong(samples: list[Sample]):
-    found = {}
-    for memory in (None, 4.0):
-        tracker = MomentumTracker(paper(), window=WINDOW, memory=memory, cad=1e-4)
+def test_a_shorter_memory_knows_less(samples: list[Sample]):
+    known = []
+    for memory in (None, 20.0, 10.0):
+        tracker = MomentumTracker(paper(), window=WINDOW, memory=memory, cad=0.02)
         i = tracker.names.index("link2.mx + 2 link3.m")
-        tracker._mean[i] *= 1.05
+        tracker._mean[i] *= 1.2
         tracker.update_all(samples)
         tracker.flush()
-        found[memory] = abs(tracker.values[i] / tracker.nominal[i] - 1.0)
-    assert found[None] > 0.02 > 0.01 > found[4.0]
+        known.append(tracker.sigmas[i])
+        assert abs(off(tracker)[i]) < 4.0
+    assert known[0] < known[1] < known[2] < 0.02 * tracker.nominal[i]
 
 
 def test_a_second_recording_goes_on_where_the_first_ended(samples: list[Sample]):
@@ -86,7 +88,7 @@ def test_a_second_recording_goes_on_where_the_first_ended(samples: list[Sample])
     tracker.update_all(samples)
     tracker.flush()
     i = tracker.names.index("link3.mx")
-    assert tracker.sigmas[i] == pytest.approx(first[i] / np.sqrt(2.0), rel=0.2)
+    assert tracker.sigmas[i] < first[i] and np.abs(off(tracker)).max() < 4.0
 
 
 def test_what_momentum_cannot_tell_is_refused(samples: list[Sample]):
