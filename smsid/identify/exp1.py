@@ -30,6 +30,7 @@ from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest
 from smsid.identify.robust import white_sigma
+from smsid.identify.shaken import covariance_of_moves, shaken
 from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
@@ -41,6 +42,7 @@ from smsid.simulate.truth import station_indices
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 ABOVE_MODES = 1.5  # times the highest described mode: a cantilever's next is at twice, and is not in its p
 FEWEST_PERIODS = 20.0  # of the cut-off in a record: below, the filter's ends reach too far in
+TANK_REPLICATES = 8  # of noise once more, where there are several tanks
 FEW_STEPS = 1e-2  # of all samples: a thrust that changes more often has no steps
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
@@ -107,6 +109,8 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                     fallen[axis] = FALLEN
             elif axis in axes and (why := impossible(axes[axis])):
                 fallen[axis] = f"{why}: {UNTOLD}"
+        if len(model.slosh) > 1:
+            _widen_several_tanks(model, recording, axes, notes)
         for name, found in _modes(model, recording, notes).items():
             modes.setdefault(name, found)
     missing = sorted(set("xyz") - wanted)
@@ -129,6 +133,42 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
     parameters = [doubted(p, fallen, everything=not believed) for p in found.parameters]
     parameters += left_as_described(model, {p.name for p in parameters}, reasons)
     return replace(found, parameters=tuple(parameters), believed=believed)
+
+
+def _widen_several_tanks(
+    model: SpacecraftModel, recording: Recording, axes: dict[str, AxisEstimate], notes: list[str]
+) -> None:
+    """Widen what axes say of several tanks until noise once more moves it by no more.
+
+    Tanks of nearly one frequency are told apart by little, and how the estimate answers noise is no longer
+    linear there: the Gaussian intervals of their split are too narrow. Where noise once more leaves no
+    estimate in half of the replicates, the tanks' intervals are not known.
+    """
+    moves: dict[str, list[np.ndarray]] = {a: [] for a in excited_axes(recording) if a in axes}
+    sensors = model.description.effective_sensors()
+    for k in range(TANK_REPLICATES):
+        noisier = shaken(recording, sensors, np.random.default_rng([REPLICATES_SEED, k]))
+        for axis, own in moves.items():
+            try:
+                marks = _marks(model, "xyz".index(axis))
+                found, _ = identify_axis_of_panels(axis_data(model, noisier, axis), len(model.slosh), marks)
+            except NotIdentifiableError:
+                continue
+            if found.names == axes[axis].names:
+                own.append(found.values - axes[axis].values)
+    for axis, own in moves.items():
+        before = axes[axis]
+        known = np.isfinite(before.values) & np.isfinite(np.diag(before.covariance))
+        covariance = before.covariance.copy()
+        if 2 * len(own) > TANK_REPLICATES:
+            at = np.ix_(known, known)
+            covariance[at] = covariance_of_moves(covariance[at], [m[known] for m in own])
+        else:
+            tanks = np.array([n[:3] in ("m_s", "k_s", "b_s") for n in before.names])
+            covariance[tanks, :] = covariance[:, tanks] = np.nan
+            notes.append(f"axis {axis}: with as much noise once more the tanks are not told apart")
+        axes[axis] = replace(before, covariance=covariance)
+    notes.append("tanks are named by the order of their described frequencies, along each axis")
 
 
 def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:

@@ -12,7 +12,7 @@ from smsid.identify.hidden_states import Modal, hidden_states
 from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
 from smsid.identify.momentum_printed import step_b_printed
 from smsid.identify.motion import Motion
-from smsid.identify.shaken import widened_for_few
+from smsid.identify.shaken import covariance_of_moves
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move
@@ -85,17 +85,17 @@ def widened(
     own = [np.diag(found.a.position_sigma**2), found.a.moments.solution.covariance]
     first = _common_factor(zip(own, (position_moves, moment_moves), strict=True))
     second = _common_factor([(found.b.solution.covariance, moves)])
-    position = _of_replicates(first * own[0], position_moves)
+    position = covariance_of_moves(first * own[0], position_moves)
     a = replace(
         found.a,
         position_sigma=np.sqrt(np.diag(position)),
-        moments=_with_covariance(found.a.moments, _of_replicates(first * own[1], moment_moves)),
+        moments=_with_covariance(found.a.moments, covariance_of_moves(first * own[1], moment_moves)),
     )
-    b = _with_covariance(found.b, _of_replicates(second * found.b.solution.covariance, moves))
+    b = _with_covariance(found.b, covariance_of_moves(second * found.b.solution.covariance, moves))
     printed = None
     if found.printed and printed_moves:
         own_printed = found.printed.solution.covariance
-        printed = _with_covariance(found.printed, _of_replicates(own_printed, printed_moves))
+        printed = _with_covariance(found.printed, covariance_of_moves(own_printed, printed_moves))
     return Steps(a, b, printed)
 
 
@@ -110,22 +110,6 @@ def _same_printed(found: Steps, other: Steps) -> bool:
     if found.printed is None or other.printed is None:
         return False
     return not found.printed.base.unlike(other.printed.base)
-
-
-def _of_replicates(own: np.ndarray, moves: Sequence[np.ndarray]) -> np.ndarray:
-    """Return a covariance (b, b) with the variance and the squared bias that ``moves`` (each (b,)) show.
-
-    The mean move scatters by a share of the variance itself: that much of its square is no bias.
-    """
-    if not len(own):
-        return own
-    x = np.array(moves)
-    mean, count = x.mean(axis=0), len(x)
-    scatter = x.var(axis=0, ddof=1)
-    bias = np.maximum(mean**2 - scatter / count, 0.0)
-    seen = scatter * widened_for_few(count - 1) ** 2
-    factor = np.sqrt(np.maximum(np.diag(own), seen) / np.diag(own))
-    return own * np.outer(factor, factor) + np.diag(bias)
 
 
 def with_carried_errors(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
@@ -41,3 +43,20 @@ def widened_for_few(replicates: int) -> float:
     Student's t with as many degrees of freedom says by how much it has to be wider.
     """
     return float(student.ppf(0.975, replicates) / 1.959964)
+
+
+def covariance_of_moves(own: np.ndarray, moves: Sequence[np.ndarray]) -> np.ndarray:
+    """Return a covariance (b, b) with the variance and the squared bias that ``moves`` (each (b,)) show.
+
+    ``own`` (b, b) is what is predicted: no variance comes out below it. The mean move scatters by a share of
+    the variance itself: that much of its square is no bias.
+    """
+    if not len(own):
+        return own
+    x = np.array(moves)
+    mean, count = x.mean(axis=0), len(x)
+    scatter = x.var(axis=0, ddof=1)
+    bias = np.maximum(mean**2 - scatter / count, 0.0)
+    seen = scatter * widened_for_few(count - 1) ** 2
+    factor = np.sqrt(np.maximum(np.diag(own), seen) / np.diag(own))
+    return own * np.outer(factor, factor) + np.diag(bias)
