@@ -90,11 +90,14 @@ def momentum_of_chunks(model: SpacecraftModel, chunks: Chunks, mass: float) -> S
     parts_a = Split.of(model, regressor, bus_first=False)
     parts_b = Split.of(model, regressor, bus_first=True)
 
+    start: float | None = None  # of the recording, where Step A's centre of mass is meant
+
     def equations_a(motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
-        return rows_a(model, regressor, parts_a, motion, hidden, mass)
+        return rows_a(model, regressor, parts_a, motion, hidden, mass, start)
 
     sums, step = RowSums(3), 0.0
     for motion, hidden in chunks():
+        start = float(motion.time[0]) if start is None else start
         sums.add(*equations_a(motion, hidden), _again(equations_a, motion, hidden))
         step = motion.step if len(motion) > 1 else step
     if not sums.samples:
