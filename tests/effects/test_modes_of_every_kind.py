@@ -86,6 +86,7 @@ def lagrangian(amplitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cross = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
         jacobian = np.hstack([np.eye(3), -cross, np.zeros((3, n - 6)), SHAPES[:, i].T])
         full += EACH * jacobian.T @ jacobian
+    stiffness = (2 * np.pi * np.array(HERTZ)) ** 2
     push = np.concatenate([FORCE, TORQUE, np.zeros(n - 6), -stiffness * amplitudes])
     return np.split(np.linalg.solve(full, push), [6, n])[::2]
 

@@ -79,7 +79,7 @@ def test_a_drifting_centre_of_mass(model: SpacecraftModel, whole: Motion, hidden
     rest, found = (step_a(model, m, replace(hidden, again=None), model.mass) for m in (seen, moving))
     np.testing.assert_allclose(found.velocity - rest.velocity, drift, atol=1e-5)
     np.testing.assert_allclose(found.position, rest.position, atol=5e-4)  # a quarter of its sigma
-    np.testing.assert_allclose(found.moments.values, rest.moments.values, atol=0.01)
+    np.testing.assert_allclose(found.moments.values, rest.moments.values, atol=0.1)
 
 
 def test_hidden_states_are_carried_on(model: SpacecraftModel, whole: Motion, hidden: HiddenStates):
