@@ -77,12 +77,12 @@ DESIGNS = (
     Design("20 Hz, gyro averaged over 5 samples, a call late", quieter=5.0**-0.5, delay=1),
     Design("50 Hz", rate=50.0),
     Design("100 Hz", rate=100.0),
-    Design("100 Hz, error weighs more below 0.3 rad/s", rate=100.0, integral=0.3),
     Design("100 Hz, crossover 40 rad/s", rate=100.0, crossover=40.0),
-    Design("100 Hz, crossover 40 rad/s, a third of the noise allowed for", 100.0, 40.0, noise=0.3),
     Design("100 Hz, crossover 40 rad/s, half the noise", 100.0, 40.0, quieter=0.5),
     Design("100 Hz, crossover 40 rad/s, the same noise density", 100.0, 40.0, density=True),
     Design("100 Hz, crossover 40 rad/s, modes keep their damping", 100.0, 40.0, guarded=True),
+    Design("100 Hz, error weighs more below 0.3 rad/s", rate=100.0, integral=0.3),
+    Design("100 Hz, crossover 40 rad/s, a third of the noise allowed for", 100.0, 40.0, noise=0.3),
 )
 
 

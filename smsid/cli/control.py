@@ -56,6 +56,13 @@ def control_command(
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
+    integrated_gyro: Annotated[
+        bool,
+        typer.Option(
+            "--integrated-gyro",
+            help="--study table4: attitude from an integrated gyro, as in the paper, instead of the sensors",
+        ),
+    ] = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
 ) -> Outcome:
@@ -70,7 +77,7 @@ def control_command(
     described = load_description(description)
     found = None if estimate is None else load_estimate(estimate)
     if study is not None:
-        flown = _fly_study(described, found, draws, rate, crossover, output)
+        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
         if report is not None:
             from smsid.identify.paper.table4_report import study_report
 
@@ -121,6 +128,7 @@ def _fly_study(
     draws: int,
     rate: float | None,
     crossover: float,
+    integrated_gyro: bool,
     output: Path,
 ) -> dict[str, Any]:
     """Fly the paper's Table 4, write the document and print it."""
@@ -130,7 +138,15 @@ def _fly_study(
 
     own = Variant().rate if rate is None else rate
     with working("flying") as tell:
-        flown = fly_study(described, found, draws, rate=own, crossover=crossover, tell=tell)
+        flown = fly_study(
+            described,
+            found,
+            draws,
+            rate=own,
+            crossover=crossover,
+            integrated_gyro=integrated_gyro,
+            tell=tell,
+        )
     atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
     out = console()
     for part in study_parts(flown):

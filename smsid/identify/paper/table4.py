@@ -87,6 +87,10 @@ class Variant:
     gyro_noise: float | None = None
 
 
+INTEGRATED_GYRO = Variant("integrated gyro", attitude_noise=2e-6, gyro_noise=1e-6)
+"""Noise with which the paper's attitude errors come out: it has no star tracker, it integrates its gyro."""
+
+
 @dataclass(frozen=True)
 class Run:
     """One flight: largest errors ``base`` e_b and ``joints`` e_i [rad] and the actuators that met a limit."""

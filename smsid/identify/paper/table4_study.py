@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from smsid.control.identified_model import identified_model
 from smsid.description.schema import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate
-from smsid.identify.paper.table4 import CONTROLLERS, CROSSOVER, PRINTED_UNIT, Study, Variant, cases
+from smsid.identify.paper.table4 import (
+    CONTROLLERS,
+    CROSSOVER,
+    INTEGRATED_GYRO,
+    PRINTED_UNIT,
+    Study,
+    Variant,
+    cases,
+)
 from smsid.identify.paper.table4_summary import improvements, orderings, summarise
 from smsid.model import build_model
 
@@ -25,12 +34,14 @@ def fly_study(
     *,
     rate: float = Variant().rate,
     crossover: float = CROSSOVER,
+    integrated_gyro: bool = False,
     tell: Callable[[str], object] = lambda text: None,
 ) -> dict[str, Any]:
     """Fly every case ``draws`` times on the described spacecraft; return the document of the study.
 
     With an estimate case D has its model. Controllers are called at ``rate`` [Hz], H-infinity terms designed
-    for a ``crossover`` [rad/s]. ``tell`` hears what is being flown.
+    for a ``crossover`` [rad/s]. ``integrated_gyro``: the attitude is an integrated gyro's, as in the paper
+    (`INTEGRATED_GYRO`), instead of the described sensors'. ``tell`` hears what is being flown.
 
     Raises `ControlError` for less than one draw, and as `Study` and `identified_model` do.
     """
@@ -38,7 +49,8 @@ def fly_study(
         raise ControlError(f"{draws} draws are no study.", advice="Give at least one.")
     models = () if estimate is None else (identified_model(description, estimate).dynamics(),)
     chosen = cases()
-    study = Study(build_model(description), Variant(rate=rate), crossover=crossover, identified=models)
+    variant = replace(INTEGRATED_GYRO if integrated_gyro else Variant(), rate=rate)
+    study = Study(build_model(description), variant, crossover=crossover, identified=models)
     runs = []
     for case in chosen:
         for controller in CONTROLLERS:
@@ -50,6 +62,7 @@ def fly_study(
         "kind": "control_study",
         "paper_unit": PRINTED_UNIT,
         "rate": rate,
+        "sensors": variant.name if integrated_gyro else "as described",
         "crossover": crossover,
         "case_D": "a drawn error" if estimate is None else "the estimate's model",
         "rows": summarise(runs, chosen),
