@@ -120,6 +120,12 @@ def main() -> None:
         "gyro_noise": GYRO,
         "paper_ratios": PAPER,
         "errors_in": "deg, median over draws of the largest error of a flight",
+        "not_flown": [
+            f"{c}, {d.name}"
+            for d in DESIGNS
+            for c in ("D", "A1.6")
+            if (d.name, c) not in {(r["name"], r["case"]) for r in rows}
+        ],
         "rows": rows,
     }
     print(write_result("hinf_benefit", result))
