@@ -339,7 +339,9 @@ def _with_panels(
 
 
 def averaged_at_steps(time: np.ndarray, values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return samples (N, ...) with those at a step of thrust [s] replaced by the mean of their neighbours.
+    """Return ``values`` with samples at a step of thrust replaced by the mean of their neighbours.
+
+    ``values`` (N, ...) at ``time`` (N,) [s], ``steps`` (k,) [s].
 
     That is what an anti-aliased accelerometer reads there. One that has the whole step already has it half a
     sample early, and damping ratios come out high by half a sample's phase: 0.8 % in the paper's Exp. 1. Only
