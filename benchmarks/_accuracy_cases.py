@@ -21,6 +21,7 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.identify.combined import combine
+from smsid.identify.estimate import AS_PRINTED
 from smsid.identify.pipeline import Identification, identify
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
@@ -132,12 +133,17 @@ def run(case: Case, seed: int, data: Data, folder: Path) -> tuple[dict[str, Any]
         for name, value, sigma in zip(a.moments.base.names, a.moments.values, a.moments.sigma, strict=True):
             values[f"exp2.step_a_printed|{name}"] = (value, sigma)
     record["identifiable"] = [
-        f"{p.group}|{p.name}" for p in estimate.parameters if p.status == "identifiable"
+        f"{p.group}|{bare(p.name)}" for p in estimate.parameters if p.status == "identifiable"
     ]
     record["values"] = {k: [_finite(x) for x in pair] for k, pair in values.items()}
     record["timing"] = dict(estimate.timing)
     record["notes"] = list(estimate.notes)
     return record, found
+
+
+def bare(name: str) -> str:
+    """Return a parameter's name without the step it comes from."""
+    return name.removeprefix("step A: ").removeprefix(AS_PRINTED)
 
 
 def noisy(recording: Recording, sensors: Iterable[Sensor], seed: int) -> Recording:
@@ -230,7 +236,7 @@ def truths(description: Description, found: Identification) -> dict[str, dict[st
         out |= _group(step, {name: _combination(name, own) for name in names}, own)
     shares = dict(zip(momentum.b.base.names, momentum.b.shares, strict=True))
     for step in ("exp2.step_b", "exp2.step_b_printed"):
-        parameters = {p.name: p for p in found.estimate.group(step)}
+        parameters = {bare(p.name): p for p in found.estimate.group(step)}
         values = {name: float(p.nominal) for name, p in parameters.items()}
         share = {}
         if step == "exp2.step_b":

@@ -32,10 +32,10 @@ from smsid.control.identified_model import identified_level, identified_model, i
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.robust import closed_loop_matrix, flexible_plant  # noqa: E402
 from smsid.control.robustness import robust_stability  # noqa: E402
-from smsid.control.table4 import Study, Variant, cases  # noqa: E402
 from smsid.control.uncertain_plant import uncertain_plant  # noqa: E402
 from smsid.control.uncertainty import perturbed  # noqa: E402
 from smsid.description import load_description  # noqa: E402
+from smsid.identify.paper.table4 import Study, Variant, cases  # noqa: E402
 from smsid.identify.pipeline import identify  # noqa: E402
 from smsid.likelihood import refine  # noqa: E402
 from smsid.model import SpacecraftModel, build_model  # noqa: E402

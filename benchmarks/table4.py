@@ -27,13 +27,13 @@ from _table4_text import markdown  # noqa: E402
 
 from smsid._files import atomic_write  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
-from smsid.control.table4 import CONTROLLERS, Case, Run, Study, Variant, cases  # noqa: E402
-from smsid.control.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
 from smsid.description import load_description  # noqa: E402
+from smsid.identify.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
+from smsid.identify.paper.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
-MAIN, QUIET, GYRO = Variant(), "no noise", "integrated gyro"
+MAIN, QUIET, GYRO = Variant(), "no noise", INTEGRATED_GYRO.name
 VARIANTS = {
     v.name: v
     for v in (
@@ -46,7 +46,7 @@ VARIANTS = {
         Variant("no noise, common factor", noise=0.0, draw="common"),
         Variant("a call late", delay=1),
         Variant("50 Hz", rate=50.0),
-        Variant(GYRO, attitude_noise=2e-6, gyro_noise=1e-6),
+        INTEGRATED_GYRO,
     )
 }
 IDENTIFIED = 100  # models

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from smsid.description import Description
+    from smsid.identify.estimate import Estimate
     from smsid.report import Provenance, Report
+
+
+RATE = 100.0  # [Hz] of a controller's calls
 
 
 def control_command(
@@ -39,7 +44,9 @@ def control_command(
     crossover: Annotated[
         float, typer.Option(help="where delay and unmodelled dynamics take over [rad/s]")
     ] = 10.0,
-    rate: Annotated[float, typer.Option(help="of the controller [Hz]")] = 100.0,
+    rate: Annotated[
+        float | None, typer.Option(help="of the controller [Hz]; 100, with --study table4 20, if left out")
+    ] = None,
     samples: Annotated[
         int, typer.Option(help="plants drawn from the estimate for the robust analysis")
     ] = 1000,
@@ -49,6 +56,13 @@ def control_command(
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
+    integrated_gyro: Annotated[
+        bool,
+        typer.Option(
+            "--integrated-gyro",
+            help="--study table4: attitude from an integrated gyro, as in the paper, instead of the sensors",
+        ),
+    ] = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
 ) -> Outcome:
@@ -63,16 +77,16 @@ def control_command(
     described = load_description(description)
     found = None if estimate is None else load_estimate(estimate)
     if study is not None:
-        from smsid.cli.study import fly_study
-
-        flown = fly_study(described, found, draws, output, console())
+        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
         if report is not None:
-            from smsid.report.table4 import study_report
+            from smsid.identify.paper.table4_report import study_report
 
             _write(
                 study_report(flown, described.name, _origin(described, description, estimate, seed)), report
             )
-        return Outcome({"study": flown}, [output, *([report] if report else [])])
+        written = [output, *([report] if report else [])]
+        console().print(f"wrote {', '.join(map(str, written))}")
+        return Outcome({"study": flown}, written)
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -91,7 +105,7 @@ def control_command(
         made = design(
             described,
             found,
-            DesignRequest(pair, uncertainty, crossover, rate, samples),
+            DesignRequest(pair, uncertainty, crossover, RATE if rate is None else rate, samples),
             np.random.default_rng(seed),
         )
     save_controller(made, output)
@@ -106,6 +120,51 @@ def control_command(
     written = [output, *([report] if report else [])]
     out.print(f"wrote {', '.join(map(str, written))}")
     return Outcome({"controller": document}, written)
+
+
+def _fly_study(
+    described: Description,
+    found: Estimate | None,
+    draws: int,
+    rate: float | None,
+    crossover: float,
+    integrated_gyro: bool,
+    output: Path,
+) -> dict[str, Any]:
+    """Fly the paper's Table 4, write the document and print it."""
+    from smsid._files import atomic_write
+    from smsid.identify.paper.table4 import Variant
+    from smsid.identify.paper.table4_study import fly_study
+
+    own = Variant().rate if rate is None else rate
+    with working("flying") as tell:
+        flown = fly_study(
+            described,
+            found,
+            draws,
+            rate=own,
+            crossover=crossover,
+            integrated_gyro=integrated_gyro,
+            tell=tell,
+        )
+    atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
+    out = console()
+    for part in study_parts(flown):
+        out.print(part, highlight=False)
+    return flown
+
+
+def study_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield what to print of a study of Table 4: which is smaller, by how much, every case."""
+    from smsid.cli.tables import plain_table
+    from smsid.identify.paper.table4_study import COLUMNS, study_cells, study_lines
+
+    yield from study_lines(d)
+    table = plain_table(*COLUMNS, left=COLUMNS[:2])
+    for row in study_cells(d):
+        table.add_row(*row)
+    yield table
+    yield "The paper's numbers have no unit in print: they are read in degrees, which fits (docs: Control)."
 
 
 def _origin(described: Description, path: Path, estimate: Path | None, seed: int) -> Provenance:

@@ -18,8 +18,11 @@ from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from smsid.cli.demo_runs import CraftRun, PaperRun
     from smsid.datasets import Demonstration
+    from smsid.identify.estimate import Estimate
     from smsid.report.model import Frame
 
 
@@ -33,7 +36,6 @@ def demo_command(
 ) -> Outcome:
     """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
     from smsid.cli.demo_runs import CraftRun, identify_craft, run_paper, write_extended
-    from smsid.cli.paper_tables import table_2
     from smsid.datasets import demonstration
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
@@ -74,7 +76,7 @@ def demo_command(
     for step in told[-1:]:
         out.print(f"4. {step}", markup=False, highlight=False, soft_wrap=True)
     out.print("5. The paper's Table 2, from a guess that is off:")
-    out.print(table_2(done.estimate))
+    out.print(_table_2(done.estimate))
     names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
     names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
     written += [*(output / n for n in names), *drawn, page]
@@ -89,6 +91,18 @@ def demo_command(
         "paper_estimate": json.loads(done.estimate.to_json()),
     }
     return Outcome(document, written)
+
+
+def _table_2(estimate: Estimate) -> Table:
+    """Return the paper's Table 2 beside an estimate."""
+    from smsid.cli.tables import plain_table
+    from smsid.identify.paper.tables import table_2_cells
+
+    columns, rows = table_2_cells(estimate)
+    table = plain_table(*columns, left=("parameter", "status"))
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]:
@@ -118,9 +132,9 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 def _page(
     which: Demonstration, craft: CraftRun, paper: PaperRun, output: Path, seed: int, picture: Frame | None
 ) -> tuple[Path, tuple[str, ...]]:
-    from smsid.cli.paper_tables import TABLE_2
+    from smsid.identify.paper.tables import Found, paper_section
     from smsid.report import files_of, provenance, write_report
-    from smsid.report.demo import Craft, Paper, demo_report
+    from smsid.report.demo import Craft, demo_report
     from smsid.report.diagnose import Asked, diagnose_report
     from smsid.report.model import Link, Text
     from smsid.report.shares import shares_of
@@ -148,7 +162,7 @@ def _page(
         craft.found, craft.extended,
         which.engine, which.hidden, which.parameters,
     )  # fmt: skip
-    own_paper = Paper(paper.estimate, paper.truth, paper.notes)
-    report = demo_report(own, own_paper, TABLE_2, links, provenance(inputs, seed=seed), picture, shares)
+    own_paper = paper_section(Found(paper.estimate, paper.truth, paper.notes))
+    report = demo_report(own, own_paper, links, provenance(inputs, seed=seed), picture, shares)
     told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
     return write_report(report, output / "report.html"), told

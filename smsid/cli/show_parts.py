@@ -117,9 +117,9 @@ def controller(path: Path, everything: bool) -> Iterator[Any]:
 
 def control_study(path: Path, everything: bool) -> Iterator[Any]:
     """Yield the rows of a study of controllers."""
-    from smsid.cli.study import document_parts
+    from smsid.cli.control import study_parts
 
-    yield from document_parts(read_json(path))
+    yield from study_parts(read_json(path))
 
 
 def campaign(path: Path, everything: bool) -> Iterator[Any]:

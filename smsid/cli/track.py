@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from smsid.tracking.history import TrackHistory
 
+LONGEST = 44  # characters of a name in the table, unless all is asked for
 SHOWN = 24  # parameters in the table, unless all are asked for
 
 
@@ -27,6 +28,22 @@ def track_command(
     description: DescriptionPath,
     recordings: Annotated[list[Path], typer.Argument(help="recordings, in the order they were made")],
     output: Annotated[Output, Writes((".nc",))] = Path("track.nc"),
+    method: Annotated[
+        str,
+        typer.Option(
+            help="filter: an extended Kalman filter of all the description lists; momentum: recursive total "
+            "least squares of the conserved momentum (the paper's Step B), from rest without thrust"
+        ),
+    ] = "filter",
+    memory: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3,
+            metavar="SECONDS",
+            help="--method momentum: time over which what was measured, and the prior, is forgotten; all is "
+            "kept if left out",
+        ),
+    ] = None,
     follow: Annotated[
         list[str] | None,
         typer.Option(
@@ -77,21 +94,41 @@ def track_command(
     loaded = [load_recording(path) for path in recordings]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
-    with working("following"):
-        history, tracker = track_recordings(
-            described,
-            loaded,
-            follow=rates_of(follow or ()) or None,
-            hold=hold or (),
-            estimate=load_estimate(estimate) if estimate is not None else None,
-            cad=cad,
-            gap=gap,
-            warm_up=warm_up,
+    known = load_estimate(estimate) if estimate is not None else None
+    if method == "momentum":
+        refused = {"--follow": follow, "--hold": hold, "--save": save}
+        if given := [name for name, value in refused.items() if value]:
+            raise SmsidError(
+                f"{given[0]} is for --method filter.",
+                advice="Recursive total least squares follows all combinations that momentum tells.",
+            )
+        from smsid.tracking.track_momentum import track_momentum
+
+        with working("following"):
+            history, _ = track_momentum(described, loaded, estimate=known, cad=cad, memory=memory, gap=gap)
+    elif method != "filter":
+        raise SmsidError(f"There is no method '{method}'.", advice="Use --method filter or momentum.")
+    elif memory is not None:
+        raise SmsidError(
+            "--memory is for --method momentum.", advice="A filter forgets by --follow PARAM=RATE."
         )
+    else:
+        with working("following"):
+            history, tracker = track_recordings(
+                described,
+                loaded,
+                follow=rates_of(follow or ()) or None,
+                hold=hold or (),
+                estimate=known,
+                cad=cad,
+                gap=gap,
+                warm_up=warm_up,
+            )
+        if save is not None:
+            save_tracker(tracker, save)
     save_history(history, output)
     written = [output]
     if save is not None:
-        save_tracker(tracker, save)
         written.append(save)
     if report is not None:
         from smsid.report import files_of, provenance, write_report
@@ -155,7 +192,8 @@ def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterato
     table = plain_table(
         *("parameter", "described", "first", "last", "2 sigma", "unit"), left=("parameter", "unit")
     )
-    for i, name in enumerate(history.names[:count]):
+    for i, full in enumerate(history.names[:count]):
+        name = full if everything or len(full) <= LONGEST else f"{full[: LONGEST - 4]} ..."
         x, s = history.values[:, i], history.sigmas[:, i]
         numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{2.0 * s[-1]:.2g}")
         table.add_row(name, *numbers, history.units[i])

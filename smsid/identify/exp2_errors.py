@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from smsid.identify.hidden_states import Modal, hidden_states
 from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
 from smsid.identify.momentum_printed import step_b_printed
 from smsid.identify.motion import Motion
+from smsid.identify.shaken import covariance_of_moves
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move
@@ -45,11 +46,13 @@ def widened(
 
     Residuals show errors that come and go within seconds; errors of the slosh state stay for its period and
     look like motion. ``noisier`` gives the motion with the sensors' own noise added; the mean square move
-    over replicates and results of a step, in sigmas, is the factor on its covariance, never below 1.
+    over replicates and results of a step, in sigmas, is the factor on its covariance, never below 1. Such
+    errors go along few directions, so one factor is not enough for those parameters that lie along them: a
+    variance is at least what its parameter scatters by, the replicates' small number allowed for, and what
+    they move it by on average is added squared, as a bias.
 
-    Step B as printed takes all columns for equally uncertain, so noise in its products biases it. Noise once
-    more moves it by as much again: what that is on average goes into its covariance parameter by parameter,
-    as does what it scatters by. It is left out where the combinations it identifies change with the noise.
+    Step B as printed takes all columns for equally uncertain, so noise in its products biases it most. It is
+    left out where the combinations it identifies change with the noise.
 
     Raises `NotIdentifiableError` when the identifiable combinations change with the noise.
     """
@@ -57,7 +60,9 @@ def widened(
     like = hidden_states(model, coarse, modal)
     with_printed = found.printed is not None
     basis = _steps(model, coarse, mass, modal, printed=with_printed, like=like)
-    moves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    position_moves: list[np.ndarray] = []
+    moment_moves: list[np.ndarray] = []
+    moves: list[np.ndarray] = []
     printed_moves: list[np.ndarray] | None = [] if _same_printed(found, basis) else None
     rng = np.random.default_rng(REPLICATES_SEED)
     for _ in range(REPLICATES):
@@ -75,18 +80,30 @@ def widened(
                 names=unlike,
                 marginal=True,
             )
-        position = (other.a.position - basis.a.position) / found.a.position_sigma
-        moments = (other.a.moments.values - basis.a.moments.values) / found.a.moments.sigma
-        moves[0].append(np.concatenate([position, moments]))
-        moves[1].append((other.b.values - basis.b.values) / found.b.sigma)
-    first, second = (max(1.0, float(np.mean(np.square(m)))) for m in moves)
+        position_moves.append(other.a.position - basis.a.position)
+        moment_moves.append(other.a.moments.values - basis.a.moments.values)
+        moves.append(other.b.values - basis.b.values)
+    own = [np.diag(found.a.position_sigma**2), found.a.moments.solution.covariance]
+    first = _common_factor(zip(own, (position_moves, moment_moves), strict=True))
+    second = _common_factor([(found.b.solution.covariance, moves)])
+    position = covariance_of_moves(first * own[0], position_moves)
     a = replace(
         found.a,
-        position_sigma=np.sqrt(first) * found.a.position_sigma,
-        moments=_with_covariance(found.a.moments, first * found.a.moments.solution.covariance),
+        position_sigma=np.sqrt(np.diag(position)),
+        moments=_with_covariance(found.a.moments, covariance_of_moves(first * own[1], moment_moves)),
     )
-    printed = _of_replicates(found.printed, printed_moves) if found.printed and printed_moves else None
-    return Steps(a, _with_covariance(found.b, second * found.b.solution.covariance), printed)
+    b = _with_covariance(found.b, covariance_of_moves(second * found.b.solution.covariance, moves))
+    printed = None
+    if found.printed and printed_moves:
+        own_printed = found.printed.solution.covariance
+        printed = _with_covariance(found.printed, covariance_of_moves(own_printed, printed_moves))
+    return Steps(a, b, printed)
+
+
+def _common_factor(pairs: Iterable[tuple[np.ndarray, Sequence[np.ndarray]]]) -> float:
+    """Return the mean square of ``moves`` in standard deviations of their covariance, at least one."""
+    z = [(np.array(moves) / np.sqrt(np.diag(own))).ravel() for own, moves in pairs if len(own)]
+    return max(1.0, float(np.mean(np.square(np.concatenate(z)))))
 
 
 def _same_printed(found: Steps, other: Steps) -> bool:
@@ -94,20 +111,6 @@ def _same_printed(found: Steps, other: Steps) -> bool:
     if found.printed is None or other.printed is None:
         return False
     return not found.printed.base.unlike(other.printed.base)
-
-
-def _of_replicates(found: Regression, moves: Sequence[np.ndarray]) -> Regression:
-    """Return Step B as printed with the variance and the squared bias that ``moves`` (each (b,)) show.
-
-    The mean move scatters by a share of the variance itself: that much of its square is no bias.
-    """
-    x = np.array(moves)
-    mean, count = x.mean(axis=0), len(x)
-    scatter = x.var(axis=0, ddof=1)
-    bias = np.maximum(mean**2 - scatter / count, 0.0)
-    own = found.solution.covariance
-    factor = np.sqrt(np.maximum(np.diag(own), scatter) / np.diag(own))
-    return _with_covariance(found, own * np.outer(factor, factor) + np.diag(bias))
 
 
 def with_carried_errors(

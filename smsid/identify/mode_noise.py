@@ -8,6 +8,7 @@ import numpy as np
 
 from smsid.identify.modes import Mode
 from smsid.identify.panel_modes import PanelModes, panel_modes
+from smsid.identify.shaken import widened_for_few
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ def mode_sigmas(
     Noise of the sensors' own level (``panel_noise`` (stations,), ``base_noise`` [m/s^2]) is added once more
     to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where
     estimates answer noise linearly they scatter about the estimate as it does about the truth. With 8
-    replicates a standard deviation is itself known to about a quarter.
+    replicates a standard deviation is itself known to about a quarter: it is widened by what Student's t asks
+    for (`smsid.identify.shaken.widened_for_few`).
     """
     highest = 1.5 * max((m.frequency for m in (*found.clamped, *found.coupled)), default=1.0)
     again = [
@@ -62,7 +64,7 @@ def _spread(modes: tuple[Mode, ...], again: list[tuple[Mode, ...]]) -> tuple[Mod
         if 2 * len(near) < len(again):
             out.append(ModeSigma(float("nan"), float("nan")))
             continue
-        frequency = np.array([m.frequency - mode.frequency for m in near])
-        damping = np.array([m.damping - mode.damping for m in near])
-        out.append(ModeSigma(float(np.sqrt(np.mean(frequency**2))), float(np.sqrt(np.mean(damping**2)))))
+        moved = np.array([(m.frequency - mode.frequency, m.damping - mode.damping) for m in near])
+        frequency, damping = widened_for_few(len(near)) * np.sqrt(np.mean(moved**2, axis=0))
+        out.append(ModeSigma(float(frequency), float(damping)))
     return tuple(out)

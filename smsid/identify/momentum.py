@@ -69,8 +69,8 @@ class Regression:
 class StepA:
     """Result of Step A.
 
-    ``velocity`` (3,) and ``position`` (3,) of the system CM, inertial axes, from the inertial origin [m/s,
-    m]; ``moments``: identifiable first moments of the links [kg m].
+    ``velocity`` (3,) and ``position`` (3,) of the system CM at the first sample, inertial axes, from the
+    inertial origin [m/s, m]; ``moments``: identifiable first moments of the links [kg m].
     """
 
     velocity: np.ndarray
@@ -142,15 +142,22 @@ def rows_a(
     motion: Motion,
     hidden: HiddenStates,
     mass: float,
+    start: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Step A's equations: CM velocity, CM position and sought parameters (N, 3, 6 + n), right-hand side."""
+    """Step A's equations: CM velocity, CM position and sought parameters (N, 3, 6 + n), right-hand side.
+
+    The CM of (33) is ``r_cm + v_cm (t - start)``: the print takes r_cm for constant, which it is only while
+    v_cm is zero. ``start`` [s] is where r_cm is meant (default: the first sample).
+    """
     q, v = full_states(model, motion, hidden)
     v[:, :6] = 0.0  # the momentum of the links relative to the bus is the rate of their first moments
     y = regressor.momentum(q, v)[:, :3]
     to_body = motion.rotation.transpose(0, 2, 1)
     position = np.einsum("nij,nj->ni", to_body, motion.position)
     known = y[:, :, parts.known] @ regressor.parameters[parts.known]
-    columns = [to_body, -skew(motion.rate) @ to_body, -y[:, :, parts.unknown] / mass]
+    turning = -skew(motion.rate) @ to_body
+    elapsed = motion.time - (motion.time[0] if start is None else start)
+    columns = [to_body + elapsed[:, None, None] * turning, turning, -y[:, :, parts.unknown] / mass]
     seen = motion.velocity - np.cross(motion.rate, position)
     return np.concatenate(columns, axis=2), seen + known / mass
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 
 from smsid.identify.robust import white_sigma
 from smsid.recording import Recording
@@ -31,3 +34,29 @@ def shaken(recording: Recording, sensors: tuple[Sensor, ...], rng: np.random.Gen
             values = values + white_sigma(values) * rng.standard_normal(values.shape)
         channels[name] = (own, values)
     return recording.with_channels(channels)
+
+
+def widened_for_few(replicates: int) -> float:
+    """Return the factor on a standard deviation that so many replicates gave, for 95 % intervals to hold.
+
+    A Gaussian interval with a standard deviation from ``replicates`` draws holds too rarely (91 % with 8);
+    Student's t with as many degrees of freedom says by how much it has to be wider.
+    """
+    return float(student.ppf(0.975, replicates) / 1.959964)
+
+
+def covariance_of_moves(own: np.ndarray, moves: Sequence[np.ndarray]) -> np.ndarray:
+    """Return a covariance (b, b) with the variance and the squared bias that ``moves`` (each (b,)) show.
+
+    ``own`` (b, b) is what is predicted: no variance comes out below it. The mean move scatters by a share of
+    the variance itself: that much of its square is no bias.
+    """
+    if not len(own):
+        return own
+    x = np.array(moves)
+    mean, count = x.mean(axis=0), len(x)
+    scatter = x.var(axis=0, ddof=1)
+    bias = np.maximum(mean**2 - scatter / count, 0.0)
+    seen = scatter * widened_for_few(count - 1) ** 2
+    factor = np.sqrt(np.maximum(np.diag(own), seen) / np.diag(own))
+    return own * np.outer(factor, factor) + np.diag(bias)

@@ -90,11 +90,14 @@ def momentum_of_chunks(model: SpacecraftModel, chunks: Chunks, mass: float) -> S
     parts_a = Split.of(model, regressor, bus_first=False)
     parts_b = Split.of(model, regressor, bus_first=True)
 
+    start: float | None = None  # of the recording, where Step A's centre of mass is meant
+
     def equations_a(motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
-        return rows_a(model, regressor, parts_a, motion, hidden, mass)
+        return rows_a(model, regressor, parts_a, motion, hidden, mass, start)
 
     sums, step = RowSums(3), 0.0
     for motion, hidden in chunks():
+        start = float(motion.time[0]) if start is None else start
         sums.add(*equations_a(motion, hidden), _again(equations_a, motion, hidden))
         step = motion.step if len(motion) > 1 else step
     if not sums.samples:
@@ -189,25 +192,38 @@ def motions(
 
 def with_hidden_states(model: SpacecraftModel, pieces: Iterator[Motion]) -> Iterator[Chunk]:
     """Yield every motion with its hidden states, carried on from the one before; a piece late."""
-    carry, carry_again, noises = Carry({}, {}), Carry({}, {}), None
-    before: Motion | None = None
-    previous: Motion | None = None
-    for motion in _with_end(pieces):
+    states = HiddenStateCarrier(model)
+    for motion in pieces:
+        if (chunk := states.push(motion)) is not None:
+            yield chunk
+    if (chunk := states.push(None)) is not None:
+        yield chunk
+
+
+class HiddenStateCarrier:
+    """Hidden states of motions that follow each other; a piece comes out when the one after it is there."""
+
+    def __init__(self, model: SpacecraftModel) -> None:
+        self.model = model
+        self._carry, self._carry_again = Carry({}, {}), Carry({}, {})
+        self._noises: tuple[dict[str, float], dict[str, float]] | None = None
+        self._before: Motion | None = None
+        self._previous: Motion | None = None
+
+    def push(self, motion: Motion | None) -> Chunk | None:
+        """Take in the next motion, or ``None`` at the end; return the one before with its hidden states."""
+        previous, out = self._previous, None
         if previous is not None:
-            noises = noises or _noises(model, previous)
-            hidden = _carried(model, before, previous, motion, carry, noises[0])
+            self._noises = self._noises or _noises(self.model, previous)
+            hidden = _carried(self.model, self._before, previous, motion, self._carry, self._noises[0])
             if previous.again is not None:
-                more = [m.again if m is not None else None for m in (before, previous, motion)]
+                more = [m.again if m is not None else None for m in (self._before, previous, motion)]
                 assert more[1] is not None
-                other = _carried(model, more[0], more[1], more[2], carry_again, noises[1])
+                other = _carried(self.model, more[0], more[1], more[2], self._carry_again, self._noises[1])
                 hidden = replace(hidden, again=other)
-            yield previous, hidden
-        before, previous = previous, motion
-
-
-def _with_end(pieces: Iterator[Motion]) -> Iterator[Motion | None]:
-    yield from pieces
-    yield None
+            out = previous, hidden
+        self._before, self._previous = previous, motion
+        return out
 
 
 @dataclass

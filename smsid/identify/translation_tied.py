@@ -89,6 +89,10 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
                 advice=ADVICE,
                 unknowns=unknowns,
             )
+    # tanks by rising frequency, whatever way the iteration took
+    own = [np.arange(1 + 3 * i, 4 + 3 * i) for i in np.argsort(unknowns[1 : 1 + 3 * tanks : 3])]
+    order = np.concatenate([[0], *own, np.arange(1 + 3 * tanks, len(unknowns))]).astype(int)
+    unknowns, influence = unknowns[order], influence[order]
     values, jacobian = _physical(unknowns, tanks)
     check_mass(data.axis, values[0])
     spread = jacobian @ influence

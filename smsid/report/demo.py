@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.nominal import nominal
 from smsid.estimation.parameter_vector import Point
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone
-from smsid.report.numbers import half, number, share, unit
+from smsid.report.numbers import half, number, unit
 from smsid.report.open_loop import OpenLoop, telling
 from smsid.report.parameters import reported
 from smsid.report.plain_words import plain_words, quantity, strength
@@ -48,48 +46,9 @@ class Craft:
     parameters: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class Paper:
-    """The paper's experiments, identified from a guess that is off: estimate, true values by name, notes."""
-
-    estimate: Estimate
-    truth: Mapping[str, float]
-    notes: Sequence[str] = ()
-
-
-class PaperRow(Protocol):
-    """A row of the paper's Table 2: parameter, true value, the paper's estimate and error [%] as printed."""
-
-    @property
-    def label(self) -> str:
-        """What the paper calls it, with its unit."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The estimate's parameters that are averaged."""
-        ...
-
-    @property
-    def truth(self) -> float:
-        """True value."""
-        ...
-
-    @property
-    def paper(self) -> str:
-        """The paper's estimate."""
-        ...
-
-    @property
-    def paper_error(self) -> str:
-        """Its error [%], or what is printed in place of one."""
-        ...
-
-
 def demo_report(
     craft: Craft,
-    paper: Paper,
-    rows: Sequence[PaperRow],
+    paper: Section,
     links: Sequence[Link],
     origin: Provenance,
     picture: Frame | None = None,
@@ -99,8 +58,7 @@ def demo_report(
 
     Args:
         craft: the craft with something hidden.
-        paper: the paper's experiments.
-        rows: of the paper's Table 2.
+        paper: the paper's tables beside what was found (`smsid.identify.paper.tables`).
         links: files beside the page.
         origin: versions, command, files.
         picture: of the craft in motion, if it could be drawn.
@@ -121,7 +79,7 @@ def demo_report(
     sections.append(cause_section(craft))
     sections += share_sections(shares) if shares is not None else []
     sections.append(values_section(craft))
-    sections.append(paper_section(paper, rows))
+    sections.append(paper)
     sections.append(Section("files", "Look further", (Links(tuple(links)),)))
     sentence, tone = verdict(craft)
     return Report(
@@ -289,112 +247,6 @@ def values_section(craft: Craft) -> Section:
 def _effects(craft: Craft) -> dict[str, float]:
     bodies = described_bodies(craft.description)
     return {name: value for name, value in craft.parameters.items() if name not in bodies}
-
-
-def paper_section(paper: Paper, rows: Sequence[PaperRow]) -> Section:
-    """Return the paper's Tables 2 and 3 beside what is found from a guess that is off by several per cent."""
-    text = (
-        "The experiments of Rekleitis and Papadopoulos, flown in smsid's own simulation with sensor "
-        "noise: this shows "
-        "what the sensors tell, and proves nothing of the model, which identification shares. It "
-        "starts from masses, "
-        "inertias, slosh and panel that are 4 to 20 % off, and uses the default method, maximum likelihood. "
-        "The paper's errors are from its own simulation."
-    )
-    more = tuple(paper.notes)
-    parts = (
-        Text((text,)),
-        table_2(paper, rows),
-        table_3(paper),
-        *((Text(more, bullets=True),) if more else ()),
-    )
-    return Section("tables", "The paper's Tables 2 and 3", parts, "found from a wrong guess")
-
-
-def table_2(paper: Paper, rows: Sequence[PaperRow]) -> Table:
-    """Return the paper's Table 2 beside an estimate; values given per axis are averaged."""
-    out = []
-    for row in rows:
-        found = [paper.estimate[n] for n in row.names if n in paper.estimate]
-        cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(unit(row.paper))]
-        cells.append(Cell(f"{row.paper_error} %" if row.paper_error[0].isdigit() else row.paper_error))
-        if not found:
-            out.append((*cells, Cell("–"), Cell("not found"), Cell(""), Cell(""), Cell("")))
-            continue
-        value = float(np.mean([p.value for p in found]))
-        guesses = [p.nominal for p in found if p.nominal is not None]
-        width = QUANTILE * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
-        # the truth is printed with so many digits, and no more can be asked of an interval
-        printed = 0.5 * 10.0 ** -_decimals(row.truth)
-        inside = abs(value - row.truth) <= width + printed
-        error = abs(value / row.truth - 1.0)
-        out.append(
-            (
-                *cells,
-                Cell(number(float(np.mean(guesses)), 4) if guesses else "–"),
-                Cell(number(value, 6), value),
-                Cell(f"± {number(width, 2)}", width),
-                Cell(share(error), error),
-                Cell("yes" if inside else "no", tone="good" if inside else "warn"),
-            )
-        )
-    columns = (
-        "parameter", "#truth", "#paper", "#its error", "#guess", "#here", "#95 % interval", "#error",
-        "truth inside",
-    )  # fmt: skip
-    return Table("Table 2: mass, slosh and panel", columns, tuple(out), ">> is printed in the paper.")
-
-
-def _decimals(x: float) -> int:
-    text = f"{x:.8f}".rstrip("0")
-    return len(text.partition(".")[2])
-
-
-def table_3(paper: Paper, shown: int = 3) -> Table:
-    """Return the best and the worst identifiable inertial combinations, as the paper's Table 3 gives them."""
-    usable = [
-        (p, t)
-        for p in reported(paper.estimate)
-        if p.status == "identifiable" and not p.small and (t := paper.truth.get(p.name)) and _inertial(p)
-    ]
-    ranked = sorted(usable, key=lambda x: abs(x[0].value / x[1] - 1.0))
-    few = ranked if len(ranked) <= 2 * shown else [*ranked[:shown], *ranked[-shown:]]
-    rows: list[tuple[Cell, ...]] = [
-        (
-            Cell("paper's best, pi_m(2)"),
-            Cell("336028.408"),
-            Cell("335988.01"),
-            Cell(""),
-            Cell("0.01 %"),
-            Cell(""),
-        ),
-        (Cell("paper's worst, pi_m(12)"), Cell("−1.06"), Cell("−1.11"), Cell(""), Cell("4.80 %"), Cell("")),
-    ]
-    for p, truth in few:
-        low, high = p.interval
-        error = abs(p.value / truth - 1.0)
-        inside = low <= truth <= high
-        rows.append(
-            (
-                Cell(p.name),
-                Cell(number(truth, 6), truth),
-                Cell(number(p.value, 6), p.value),
-                Cell(half(p.value, low, high), 0.5 * (high - low)),
-                Cell(share(error), error),
-                Cell("yes" if inside else "no", tone="good" if inside else "warn"),
-            )
-        )
-    columns = ("combination", "#truth", "#estimate", "#95 % interval", "#error", "truth inside")
-    note = (
-        f"Of {len(usable)} identifiable combinations of the arm's inertial parameters that are not "
-        "zero; the paper's "
-        "pi_m are sums of its own. Those with the bus hold the panel, too, and are left out here."
-    )
-    return Table("Table 3: the best and the worst inertial combinations", columns, tuple(rows), note)
-
-
-def _inertial(p: ParameterEstimate) -> bool:
-    return p.unit in ("kg m", "kg m^2")
 
 
 def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:

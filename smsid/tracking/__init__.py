@@ -1,14 +1,22 @@
-"""On-line estimation: an extended Kalman filter with chosen parameters in its state."""
+"""On-line estimation: an extended Kalman filter with chosen parameters in its state, and recursive TLS.
+
+Both are a `ParameterTracker`: samples in, parameters and how well each is known out.
+"""
 
 from smsid.tracking.followed_parameters import Followed, followed_parameters
+from smsid.tracking.momentum_tracker import MomentumTracker
+from smsid.tracking.parameter_tracker import ParameterTracker
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
+from smsid.tracking.track_momentum import track_momentum
 from smsid.tracking.track_recordings import track_recordings
 from smsid.tracking.tracker import Prediction, Tracker, Update
 from smsid.tracking.tracker_file import load_tracker, save_tracker
 
 __all__ = [
     "Followed",
+    "MomentumTracker",
+    "ParameterTracker",
     "Prediction",
     "Sample",
     "Setting",
@@ -17,5 +25,6 @@ __all__ = [
     "followed_parameters",
     "load_tracker",
     "save_tracker",
+    "track_momentum",
     "track_recordings",
 ]

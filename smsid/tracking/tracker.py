@@ -177,6 +177,11 @@ class Tracker:
         return tuple(f.unknown.unit for f in self.start.followed)
 
     @property
+    def values(self) -> np.ndarray:
+        """Values (m,) of the parameters followed, in their units."""
+        return self.filter.values
+
+    @property
     def time(self) -> float:
         """Time [s] of the last moment taken in; minus infinity before the first."""
         return self.filter.time

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
-from smsid.identify.exp1 import excited_axes, identify_translation
+from smsid.identify.exp1 import averaged_at_steps, excited_axes, identify_translation
 from smsid.identify.exp1_result import assemble
 from smsid.model import build_model
 from smsid.recording import Recording
@@ -279,3 +279,14 @@ def test_too_few_stations_are_refused():
 def test_no_recording_is_refused(model):
     with pytest.raises(NotIdentifiableError, match=r"Exp\. 1 identifies nothing"):
         identify_translation(model, [])
+
+
+def test_a_sample_at_a_step_is_what_an_anti_aliased_sensor_reads():
+    """A sample that has the whole step is half a sample early; thrust that never rests has no steps."""
+    time = np.arange(100) / 10.0
+    step = np.where(time >= 4.0, 2.0, 0.0)
+    found = averaged_at_steps(time, np.column_stack([step, -step]), np.array([4.0]))
+    np.testing.assert_allclose(found[[39, 40, 41]], [[0.0, 0.0], [1.0, -1.0], [2.0, -2.0]])
+    between = averaged_at_steps(time, step, np.array([4.03, 0.0, 99.0]))
+    np.testing.assert_array_equal(between, step)
+    np.testing.assert_array_equal(averaged_at_steps(time, step, time), step)

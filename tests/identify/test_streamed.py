@@ -69,6 +69,19 @@ def test_steps_a_and_b_from_uneven_chunks(model: SpacecraftModel, whole: Motion,
     np.testing.assert_allclose(found.b.shares, b.shares, rtol=1e-9, atol=1e-12)
 
 
+def test_a_drifting_centre_of_mass(model: SpacecraftModel, whole: Motion, hidden: HiddenStates):
+    """Seen from a frame that drifts, momentum's conservation is the same: Step A finds drift and start."""
+    drift = np.array([0.02, -0.05, 0.03])
+    seen = replace(whole, again=None)
+    elapsed = (whole.time - whole.time[0])[:, None]
+    body = np.einsum("nji,j->ni", whole.rotation, drift)
+    moving = replace(seen, position=whole.position + elapsed * drift, velocity=whole.velocity + body)
+    rest, found = (step_a(model, m, replace(hidden, again=None), model.mass) for m in (seen, moving))
+    np.testing.assert_allclose(found.velocity - rest.velocity, drift, atol=1e-5)
+    np.testing.assert_allclose(found.position, rest.position, atol=5e-4)  # a quarter of its sigma
+    np.testing.assert_allclose(found.moments.values, rest.moments.values, atol=0.1)
+
+
 def test_hidden_states_are_carried_on(model: SpacecraftModel, whole: Motion, hidden: HiddenStates):
     edges = [0, 250, 500, len(whole)]
     pieces = (whole.only(slice(a, b)) for a, b in pairwise(edges))

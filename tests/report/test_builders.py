@@ -15,6 +15,7 @@ from smsid.campaign.summary import summarise
 from smsid.control.robustness import Robustness
 from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause, Gain, Limit, Remaining, Value
 from smsid.identify.estimate import Estimate, judged
+from smsid.identify.paper.table4_report import study_report
 from smsid.report import render
 from smsid.report.campaign import campaign_report
 from smsid.report.control import _robust
@@ -23,7 +24,6 @@ from smsid.report.diagnose import Asked, diagnose_report, shortened
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import Known, correlations, identifiability, parameter_table
 from smsid.report.spectra import spectrum_grid
-from smsid.report.table4 import study_report
 from smsid.report.traces import Trace
 
 from .pages import check_page

@@ -27,7 +27,8 @@ DESIGN_LEVEL = 0.05
 """The H-infinity term is designed for 5 % in every case (section V)."""
 IDENTIFIED_LEVEL = 0.006
 """Case D where no identified model is given: the largest error in Table 2 of what enters H (m_s, 0.6 %)."""
-
+CROSSOVER = 10.0
+"""Crossover that the H-infinity term is designed for [rad/s]: a third of what 20 Hz allow."""
 
 PRINTED_UNITS = {"deg": float(np.pi / 180.0), "rad": 1.0}
 """What the printed numbers of Table 4 may be in, and what takes them to [rad]. The paper does not say."""
@@ -86,6 +87,10 @@ class Variant:
     gyro_noise: float | None = None
 
 
+INTEGRATED_GYRO = Variant("integrated gyro", attitude_noise=2e-6, gyro_noise=1e-6)
+"""Noise with which the paper's attitude errors come out: it has no star tracker, it integrates its gyro."""
+
+
 @dataclass(frozen=True)
 class Run:
     """One flight: largest errors ``base`` e_b and ``joints`` e_i [rad] and the actuators that met a limit."""
@@ -111,7 +116,7 @@ class Study:
         model: SpacecraftModel,
         variant: Variant,
         *,
-        crossover: float = 10.0,
+        crossover: float = CROSSOVER,
         identified: Sequence[ReducedDynamics] = (),
     ) -> None:
         """Take the truth and, for case D, identified models: draw k flies with the k-th, round and round.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import typer
-from control_cases import URDF, paper, two_arms
 from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
@@ -14,14 +13,27 @@ from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
-from smsid.control.table4 import Run, Study, Variant, cases
-from smsid.control.table4_summary import improvements, orderings, summarise
 from smsid.control.uncertainty import perturbed
+from smsid.description import load_description
 from smsid.errors import ControlError
+from smsid.identify.paper import table4_study
+from smsid.identify.paper.table4 import Run, Study, Variant, cases
+from smsid.identify.paper.table4_summary import improvements, orderings, summarise
+from smsid.model import SpacecraftModel, build_model
+from smsid.paths import urdf_folder
 
+URDF = urdf_folder()
 APP = typer.Typer()
 APP.command()(control_command)
 DESCRIPTION = str(URDF / "paper_sms.toml")
+
+
+def paper() -> SpacecraftModel:
+    return build_model(load_description(URDF / "paper_sms.toml"))
+
+
+def two_arms() -> SpacecraftModel:
+    return build_model(load_description(URDF / "two_arm_sms.toml"))
 
 
 def run(case, controller, draw, base, joints=1e-3, **saturated) -> Run:
@@ -103,6 +115,18 @@ def test_case_d_flies_with_the_models_given():
     good, bad = study.fly_many(cases()[0], "pd", (0, 1))
     assert bad.joints > 5.0 * good.joints
     assert study.fly(cases()[0], "pd", 2).joints == pytest.approx(good.joints, rel=1e-9)
+
+
+def test_a_study_flies_at_the_rate_and_with_the_sensors_asked_for(monkeypatch):
+    monkeypatch.setattr(table4_study, "cases", lambda: cases()[:1])
+    d = load_description(URDF / "paper_sms.toml")
+    heard: list[str] = []
+    asked = {"rate": 25.0, "crossover": 8.0, "integrated_gyro": True}
+    found = table4_study.fly_study(d, None, 1, tell=heard.append, **asked)
+    assert (found["rate"], found["crossover"], found["sensors"]) == (25.0, 8.0, "integrated gyro")
+    assert len(heard) == 2 and [r["controller"] for r in found["rows"]] == ["pd", "hinf"]
+    assert found["rows"][1]["e_base"]["median"] < 1e-5  # with the described attitude noise it is above 3e-5
+    assert len(table4_study.study_cells(found)) == 2
 
 
 def invoke(*arguments: str):
