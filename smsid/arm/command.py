@@ -10,7 +10,7 @@ from rich.console import Console
 
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
-from smsid.arm.presets import with_joint_effects
+from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import torque_scales, with_torque_gains
 from smsid.arm.setup import held_joints
 from smsid.description import Description
@@ -29,6 +29,7 @@ def identify_and_judge(
     gains: bool = False,
     hold: Sequence[str] = (),
     usual: bool = False,
+    friction: Sequence[str] = (),
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
@@ -39,7 +40,8 @@ def identify_and_judge(
 
     With ``gains`` the gears' torque gains are found first, the described links taken as known; a joint
     whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that do not move, see
-    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset. ``report``:
+    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset;
+    ``friction`` names more laws, see `smsid.arm.with_friction_laws`. ``report``:
     an HTML to write as well, with the sums of the files ``inputs``.
 
     Raises:
@@ -64,6 +66,9 @@ def identify_and_judge(
         description = with_joint_effects(
             description, joints, "joint_friction", "motor_inertia", "torque_offset"
         )
+    if friction:
+        joints = rigid_arm(description, held).arm_joints.names
+        description = with_friction_laws(description, joints, friction)
     if gains:
         description = _with_gains(description, train[0], cutoff, console)
     with working("identifying the arm"):

@@ -86,6 +86,13 @@ def identify_command(
         list[str] | None,
         typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
     ] = None,
+    friction: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="welded arm: more of friction to identify than viscous and Coulomb: direction, quadratic, "
+            "stribeck, load, position or temperature, of all joints or as in stribeck=shoulder_*",
+        ),
+    ] = None,
     modal: Annotated[
         str | None,
         typer.Option(
@@ -169,14 +176,16 @@ def identify_command(
             gains=gains,
             hold=hold or (),
             usual=bare and not rigid,
+            friction=friction or (),
             report=report,
             inputs=inputs,
             everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or hold or rigid:
-        option = "--gains" if gains else "--hold" if hold else "--rigid" if rigid else "--cutoff"
+    if cutoff is not None or gains or hold or rigid or friction:
+        given = {"--gains": gains, "--hold": hold, "--rigid": rigid, "--friction": friction}
+        option = next((name for name, value in given.items() if value), "--cutoff")
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         if modal is not None or find_tracked_point:
