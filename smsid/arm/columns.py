@@ -10,7 +10,16 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.units import joint_unit
-from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
+from smsid.effects import (
+    BaseTilt,
+    Effect,
+    Gear,
+    JointFriction,
+    JointOffset,
+    MotorCoupling,
+    MotorInertia,
+    TorqueOffset,
+)
 from smsid.effects.friction_law import BY_FIELD, friction_columns, sliding
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
@@ -139,10 +148,11 @@ def _coupling(
     )
 
 
+@torque_columns.register(BaseTilt)
 @torque_columns.register(Gear)
 @torque_columns.register(JointOffset)
 def _measured(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
-    return ()  # they act on what is measured, see `joint_motion`
+    return ()  # they act on what is measured, see `joint_motion`, or on gravity, see `smsid.arm.level`
 
 
 def joint_index(model: SpacecraftModel, effect: Effect, joint: str) -> int:

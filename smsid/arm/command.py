@@ -10,10 +10,12 @@ from rich.console import Console
 
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
+from smsid.arm.level import tilt_of
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import torque_scales, with_torque_gains
 from smsid.arm.setup import held_joints
 from smsid.description import Description
+from smsid.effects import BaseTilt
 from smsid.errors import RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording
@@ -30,6 +32,7 @@ def identify_and_judge(
     hold: Sequence[str] = (),
     usual: bool = False,
     friction: Sequence[str] = (),
+    level: bool = False,
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
@@ -41,7 +44,8 @@ def identify_and_judge(
     With ``gains`` the gears' torque gains are found first, the described links taken as known; a joint
     whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that do not move, see
     `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset;
-    ``friction`` names more laws, see `smsid.arm.with_friction_laws`. ``report``:
+    ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
+    gravity's direction is found as well. ``report``:
     an HTML to write as well, with the sums of the files ``inputs``.
 
     Raises:
@@ -69,6 +73,8 @@ def identify_and_judge(
     if friction:
         joints = rigid_arm(description, held).arm_joints.names
         description = with_friction_laws(description, joints, friction)
+    if level and tilt_of(description) is None:
+        description = description.with_effects(BaseTilt(name="base_tilt"))
     if gains:
         description = _with_gains(description, train[0], cutoff, console)
     with working("identifying the arm"):

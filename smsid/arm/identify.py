@@ -27,13 +27,15 @@ from smsid.arm.friction_shape import (
     with_shape_columns,
 )
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
+from smsid.arm.level import SHOWN, Level, tilt_of, with_gravity
 from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.description import Description
-from smsid.effects import Effect, JointFriction
+from smsid.effects import BaseTilt, Effect, JointFriction
+from smsid.effects.base_tilt import tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
 from smsid.model import SpacecraftModel, build_model
@@ -187,12 +189,27 @@ def identify_arm(
             check_components(without_turns(model, one))
     motion = joined_motion([smooth_motion(model, one) for one in recordings])
     smoothed = time.perf_counter()
-    base = structural_base(model)
+    tilt = tilt_of(description)
+    nominal = np.asarray(description.gravity)
+    base = structural_base(with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model)
     torques = joint_torques(model, motion, block_length(motion, cutoff))
+    level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    shapes, torques, solved = _solved(model, motion, torques, base)
+    shapes, torques, whole, leaning = _solved(model, motion, torques, base, level)
+    count = len(base)
+    solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
     found, notes = identified_effects(description, base, solved, torques.names)
+    if tilt and level:
+        sigmas = whole.sigma[count:]
+        own = [
+            judged(f"{tilt.name}.{axis}", float(x), "rad", float(s), GROUP, nominal=getattr(tilt, axis))
+            for axis, x, s in zip("xy", leaning, sigmas, strict=True)
+        ]
+        parameters = (*parameters[:count], *own, *parameters[count:])
+        values = {p.name: p.value for p in own}
+        found = found.with_effects(tilt.with_values(values))
+        model = with_gravity(model, level.at(leaning))
     found = with_found_shapes(found, shapes)
     done = time.perf_counter()
     notes += motion_notes(model, motion, torques, solved) + shape_notes(shapes)
@@ -209,7 +226,7 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
-        covariance=_padded(solved.covariance, len(parameters)),
+        covariance=_padded(whole.covariance, len(parameters)),
     )
     return ArmIdentification(estimate, found, base, solved, motion, model, torques, shapes)
 
@@ -233,24 +250,37 @@ def by_load(description: Description) -> bool:
 
 
 def _solved(
-    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, base: BaseParameters
-) -> tuple[tuple[FrictionShape, ...], JointTorques, JointRegression]:
-    """Solve with the shapes of friction, those found free to move in the covariance.
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    torques: JointTorques,
+    base: BaseParameters,
+    level: Level | None = None,
+) -> tuple[tuple[FrictionShape, ...], JointTorques, JointRegression, np.ndarray]:
+    """Solve with the shapes of friction and the base's tilt, those found free to move in the covariance.
 
-    The load that friction depends on is what is predicted: what is measured has noise.
+    The load that friction depends on is what is predicted: what is measured has noise. Behind the base
+    parameters stand those of the tilt, of which the last is returned by itself.
     """
-    load = torques.torque
+    load, described = torques.torque, torques
+    tilt = level.search(torques, base) if level else np.zeros(0)
+    if level:
+        torques = level.turned(described, tilt)
     shapes = friction_shapes(model, motion, torques, load)
     effects = {e.name: e for e in model.description.effect}
-    count, places = len(base), {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
+    count = len(base) + tilt.size
+    places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
     loaded = by_load(model.description)
     sizes: dict[str, float] = {}
+    x = np.zeros(len(base))
     for k in range(ROUNDS):
+        if level:
+            torques = level.turned(described, tilt)
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
         if not k:  # sizes of friction, for the slopes
             first = solve_joints(torques.rows[:, :, base.independent], torques.torque)
             sizes = {n: float(first.x[i]) for n, i in places.items()}
-        columns = [np.zeros((*torques.torque.shape, 0))]
+            x = first.x
+        columns = [level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
         for (name, _), of in slopes.items():
             column = np.zeros((*torques.torque.shape, 1))
             own = [i for i, _ in acts_on(effects[name], model)]
@@ -259,7 +289,10 @@ def _solved(
         rows = np.concatenate([torques.rows[:, :, base.independent], *columns], axis=2)
         solved = solve_joints(rows, torques.torque, _shape_prior(shapes, effects, model, motion, count))
         sizes = {n: float(solved.x[i]) for n, i in places.items()}
-        moved, new = 0.0, []
+        x = solved.x[: len(base)]
+        lean = solved.x[len(base) : count]
+        tilt = tilt + np.clip(lean, -0.1, 0.1)
+        moved, new = float(np.max(np.abs(lean) / solved.sigma[len(base) : count], initial=0.0)), []
         shifts = iter(zip(solved.x[count:].tolist(), solved.sigma[count:].tolist(), strict=True))
         for s in shapes:
             if s.status != "found":
@@ -274,9 +307,9 @@ def _solved(
         if moved < 0.05 and (k or not loaded):
             break
         if loaded:
-            load = torques.rows[:, :, base.independent] @ solved.x[:count]
+            load = torques.rows[:, :, base.independent] @ x
     solved = replace(solved, x=solved.x[:count], covariance=solved.covariance[:count, :count])
-    return shapes, torques, solved
+    return shapes, torques, solved, tilt
 
 
 def _shape_prior(
@@ -300,6 +333,8 @@ def rigid_arm(description: Description, hold: Mapping[str, float] | None = None)
     """
     model = build_model(description.model_copy(update={"effect": (_Scaffold(name="scaffold"),)}))
     model.pin.armature[:] = 0.0
+    for tilt in [e for e in description.effect if isinstance(e, BaseTilt)]:
+        model.pin.gravity.linear = tilted_gravity(model.pin.gravity.linear, tilt.x, tilt.y)
     return with_held_joints(replace(model, description=description), hold or {})
 
 

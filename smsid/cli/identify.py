@@ -93,6 +93,12 @@ def identify_command(
             "stribeck, load, position or temperature, of all joints or as in stribeck=shoulder_*",
         ),
     ] = None,
+    level: Annotated[
+        bool,
+        typer.Option(
+            "--level", help="welded arm: find gravity's direction as well, the base may not be level"
+        ),
+    ] = False,
     modal: Annotated[
         str | None,
         typer.Option(
@@ -177,14 +183,15 @@ def identify_command(
             hold=hold or (),
             usual=bare and not rigid,
             friction=friction or (),
+            level=level,
             report=report,
             inputs=inputs,
             everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or hold or rigid or friction:
-        given = {"--gains": gains, "--hold": hold, "--rigid": rigid, "--friction": friction}
+    if cutoff is not None or gains or hold or rigid or friction or level:
+        given = {"--gains": gains, "--hold": hold, "--rigid": rigid, "--friction": friction, "--level": level}
         option = next((name for name, value in given.items() if value), "--cutoff")
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:

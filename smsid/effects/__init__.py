@@ -15,6 +15,7 @@ from smsid.effects.base import (
     physical,
     register,
 )
+from smsid.effects.base_tilt import BaseTilt
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
@@ -44,6 +45,7 @@ __all__ = [
     "ActuatorDelay",
     "Appendage",
     "Backlash",
+    "BaseTilt",
     "BeamAppendage",
     "BeamMode",
     "BodyError",

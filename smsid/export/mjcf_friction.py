@@ -67,7 +67,8 @@ def _closest(effect: JointFriction, limit: float) -> DryFriction:
     rates = np.linspace(-top, top, POINTS + 1)[:, None]
     angles = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     whole = [t.field for t in TERMS if getattr(effect, t.field) and t.field not in ("viscous", "load")]
-    columns = friction_columns(effect, whole, sliding(effect, rates, angle=angles))
+    at = sliding(effect, rates, angle=angles, smoothing=1e-9 * top)
+    columns = friction_columns(effect, whole, at)
     torque = sum(getattr(effect, f) * (c + 0.0 * angles) for f, c in columns.items())
     torque = np.mean(np.broadcast_to(torque, (POINTS + 1, angles.size)), axis=1)
     rate = rates[:, 0]
