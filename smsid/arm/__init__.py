@@ -8,6 +8,7 @@ from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import TorqueScale, torque_scales, with_torque_gains
+from smsid.arm.servo import ServoIdentification, identify_servos, with_servos
 from smsid.arm.smooth_motion import SmoothMotion, smooth_motion
 from smsid.arm.smoothing import SmoothJoint, smooth_joint
 
@@ -19,6 +20,7 @@ __all__ = [
     "JointMotion",
     "JointStates",
     "JointTorques",
+    "ServoIdentification",
     "SmoothJoint",
     "SmoothMotion",
     "TorqueComparison",
@@ -26,6 +28,7 @@ __all__ = [
     "TorqueScale",
     "effect_columns",
     "identify_arm",
+    "identify_servos",
     "joint_doubts",
     "joint_motion",
     "joint_torques",
@@ -36,5 +39,6 @@ __all__ = [
     "torque_scales",
     "with_friction_laws",
     "with_joint_effects",
+    "with_servos",
     "with_torque_gains",
 ]

@@ -18,6 +18,7 @@ from smsid.effects import (
     JointOffset,
     MotorCoupling,
     MotorInertia,
+    Servo,
     TorqueOffset,
 )
 from smsid.effects.friction_law import BY_FIELD, friction_columns, sliding
@@ -151,6 +152,7 @@ def _coupling(
 @torque_columns.register(BaseTilt)
 @torque_columns.register(Gear)
 @torque_columns.register(JointOffset)
+@torque_columns.register(Servo)
 def _measured(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
     return ()  # they act on what is measured, see `joint_motion`, or on gravity, see `smsid.arm.level`
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -117,7 +117,8 @@ def shaped_columns(
     states = joint_states(motion, torques.starts, load)
     own = [k for k, _ in acts_on(effect, model)]
     found = effect_columns(with_shapes(effect, shapes, model, motion), model, states)
-    return {c.name: block_means(c.values[:, own], torques.starts) for c in found}
+    used = 1.0 if torques.used is None else torques.used[:, own]
+    return {c.name: used * block_means(c.values[:, own], torques.starts) for c in found}
 
 
 def with_shape_columns(
@@ -150,9 +151,7 @@ def with_shape_columns(
                     for d in (DIFFERENCE, -DIFFERENCE)
                 )
                 slopes[s.effect, s.field] = {n: (above[n] - below[n]) / (2.0 * DIFFERENCE) for n in above}
-    return JointTorques(
-        torques.time, rows, torques.torque, torques.names, torques.units, torques.starts, torques.length
-    ), slopes
+    return replace(torques, rows=rows), slopes
 
 
 def shape_bounds(

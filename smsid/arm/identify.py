@@ -195,7 +195,7 @@ def identify_arm(
     torques = joint_torques(model, motion, block_length(motion, cutoff))
     level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    shapes, torques, whole, leaning = _solved(model, motion, torques, base, level)
+    shapes, torques, whole, leaning = solve_equations(model, motion, torques, base, level)
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
@@ -249,7 +249,7 @@ def by_load(description: Description) -> bool:
     return any(isinstance(e, JointFriction) and "load" in e.asked() for e in description.effect)
 
 
-def _solved(
+def solve_equations(
     model: SpacecraftModel,
     motion: SmoothMotion,
     torques: JointTorques,

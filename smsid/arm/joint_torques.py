@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,8 +34,9 @@ class JointTorques:
     """Torque equations ``rows @ x = torque`` of blocks of time.
 
     ``time`` (B,) [s], ``rows`` (B, nv, n), ``torque`` (B, nv) [N m | N], ``names`` and ``units`` (n,) of x,
-    ``starts`` (B,) where the blocks begin in the motion. What a block leaves out is missing on both sides of
-    the equations: its length changes how much is known, and nothing else.
+    ``starts`` (B,) where the blocks begin in the motion, ``used`` (B, nv) which count (`None`: all).
+    What a block leaves out is missing on both sides of the equations: its length changes how much is known,
+    and nothing else.
     """
 
     time: np.ndarray
@@ -45,6 +46,12 @@ class JointTorques:
     units: tuple[str, ...]
     starts: np.ndarray
     length: int
+    used: np.ndarray | None = None
+
+    def only(self, used: np.ndarray) -> JointTorques:
+        """Return the equations with those (B, nv) left out that are not ``used``: both sides are zero."""
+        rows, torque = self.rows * used[:, :, None], self.torque * used
+        return replace(self, rows=rows, torque=torque, used=used)
 
 
 def block_length(motion: SmoothMotion, cutoff: float | None = None) -> int:

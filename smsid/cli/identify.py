@@ -129,6 +129,7 @@ def identify_command(
     states: StatesPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
+    from smsid.arm.servo import is_of_servos
     from smsid.arm.setup import arm_description, is_of_an_arm
     from smsid.cli.notes import told
     from smsid.cli.tables import estimate_parts
@@ -148,7 +149,7 @@ def identify_command(
     loaded = [load_recording(path) for path in files]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
-    if bare and robot is None and is_of_an_arm(loaded):
+    if bare and robot is None and (is_of_an_arm(loaded) or is_of_servos(loaded)):
         described = arm_description(description)
     if cad is not None and (method == "paper" or described.root == "fixed"):
         raise SmsidError(

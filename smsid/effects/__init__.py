@@ -38,6 +38,7 @@ from smsid.effects.sensor_errors import (
     TimeOffset,
 )
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
+from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -76,6 +77,7 @@ __all__ = [
     "SensorDelay",
     "SensorMisalignment",
     "SensorScale",
+    "Servo",
     "Slosh",
     "SloshNonlinearity",
     "Starting",

@@ -34,6 +34,7 @@ EXAMPLES = {
             {"frequency": 1.5, "damping": 0.02, "translation": (0, 0, 0.5), "rotation": (0.1, 0, 0)},
         ),
     },
+    "servo": {"name": "sv", "joint": "joint1", "stiffness": 40.0, "damping": 1.0, "limit": 5.0},
     "base_tilt": {"name": "bt", "x": 0.02, "y": -0.01},
     "joint_friction": {"name": "f", "joint": "joint1", "viscous": 0.1, "coulomb": 0.2},
     "gear": {"name": "g", "joint": "joint2", "ratio": 50.0, "torque_gain": 0.1, "also": {"joint1": 5.0}},
