@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,13 +12,20 @@ from smsid.cli.lab_options import RecordingPath, print_estimate
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath
 from smsid.cli.output import console, working
-from smsid.errors import RecordingError
+from smsid.errors import NotIdentifiableError, RecordingError
 
 
 def modal(
     recording: RecordingPath,
     highest: Annotated[float, typer.Option(min=1e-9, help="highest frequency sought [Hz]")],
     channel: Annotated[str | None, typer.Option(help="channel of the outputs; default the only one")] = None,
+    free: Annotated[
+        bool,
+        typer.Option(
+            "--free-decay",
+            help="let go and left alone: of one channel; taken anyway where nothing else is found",
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
     output: JsonOutput = Path("modes.json"),
     report: ReportPath = None,
@@ -42,8 +49,27 @@ def modal(
     rate = (times.size - 1) / (times[-1] - times[0])
     even = log.resampled(rate)[name]
     outputs = even.reshape(len(even), -1)
+    one = outputs.shape[1] == 1
+    if free and not one:
+        raise RecordingError(
+            f"'{name}' has {outputs.shape[1]} columns.", advice="A free decay is of one; cut the others off."
+        )
     with working("looking for modes"):
-        found = ambient_modes(outputs, rate, highest_frequency=highest, rng=np.random.default_rng(seed))
+        try:
+            found = (
+                None
+                if free
+                else ambient_modes(outputs, rate, highest_frequency=highest, rng=np.random.default_rng(seed))
+            )
+            why = "no mode is the same over orders and windows."
+        except NotIdentifiableError as error:
+            found, why = None, error.message
+            if not one:
+                raise
+    if found is None or not (found.modes or found.harmonics or not one):
+        return _free_decay(outputs[:, 0], rate, highest, log.name, output, "" if free else why)
+    if not found.modes:
+        console().print(f"no modes up to {highest:g} Hz: {why} Record longer, or raise --highest.")
     estimate = found.estimate(log.name)
     save_estimate(estimate, output)
     out, written = console(), [output]
@@ -64,3 +90,25 @@ def modal(
     out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": harmonics}, written)
+
+
+def _free_decay(signal: Any, rate: float, highest: float, name: str, output: Path, why: str) -> Outcome:
+    """Take one channel for a free decay; ``why`` it is not ambient vibration, empty where that was asked."""
+    from smsid.identify.estimate import save_estimate
+    from smsid.lab.decay import free_decay
+
+    try:
+        found = free_decay(signal, rate, highest=highest)
+    except NotIdentifiableError as error:
+        reason = f"As ambient vibration: {why} As a free decay: {error.message}" if why else error.message
+        raise NotIdentifiableError(reason, advice=error.advice) from error
+    estimate = found.estimate(name)
+    save_estimate(estimate, output)
+    out = console()
+    print_estimate(out, estimate)
+    out.print(
+        f"free decay; noise {found.noise:.3g}, amplitude "
+        + ", ".join(f"{m.amplitude:.3g}" for m in found.modes)
+    )
+    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
