@@ -130,7 +130,8 @@ def with_shape_columns(
 ) -> tuple[JointTorques, dict[tuple[str, str], dict[str, np.ndarray]]]:
     """Return the equations with the columns of friction of these shapes, and the slopes of the columns.
 
-    Slopes are by effect and field that were found, per unit of the logarithm, as `shaped_columns`.
+    Slopes (B, joints of the effect) are by effect and field that were found, per unit of the logarithm, as
+    `shaped_columns`; ``load`` is (B, nv) [N m | N].
     """
     values = shape_values(shapes)
     rows = np.array(torques.rows)

@@ -234,7 +234,10 @@ def identify_arm(
 def settled_load(
     description: Description, predicted: Callable[[np.ndarray], np.ndarray], load: np.ndarray
 ) -> np.ndarray:
-    """Return the torques (N, nv) that follow from themselves, where friction depends on the load."""
+    """Return the torques (N, nv) [N m | N] that follow from themselves, where friction depends on the load.
+
+    ``predicted`` takes loads (N, nv) and returns torques (N, nv); ``load`` is what to begin with.
+    """
     out = predicted(load)
     if by_load(description):
         for _ in range(LOADS):
@@ -259,7 +262,7 @@ def solve_equations(
     """Solve with the shapes of friction and the base's tilt, those found free to move in the covariance.
 
     The load that friction depends on is what is predicted: what is measured has noise. Behind the base
-    parameters stand those of the tilt, of which the last is returned by itself.
+    parameters (b,) stand the changes (2,) of the tilt; the tilt itself, (2,) or (0,) [rad], is returned last.
     """
     load, described = torques.torque, torques
     tilt = level.search(torques, base) if level else np.zeros(0)

@@ -75,14 +75,14 @@ def joint_torques(
     shapes: Shapes | None = None,
     load: np.ndarray | None = None,
 ) -> JointTorques:
-    """Return the equations of a motion.
+    """Return the equations of a motion: B blocks, rows (B, nv, n).
 
     Args:
         model: a welded arm.
         motion: of it.
         length: samples of a block.
         shapes: widths of friction's sign and the like, see `with_shapes`.
-        load: torques (N, nv) that drive the joints; by default those measured, averaged over blocks.
+        load: torques (B, nv) that drive the joints [N m | N]; by default those measured.
     """
     links = Regressor(model)
     starts = motion.blocks(length)
@@ -120,7 +120,9 @@ def block_means(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
 
 
 def joint_states(motion: SmoothMotion, starts: np.ndarray, load: np.ndarray) -> JointStates:
-    """Return what torques depend on at the instants of a motion, with the loads (B, nv) of its blocks."""
+    """Return what torques depend on at the instants of a motion, with the loads (B, nv) [N m | N] of its
+    blocks, which begin at ``starts`` (B,).
+    """
     count = np.diff(np.append(starts, len(motion.time)))
     return JointStates(motion.q, motion.v, motion.a, np.repeat(load, count, axis=0), motion.temperature)
 

@@ -61,7 +61,11 @@ class Level:
 
     @classmethod
     def of(cls, model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, tilt: BaseTilt) -> Level:
-        """Return them, at the configurations in the middle of blocks."""
+        """Return them, at the configurations in the middle of blocks.
+
+        Raises:
+            DescriptionError: there is no gravity.
+        """
         angles = block_means(model.joint_angles(motion.q), torques.starts)
         q = np.array([model.set_joint_angles(model.home, x) for x in angles])
         still = np.zeros((len(q), model.nv))
@@ -82,7 +86,7 @@ class Level:
         return replace(torques, rows=rows)
 
     def columns(self, base: BaseParameters, x: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-        """Return torques (B, nv, 2) per radian of either angle, of links with base parameters x (b,)."""
+        """Return torques (B, nv, 2) [N m/rad] per angle of a tilt (2,), of base parameters x (b,)."""
         links = base.independent < self.unit.shape[2]
         per_axis = np.einsum("bjla,l->bja", self.unit[:, :, base.independent[links]], x[links])
         slopes = [
