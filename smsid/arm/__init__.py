@@ -1,29 +1,34 @@
 """Arms on the ground: identification of links, friction, motors and couplings from joint torques."""
 
-from smsid.arm.columns import Column, torque_columns
+from smsid.arm.columns import Column, JointStates, effect_columns, torque_columns
 from smsid.arm.doubts import JointDoubt, joint_doubts
+from smsid.arm.friction_shape import FrictionShape
 from smsid.arm.identify import ArmIdentification, TorqueComparison, TorqueErrors, identify_arm, torque_errors
 from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
-from smsid.arm.presets import with_joint_effects
+from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import TorqueScale, torque_scales, with_torque_gains
-from smsid.arm.sign_width import SignWidth
+from smsid.arm.servo import ServoIdentification, identify_servos, with_servos
 from smsid.arm.smooth_motion import SmoothMotion, smooth_motion
 from smsid.arm.smoothing import SmoothJoint, smooth_joint
 
 __all__ = [
     "ArmIdentification",
     "Column",
+    "FrictionShape",
     "JointDoubt",
     "JointMotion",
+    "JointStates",
     "JointTorques",
-    "SignWidth",
+    "ServoIdentification",
     "SmoothJoint",
     "SmoothMotion",
     "TorqueComparison",
     "TorqueErrors",
     "TorqueScale",
+    "effect_columns",
     "identify_arm",
+    "identify_servos",
     "joint_doubts",
     "joint_motion",
     "joint_torques",
@@ -32,6 +37,8 @@ __all__ = [
     "torque_columns",
     "torque_errors",
     "torque_scales",
+    "with_friction_laws",
     "with_joint_effects",
+    "with_servos",
     "with_torque_gains",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import singledispatch
 from typing import Any
 
@@ -10,7 +10,18 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.units import joint_unit
-from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
+from smsid.effects import (
+    BaseTilt,
+    Effect,
+    Gear,
+    JointFriction,
+    JointOffset,
+    MotorCoupling,
+    MotorInertia,
+    Servo,
+    TorqueOffset,
+)
+from smsid.effects.friction_law import BY_FIELD, friction_columns, sliding
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -23,6 +34,37 @@ class Column:
     name: str
     unit: str
     values: np.ndarray
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """What joint torques depend on at N instants.
+
+    ``q`` (N, nq), rates ``v`` and accelerations ``a`` (N, nv); ``load`` (N, nv) the torque that drives the
+    joints [N m | N] and ``temperature`` (N, nv) [degC]; ``None`` for what is not known.
+    """
+
+    q: np.ndarray | None
+    v: np.ndarray
+    a: np.ndarray
+    load: np.ndarray | None = None
+    temperature: np.ndarray | None = None
+
+    def __getitem__(self, part: slice) -> JointStates:
+        """Return the instants of a slice."""
+        every = (getattr(self, f.name) for f in fields(self))
+        return JointStates(*(None if x is None else x[part] for x in every))  # type: ignore[arg-type]
+
+
+def effect_columns(effect: Any, model: SpacecraftModel, states: JointStates) -> tuple[Column, ...]:
+    """Return `torque_columns` of an effect, with all that friction may depend on.
+
+    Raises:
+        DescriptionError: as `torque_columns`, or a law of friction needs what is not known.
+    """
+    if isinstance(effect, JointFriction):
+        return _friction(effect, model, states.v, states.a, states=states)
+    return torque_columns(effect, model, states.v, states.a)
 
 
 @singledispatch
@@ -46,14 +88,37 @@ def torque_columns(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.nda
 
 @torque_columns.register
 def _friction(
-    effect: JointFriction, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
+    effect: JointFriction,
+    model: SpacecraftModel,
+    v: np.ndarray,
+    a: np.ndarray,
+    *,
+    states: JointStates | None = None,
 ) -> tuple[Column, ...]:
     k = joint_index(model, effect, effect.joint)
-    rate = v[:, k]
-    return (
-        _column(model, effect, "viscous", v, {k: rate}),
-        _column(model, effect, "coulomb", v, {k: np.tanh(rate / effect.smoothing)}),
+    given = states or JointStates(None, v, a)
+    needed = {BY_FIELD[f].law for f in effect.asked()}
+    for law, what, values in (
+        ("position", "the joint's angle", given.q),
+        ("load", "the torque that drives the joint", given.load),
+        ("temperature", "a measured temperature (a channel 'joint_temperature')", given.temperature),
+    ):
+        if law in needed and values is None:
+            raise DescriptionError(
+                f"Friction '{effect.name}' of the law '{law}' needs {what}.",
+                advice="Measure it, or leave the law out.",
+                effect=effect.name,
+                law=law,
+            )
+    at = sliding(
+        effect,
+        v[:, k],
+        angle=0.0 if given.q is None else joint_angle(model, effect.joint, given.q),
+        load=0.0 if given.load is None else given.load[:, k],
+        temperature=None if given.temperature is None else given.temperature[:, k],
     )
+    found = friction_columns(effect, effect.asked(), at)
+    return tuple(_column(model, effect, field, v, {k: values}) for field, values in found.items())
 
 
 @torque_columns.register
@@ -84,10 +149,12 @@ def _coupling(
     )
 
 
+@torque_columns.register(BaseTilt)
 @torque_columns.register(Gear)
 @torque_columns.register(JointOffset)
+@torque_columns.register(Servo)
 def _measured(effect: Any, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
-    return ()  # they act on what is measured, see `joint_motion`
+    return ()  # they act on what is measured, see `joint_motion`, or on gravity, see `smsid.arm.level`
 
 
 def joint_index(model: SpacecraftModel, effect: Effect, joint: str) -> int:
@@ -99,6 +166,12 @@ def joint_index(model: SpacecraftModel, effect: Effect, joint: str) -> int:
             joint=joint,
         )
     return int(model.pin.joints[model.pin.getJointId(joint)].idx_v)
+
+
+def joint_angle(model: SpacecraftModel, joint: str, q: np.ndarray) -> np.ndarray:
+    """Return the angle or position (N,) of a joint from configurations (N, nq) [rad | m]."""
+    own = model.pin.joints[model.pin.getJointId(joint)]
+    return q[:, own.idx_q] if own.nq == 1 else np.arctan2(q[:, own.idx_q + 1], q[:, own.idx_q])
 
 
 def _column(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,13 @@ from rich.console import Console
 
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
-from smsid.arm.presets import with_joint_effects
+from smsid.arm.level import tilt_of
+from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import torque_scales, with_torque_gains
+from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.description import Description
+from smsid.effects import BaseTilt
 from smsid.errors import RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording
@@ -29,6 +32,8 @@ def identify_and_judge(
     gains: bool = False,
     hold: Sequence[str] = (),
     usual: bool = False,
+    friction: Sequence[str] = (),
+    level: bool = False,
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
@@ -39,8 +44,13 @@ def identify_and_judge(
 
     With ``gains`` the gears' torque gains are found first, the described links taken as known; a joint
     whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that do not move, see
-    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset. ``report``:
+    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset;
+    ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
+    gravity's direction is found as well. ``report``:
     an HTML to write as well, with the sums of the files ``inputs``.
+
+    Recordings of commands and encoders without torques are those of servos, see
+    `smsid.arm.servo.identify_servos`; nothing is judged then.
 
     Raises:
         RecordingError: no recording to identify from, or as `identify_arm`.
@@ -64,6 +74,13 @@ def identify_and_judge(
         description = with_joint_effects(
             description, joints, "joint_friction", "motor_inertia", "torque_offset"
         )
+    if friction:
+        joints = rigid_arm(description, held).arm_joints.names
+        description = with_friction_laws(description, joints, friction)
+    if level and tilt_of(description) is None:
+        description = description.with_effects(BaseTilt(name="base_tilt"))
+    if is_of_servos(recordings):
+        return _servos_and_print(description, train, output, cutoff, console, held, everything=everything)
     if gains:
         description = _with_gains(description, train[0], cutoff, console)
     with working("identifying the arm"):
@@ -88,6 +105,34 @@ def identify_and_judge(
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged
     ]
+
+
+def _servos_and_print(
+    description: Description,
+    recordings: Sequence[Recording],
+    output: Path,
+    cutoff: float | None,
+    console: Console,
+    held: Mapping[str, float],
+    *,
+    everything: bool,
+) -> list[dict[str, Any]]:
+    """Identify servo joints from commands and encoders, write and print."""
+    from smsid.cli.notes import told
+    from smsid.cli.output import working
+    from smsid.cli.tables import estimate_parts
+
+    described = with_servos(description, rigid_arm(description, held).arm_joints.names)
+    with working("identifying the servos"):
+        found = identify_servos(described, recordings, cutoff=cutoff, hold=held)
+    save_estimate(found.estimate, output)
+    for part in estimate_parts(found.estimate, everything=everything):
+        console.print(part, highlight=False)
+    for line in told(found.estimate.notes, everything=everything):
+        console.print(line, markup=False, highlight=False)
+    seconds = found.estimate.timing["total"]
+    console.print(f"identified in {seconds:.1f} s; wrote {output}", markup=False, highlight=False)
+    return []
 
 
 def _with_gains(

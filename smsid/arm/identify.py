@@ -6,33 +6,36 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.arm.columns import torque_columns
+from smsid.arm.columns import JointStates, effect_columns
+from smsid.arm.friction_shape import (
+    WITHIN,
+    FrictionShape,
+    acts_on,
+    friction_shapes,
+    shape_bounds,
+    shape_notes,
+    shape_values,
+    usual_shape,
+    with_found_shapes,
+    with_shape_columns,
+)
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
+from smsid.arm.level import SHOWN, Level, tilt_of, with_gravity
 from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.arm.setup import with_held_joints
-from smsid.arm.sign_width import (
-    WITHIN,
-    SignWidth,
-    sign_widths,
-    usual_width,
-    width_bounds,
-    width_columns,
-    width_notes,
-    with_sign_widths,
-    with_widths,
-)
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.description import Description
-from smsid.effects import Effect
+from smsid.effects import BaseTilt, Effect, JointFriction
+from smsid.effects.base_tilt import tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
 from smsid.model import SpacecraftModel, build_model
@@ -44,7 +47,10 @@ from smsid.recording._checks import check_components
 
 GROUP = "arm"
 ROUNDS = 4
-"""Rounds in which widths of friction's signs and all else are fitted together."""
+"""Rounds in which the shapes of friction and all else are fitted together."""
+
+LOADS = 12
+"""Rounds in which the load that friction depends on follows from the torques it takes part in."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +93,20 @@ class ArmIdentification:
     motion: SmoothMotion
     model: SpacecraftModel
     torques: JointTorques
-    widths: tuple[SignWidth, ...] = ()
+    shapes: tuple[FrictionShape, ...] = ()
 
     def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
         """Return motor torques (N, nv) at the joints for a motion [N m]."""
-        described = with_widths(self.model.description, self.widths)
-        rows, _, _ = torque_rows(replace(self.model, description=described), motion.q, motion.v, motion.a)
-        return rows[:, :, self.base.independent] @ self.regression.x
+        model = replace(self.model, description=with_found_shapes(self.model.description, self.shapes))
+        states = JointStates(
+            motion.q, motion.v, motion.a, np.zeros_like(motion.v), getattr(motion, "temperature", None)
+        )
+
+        def with_load(load: np.ndarray) -> np.ndarray:
+            rows, _, _ = torque_rows(model, replace(states, load=load))
+            return rows[:, :, self.base.independent] @ self.regression.x
+
+        return settled_load(self.model.description, with_load, np.zeros_like(motion.v))
 
     def compare(self, recording: Recording | None = None) -> TorqueComparison:
         """Return measured and predicted torques, averaged over the same blocks of time.
@@ -105,12 +118,19 @@ class ArmIdentification:
         """
         if recording is None:
             torques = self.torques
-        else:
-            motion = smooth_motion(self.model, recording)
-            length = max(1, round(self.torques.length * self.motion.step / motion.step))
-            torques = joint_torques(self.model, motion, length, {w.effect: w.value for w in self.widths})
-        predicted = torques.rows[:, :, self.base.independent] @ self.regression.x
-        return TorqueComparison(torques.time, torques.torque, predicted)
+            predicted = torques.rows[:, :, self.base.independent] @ self.regression.x
+            return TorqueComparison(torques.time, torques.torque, predicted)
+        motion = smooth_motion(self.model, recording)
+        length = max(1, round(self.torques.length * self.motion.step / motion.step))
+        made: list[JointTorques] = []
+
+        def with_load(load: np.ndarray) -> np.ndarray:
+            made.append(joint_torques(self.model, motion, length, shape_values(self.shapes), load))
+            return made[-1].rows[:, :, self.base.independent] @ self.regression.x
+
+        blocks = np.zeros((len(motion.blocks(length)), motion.v.shape[1]))
+        predicted = settled_load(self.model.description, with_load, blocks)
+        return TorqueComparison(made[-1].time, made[-1].torque, predicted)
 
     def residual(self, recording: Recording | None = None) -> np.ndarray:
         """Return measured minus predicted motor torques (B, nv) at the joints [N m], see `compare`."""
@@ -169,15 +189,30 @@ def identify_arm(
             check_components(without_turns(model, one))
     motion = joined_motion([smooth_motion(model, one) for one in recordings])
     smoothed = time.perf_counter()
-    base = structural_base(model)
+    tilt = tilt_of(description)
+    nominal = np.asarray(description.gravity)
+    base = structural_base(with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model)
     torques = joint_torques(model, motion, block_length(motion, cutoff))
+    level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    widths, torques, solved = _solved(model, motion, torques, base)
+    shapes, torques, whole, leaning = solve_equations(model, motion, torques, base, level)
+    count = len(base)
+    solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
     found, notes = identified_effects(description, base, solved, torques.names)
-    found = with_widths(found, widths)
+    if tilt and level:
+        sigmas = whole.sigma[count:]
+        own = [
+            judged(f"{tilt.name}.{axis}", float(x), "rad", float(s), GROUP, nominal=getattr(tilt, axis))
+            for axis, x, s in zip("xy", leaning, sigmas, strict=True)
+        ]
+        parameters = (*parameters[:count], *own, *parameters[count:])
+        values = {p.name: p.value for p in own}
+        found = found.with_effects(tilt.with_values(values))
+        model = with_gravity(model, level.at(leaning))
+    found = with_found_shapes(found, shapes)
     done = time.perf_counter()
-    notes += motion_notes(model, motion, torques, solved) + width_notes(widths)
+    notes += motion_notes(model, motion, torques, solved) + shape_notes(shapes)
     estimate = Estimate(
         description=description.name,
         method="torque least squares",
@@ -191,54 +226,105 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
-        covariance=_padded(solved.covariance, len(parameters)),
+        covariance=_padded(whole.covariance, len(parameters)),
     )
-    return ArmIdentification(estimate, found, base, solved, motion, model, torques, widths)
+    return ArmIdentification(estimate, found, base, solved, motion, model, torques, shapes)
 
 
-def _solved(
-    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, base: BaseParameters
-) -> tuple[tuple[SignWidth, ...], JointTorques, JointRegression]:
-    """Solve with the widths of friction's signs, those found free to move in the covariance."""
-    widths = sign_widths(model, motion, torques)
+def settled_load(
+    description: Description, predicted: Callable[[np.ndarray], np.ndarray], load: np.ndarray
+) -> np.ndarray:
+    """Return the torques (N, nv) [N m | N] that follow from themselves, where friction depends on the load.
+
+    ``predicted`` takes loads (N, nv) and returns torques (N, nv); ``load`` is what to begin with.
+    """
+    out = predicted(load)
+    if by_load(description):
+        for _ in range(LOADS):
+            before, out = out, predicted(out)
+            if np.abs(out - before).max() <= 1e-4 * np.abs(out).max():
+                break
+    return out
+
+
+def by_load(description: Description) -> bool:
+    """Return whether friction of the description depends on the load."""
+    return any(isinstance(e, JointFriction) and "load" in e.asked() for e in description.effect)
+
+
+def solve_equations(
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    torques: JointTorques,
+    base: BaseParameters,
+    level: Level | None = None,
+) -> tuple[tuple[FrictionShape, ...], JointTorques, JointRegression, np.ndarray]:
+    """Solve with the shapes of friction and the base's tilt, those found free to move in the covariance.
+
+    The load that friction depends on is what is predicted: what is measured has noise. Behind the base
+    parameters (b,) stand the changes (2,) of the tilt; the tilt itself, (2,) or (0,) [rad], is returned last.
+    """
+    load, described = torques.torque, torques
+    tilt = level.search(torques, base) if level else np.zeros(0)
+    if level:
+        torques = level.turned(described, tilt)
+    shapes = friction_shapes(model, motion, torques, load)
     effects = {e.name: e for e in model.description.effect}
-    count = len(base)
-    for _ in range(ROUNDS):
-        torques = with_sign_widths(torques, widths, model, motion)
-        slopes = width_columns(widths, model, motion, torques)
-        rows = np.concatenate([torques.rows[:, :, base.independent], slopes], axis=2)
-        solved = solve_joints(rows, torques.torque, _width_prior(widths, effects, model, motion, count))
-        shifts = iter(solved.x[count:].tolist())
-        sigmas = iter(solved.sigma[count:].tolist())
-        moved, new = 0.0, []
-        for w in widths:
-            if w.status != "found":
-                new.append(w)
+    count = len(base) + tilt.size
+    places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
+    loaded = by_load(model.description)
+    sizes: dict[str, float] = {}
+    x = np.zeros(len(base))
+    for k in range(ROUNDS):
+        if level:
+            torques = level.turned(described, tilt)
+        torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
+        if not k:  # sizes of friction, for the slopes
+            first = solve_joints(torques.rows[:, :, base.independent], torques.torque)
+            sizes = {n: float(first.x[i]) for n, i in places.items()}
+            x = first.x
+        columns = [level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
+        for (name, _), of in slopes.items():
+            column = np.zeros((*torques.torque.shape, 1))
+            own = [i for i, _ in acts_on(effects[name], model)]
+            column[:, own, 0] = sum(sizes.get(n, 0.0) * slope for n, slope in of.items())
+            columns.append(column)
+        rows = np.concatenate([torques.rows[:, :, base.independent], *columns], axis=2)
+        solved = solve_joints(rows, torques.torque, _shape_prior(shapes, effects, model, motion, count))
+        sizes = {n: float(solved.x[i]) for n, i in places.items()}
+        x = solved.x[: len(base)]
+        lean = solved.x[len(base) : count]
+        tilt = tilt + np.clip(lean, -0.1, 0.1)
+        moved, new = float(np.max(np.abs(lean) / solved.sigma[len(base) : count], initial=0.0)), []
+        shifts = iter(zip(solved.x[count:].tolist(), solved.sigma[count:].tolist(), strict=True))
+        for s in shapes:
+            if s.status != "found":
+                new.append(s)
                 continue
-            shift, sigma = next(shifts), next(sigmas)
+            shift, sigma = next(shifts)
             moved = max(moved, abs(shift) / max(sigma, 1e-12))
-            place = np.flatnonzero(base.independent == torques.names.index(f"{w.effect}.coulomb"))
-            size = float(solved.x[place[0]]) if place.size else w.size
-            low, high = width_bounds(effects[w.effect], model, motion)
-            value = float(np.clip(w.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
-            new.append(replace(w, value=value, size=size, sigma=sigma))
-        widths = tuple(new)
-        if moved < 0.05:
+            low, high = shape_bounds(effects[s.effect], s.field, model, motion)
+            value = float(np.clip(s.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
+            new.append(replace(s, value=value, sigma=sigma))
+        shapes = tuple(new)
+        if moved < 0.05 and (k or not loaded):
             break
+        if loaded:
+            load = torques.rows[:, :, base.independent] @ x
     solved = replace(solved, x=solved.x[:count], covariance=solved.covariance[:count, :count])
-    return widths, torques, solved
+    return shapes, torques, solved, tilt
 
 
-def _width_prior(
-    widths: Sequence[SignWidth],
+def _shape_prior(
+    shapes: Sequence[FrictionShape],
     effects: Mapping[str, Effect],
     model: SpacecraftModel,
     motion: SmoothMotion,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means and standard deviations of the changes of the widths' logarithms, behind ``count`` others."""
-    found = [w for w in widths if w.status == "found"]
-    mean = [float(np.log(usual_width(effects[w.effect], model, motion) / w.value)) for w in found]
+    """Means and standard deviations of the changes of the shapes' logarithms, behind ``count`` others."""
+    found = [s for s in shapes if s.status == "found"]
+    mean = [float(np.log(usual_shape(effects[s.effect], s.field, model, motion) / s.value)) for s in found]
     return np.concatenate([np.zeros(count), mean]), np.repeat([np.inf, np.log(WITHIN)], [count, len(found)])
 
 
@@ -250,6 +336,8 @@ def rigid_arm(description: Description, hold: Mapping[str, float] | None = None)
     """
     model = build_model(description.model_copy(update={"effect": (_Scaffold(name="scaffold"),)}))
     model.pin.armature[:] = 0.0
+    for tilt in [e for e in description.effect if isinstance(e, BaseTilt)]:
+        model.pin.gravity.linear = tilted_gravity(model.pin.gravity.linear, tilt.x, tilt.y)
     return with_held_joints(replace(model, description=description), hold or {})
 
 
@@ -265,15 +353,17 @@ class _Scaffold(Effect):
 
 
 def torque_rows(
-    model: SpacecraftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    model: SpacecraftModel, states: JointStates
 ) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
     """Return rows (N, nv, n) with ``rows @ x`` the motor torques, and names and units of x (n,).
 
-    x stacks the inertial parameters of `Regressor` and those of the effects, for q (N, nq), v and a (N, nv).
+    x stacks the inertial parameters of `Regressor` and those of the effects. ``states`` holds q (N, nq), v
+    and a (N, nv), and what friction depends on.
     """
     links = Regressor(model)
-    extra = [c for effect in model.description.effect for c in torque_columns(effect, model, v, a)]
-    parts = [links.torque(q, v, a), *(c.values[:, :, None] for c in extra)]
+    extra = [c for effect in model.description.effect for c in effect_columns(effect, model, states)]
+    assert states.q is not None
+    parts = [links.torque(states.q, states.v, states.a), *(c.values[:, :, None] for c in extra)]
     names, units = tuple(c.name for c in extra), tuple(c.unit for c in extra)
     return np.concatenate(parts, axis=2), links.names + names, links.units + units
 
@@ -296,8 +386,8 @@ def structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameter
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))
     q = np.array([model.set_joint_angles(model.home, x) for x in angles])
-    v, a = rng.normal(size=(2, samples, model.nv))
-    rows, names, units = torque_rows(model, q, v, a)
+    v, a, load, warmth = rng.normal(size=(4, samples, model.nv))
+    rows, names, units = torque_rows(model, JointStates(q, v, a, load, 20.0 + 5.0 * warmth))
     if len(set(names)) != len(names):
         raise DescriptionError(
             "Two parameters share a name.", advice="Rename an effect that is named like a link."

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.arm.columns import joint_index, torque_columns
+from smsid.arm.columns import JointStates, effect_columns, joint_index
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Effect
 from smsid.model.regressor import Regressor
@@ -24,6 +24,9 @@ PER_PERIOD = 2.5
 CHUNK = 4000
 SIGN_FIELD = "smoothing"
 
+Shapes = Mapping[str, Mapping[str, float]]
+"""Values of what friction is not linear in, by effect and field."""
+
 
 @short_repr
 @dataclass(frozen=True)
@@ -31,8 +34,9 @@ class JointTorques:
     """Torque equations ``rows @ x = torque`` of blocks of time.
 
     ``time`` (B,) [s], ``rows`` (B, nv, n), ``torque`` (B, nv) [N m | N], ``names`` and ``units`` (n,) of x,
-    ``starts`` (B,) where the blocks begin in the motion. What a block leaves out is missing on both sides of
-    the equations: its length changes how much is known, and nothing else.
+    ``starts`` (B,) where the blocks begin in the motion, ``used`` (B, nv) which count (`None`: all).
+    What a block leaves out is missing on both sides of the equations: its length changes how much is known,
+    and nothing else.
     """
 
     time: np.ndarray
@@ -42,6 +46,12 @@ class JointTorques:
     units: tuple[str, ...]
     starts: np.ndarray
     length: int
+    used: np.ndarray | None = None
+
+    def only(self, used: np.ndarray) -> JointTorques:
+        """Return the equations with those (B, nv) left out that are not ``used``: both sides are zero."""
+        rows, torque = self.rows * used[:, :, None], self.torque * used
+        return replace(self, rows=rows, torque=torque, used=used)
 
 
 def block_length(motion: SmoothMotion, cutoff: float | None = None) -> int:
@@ -59,13 +69,27 @@ def block_length(motion: SmoothMotion, cutoff: float | None = None) -> int:
 
 
 def joint_torques(
-    model: SpacecraftModel, motion: SmoothMotion, length: int, widths: Mapping[str, float] | None = None
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    length: int,
+    shapes: Shapes | None = None,
+    load: np.ndarray | None = None,
 ) -> JointTorques:
-    """Return the equations of a motion; ``widths`` are those of the sign of effects' friction [rad/s |
-    m/s]."""
+    """Return the equations of a motion: B blocks, rows (B, nv, n).
+
+    Args:
+        model: a welded arm.
+        motion: of it.
+        length: samples of a block.
+        shapes: widths of friction's sign and the like, see `with_shapes`.
+        load: torques (B, nv) that drive the joints [N m | N]; by default those measured.
+    """
     links = Regressor(model)
     starts = motion.blocks(length)
-    effects = [with_width(e, (widths or {}).get(e.name), model, motion) for e in model.description.effect]
+    effects = [
+        with_shapes(e, (shapes or {}).get(e.name, {}), model, motion) for e in model.description.effect
+    ]
+    states = joint_states(motion, starts, block_means(motion.torque, starts) if load is None else load)
     averages = []
     count = np.diff(np.append(starts, len(motion.time)))
     edges = [0, *range(max(CHUNK // length, 1), len(starts), max(CHUNK // length, 1)), len(starts)]
@@ -74,7 +98,7 @@ def joint_torques(
     for a, b in itertools.pairwise(edges):
         within = slice(int(starts[a]), int(starts[b]) if b < len(starts) else len(motion.time))
         q, v, acc = motion.q[within], motion.v[within], motion.a[within]
-        extra = [c for e in effects for c in torque_columns(e, model, v, acc)]
+        extra = [c for e in effects for c in effect_columns(e, model, states[within])]
         names, units = tuple(c.name for c in extra), tuple(c.unit for c in extra)
         rows = np.concatenate([links.torque(q, v, acc), *(c.values[:, :, None] for c in extra)], axis=2)
         averages.append(np.add.reduceat(rows, starts[a:b] - within.start, axis=0))
@@ -95,17 +119,28 @@ def block_means(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     return np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1))
 
 
-def with_width(effect: Effect, width: float | None, model: SpacecraftModel, motion: SmoothMotion) -> Effect:
-    """Return an effect whose sign of the rate is averaged over what is unknown of the rate.
+def joint_states(motion: SmoothMotion, starts: np.ndarray, load: np.ndarray) -> JointStates:
+    """Return what torques depend on at the instants of a motion, with the loads (B, nv) [N m | N] of its
+    blocks, which begin at ``starts`` (B,).
+    """
+    count = np.diff(np.append(starts, len(motion.time)))
+    return JointStates(motion.q, motion.v, motion.a, np.repeat(load, count, axis=0), motion.temperature)
+
+
+def with_shapes(
+    effect: Effect, shapes: Mapping[str, float], model: SpacecraftModel, motion: SmoothMotion
+) -> Effect:
+    """Return an effect with what its friction is not linear in, by field, and its sign averaged over what is
+    unknown of the rate.
 
     The mean of ``tanh(v / w)`` over a normal v with standard deviation s is ``tanh(v / sqrt(w^2 + pi s^2 /
     2))`` but for 2 % (exact for the error function in place of tanh).
     """
     if not hasattr(effect, SIGN_FIELD):
         return effect
-    own = getattr(effect, SIGN_FIELD) if width is None else width
-    spread = rate_spread(effect, model, motion)
-    return effect.model_copy(update={SIGN_FIELD: float(np.sqrt(own**2 + 0.5 * np.pi * spread**2))})
+    own = shapes.get(SIGN_FIELD, getattr(effect, SIGN_FIELD))
+    wide = float(np.sqrt(own**2 + 0.5 * np.pi * rate_spread(effect, model, motion) ** 2))
+    return effect.model_copy(update={**shapes, SIGN_FIELD: wide})
 
 
 def sign_rate(effect: Effect, model: SpacecraftModel, v: np.ndarray) -> np.ndarray:

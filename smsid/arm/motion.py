@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from smsid._short_repr import short_repr
+from smsid.arm.columns import JointStates
 from smsid.arm.readings import joint_readings, measured_channel
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
@@ -111,6 +112,11 @@ def joint_motion(
         both[kept, count:],
         top,
     )
+
+
+def measured_states(motion: JointMotion) -> JointStates:
+    """Return what torques depend on in a motion, with the torques measured as the load."""
+    return JointStates(motion.q, motion.v, motion.a, motion.torque)
 
 
 def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:

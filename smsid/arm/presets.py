@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from fnmatch import fnmatch
+from typing import Literal, get_args
 
 from smsid.description import Description
 from smsid.effects import Effect, JointFriction, MotorInertia, TorqueOffset
+from smsid.effects.friction_law import Law
 from smsid.errors import DescriptionError
 
 Kind = Literal["joint_friction", "motor_inertia", "torque_offset"]
@@ -44,3 +46,43 @@ def with_joint_effects(description: Description, joints: Sequence[str], *kinds: 
             start = {"inertia": 0.0} if kind == "motor_inertia" else {}
             new.append(cls.model_validate({"name": name, "joint": joint, **start}))
     return description.with_effects(*new)
+
+
+def with_friction_laws(description: Description, joints: Sequence[str], chosen: Sequence[str]) -> Description:
+    """Return the description whose joints have more terms of friction to identify.
+
+    A joint without friction gets one. A constant torque (`TorqueOffset`) without a value, beside Coulomb
+    friction that differs by direction, is left out: one is the other but at rest.
+
+    Args:
+        description: of a welded arm.
+        joints: its joints.
+        chosen: names of laws, ``direction``, or ``direction=shoulder_*`` for some joints.
+
+    Raises:
+        DescriptionError: no such law, or no such joint.
+    """
+    laws: dict[str, list[Law]] = {}
+    for text in chosen:
+        name, _, pattern = text.partition("=")
+        law = next((x for x in get_args(Law) if x == name), None)
+        if law is None:
+            raise DescriptionError(
+                f"There is no law of friction '{name}'.",
+                advice=f"Choose of {', '.join(get_args(Law))}; viscous and Coulomb are always there.",
+            )
+        fitting = [j for j in joints if fnmatch(j, pattern or "*")]
+        if not fitting:
+            raise DescriptionError(
+                f"--friction '{text}' fits no joint.", advice=f"Joints of the model: {', '.join(joints)}."
+            )
+        for joint in fitting:
+            laws.setdefault(joint, []).append(law)
+    description = with_joint_effects(description, list(laws), "joint_friction")
+    kept: list[Effect] = []
+    for e in description.effect:
+        if isinstance(e, JointFriction) and e.joint in laws:
+            kept.append(e.with_laws(*laws[e.joint]))
+        elif not (isinstance(e, TorqueOffset) and e.torque == 0.0 and "direction" in laws.get(e.joint, ())):
+            kept.append(e)
+    return description.model_copy(update={"effect": tuple(kept)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,7 +31,8 @@ class JointReadings:
 
     ``position_time`` (N,) [s] and ``position`` (N, joints) [rad | m]; ``velocity_time`` (K,) and ``velocity``
     (K, joints), empty where no rate was measured; ``torque_time`` (M,) and ``torque`` (M, joints)
-    [N m | N]. Rows with a sample missing are left out. ``unwrapped`` counts the whole turns that encoders
+    [N m | N]; ``temperature_time``, ``temperature`` (L, joints) [degC], empty where it was not measured. Rows
+    with a sample missing are left out. ``unwrapped`` counts the whole turns that encoders
     jumped by, by joint.
     """
 
@@ -42,6 +43,16 @@ class JointReadings:
     torque_time: np.ndarray
     torque: np.ndarray
     unwrapped: dict[str, int]
+    temperature_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    temperature: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def temperature_at(self, times: np.ndarray) -> np.ndarray | None:
+        """Return the temperatures (n, joints) [degC] at times (n,), between samples by straight lines;
+        ``None`` where none was measured.
+        """
+        if not self.temperature.size:
+            return None
+        return np.column_stack([np.interp(times, self.temperature_time, x) for x in self.temperature.T])
 
     @property
     def stretches(self) -> tuple[slice, ...]:
@@ -83,15 +94,18 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     ]
     if velocity and len(rates) == 1:
         channels["velocity"] = rates[0]
+    warm = [n for n in recording.channels if n.endswith(".joint_temperature")]
+    if len(warm) == 1:
+        channels["temperature"] = warm[0]
     for what, channel in channels.items():
         values, times = np.asarray(recording[channel], dtype=float), np.asarray(recording.time(channel))
         whole = np.isfinite(values).all(axis=1) & np.isfinite(times)
         values, times = values[whole], times[whole]
-        _require_samples(values, channel)
+        _require_samples(values, channel, 2 if what == "temperature" else 50)
         at_motor = channel.startswith(f"{MOTOR}.")
         if what == "position":
             values, turns = _unwrapped(model, names, values, channel, at_motor=at_motor)
-        if at_motor:
+        if at_motor and what != "temperature":
             matrix, gain = gear_matrix(gears, names)
             values = (values * gain) @ matrix if what == "torque" else np.linalg.solve(matrix, values.T).T
         if what == "position":
@@ -99,7 +113,13 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
             values = values + np.array([zero.get(name, 0.0) for name in names])
         found[what] = times, values[:, order]
     none = np.zeros(0), np.zeros((0, len(names)))
-    return JointReadings(*found["position"], *found.get("velocity", none), *found["torque"], turns)
+    return JointReadings(
+        *found["position"],
+        *found.get("velocity", none),
+        *found["torque"],
+        turns,
+        *found.get("temperature", none),
+    )
 
 
 def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
@@ -182,8 +202,8 @@ def _unwrapped(
     return values, jumped
 
 
-def _require_samples(values: np.ndarray, channel: str) -> None:
-    if len(values) < 50:
+def _require_samples(values: np.ndarray, channel: str, least: int) -> None:
+    if len(values) < least:
         raise RecordingError(
             f"'{channel}' has {len(values)} whole samples.", advice="Record longer.", channel=channel
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, torque_rows
-from smsid.arm.motion import JointMotion, joint_motion
+from smsid.arm.motion import JointMotion, joint_motion, measured_states
 from smsid.arm.regression import solve_joints
 from smsid.description import Description
 from smsid.effects import Gear
@@ -60,7 +60,7 @@ def link_torques(
     """
     model = rigid_arm(description)
     motion = joint_motion(model, recording, cutoff)
-    rows, _, _ = torque_rows(model, motion.q, motion.v, motion.a)
+    rows, _, _ = torque_rows(model, measured_states(motion))
     theta = Regressor(model).parameters
     if not np.any(theta):
         raise DescriptionError(

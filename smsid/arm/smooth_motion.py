@@ -26,7 +26,7 @@ class SmoothMotion:
 
     ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s,
     per s], ``torque`` (N, nv) [N m | N], ``stretch`` (N,) number of the stretch without gaps. ``joints``
-    say how well the motion is known.
+    say how well the motion is known. ``temperature`` (N, nv) [degC] where it was measured.
     """
 
     time: np.ndarray
@@ -37,6 +37,7 @@ class SmoothMotion:
     stretch: np.ndarray
     joints: tuple[SmoothJoint, ...]
     readings: JointReadings
+    temperature: np.ndarray | None = None
 
     @property
     def cutoff(self) -> float:
@@ -113,6 +114,7 @@ def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
         stretch,
         joints,
         readings,
+        readings.temperature_at(readings.torque_time[index]),
     )
 
 
@@ -134,6 +136,9 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
             for same in zip(*(m.joints for m in motions), strict=True)
         ),
         first.readings,
+        None
+        if any(m.temperature is None for m in motions)
+        else np.concatenate([m.temperature for m in motions]),  # type: ignore[misc]
     )
 
 

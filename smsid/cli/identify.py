@@ -86,6 +86,19 @@ def identify_command(
         list[str] | None,
         typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
     ] = None,
+    friction: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="welded arm: more of friction to identify than viscous and Coulomb: direction, quadratic, "
+            "stribeck, load, position or temperature, of all joints or as in stribeck=shoulder_*",
+        ),
+    ] = None,
+    level: Annotated[
+        bool,
+        typer.Option(
+            "--level", help="welded arm: find gravity's direction as well, the base may not be level"
+        ),
+    ] = False,
     modal: Annotated[
         str | None,
         typer.Option(
@@ -116,6 +129,7 @@ def identify_command(
     states: StatesPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
+    from smsid.arm.servo import is_of_servos
     from smsid.arm.setup import arm_description, is_of_an_arm
     from smsid.cli.notes import told
     from smsid.cli.tables import estimate_parts
@@ -135,7 +149,7 @@ def identify_command(
     loaded = [load_recording(path) for path in files]
     if unchecked:
         loaded = [recording.unchecked() for recording in loaded]
-    if bare and robot is None and is_of_an_arm(loaded):
+    if bare and robot is None and (is_of_an_arm(loaded) or is_of_servos(loaded)):
         described = arm_description(description)
     if cad is not None and (method == "paper" or described.root == "fixed"):
         raise SmsidError(
@@ -169,14 +183,17 @@ def identify_command(
             gains=gains,
             hold=hold or (),
             usual=bare and not rigid,
+            friction=friction or (),
+            level=level,
             report=report,
             inputs=inputs,
             everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or hold or rigid:
-        option = "--gains" if gains else "--hold" if hold else "--rigid" if rigid else "--cutoff"
+    if cutoff is not None or gains or hold or rigid or friction or level:
+        given = {"--gains": gains, "--hold": hold, "--rigid": rigid, "--friction": friction, "--level": level}
+        option = next((name for name, value in given.items() if value), "--cutoff")
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         if modal is not None or find_tracked_point:

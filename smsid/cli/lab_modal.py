@@ -12,7 +12,7 @@ from smsid.cli.lab_options import RecordingPath, print_estimate
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath
 from smsid.cli.output import console, working
-from smsid.errors import RecordingError
+from smsid.errors import NotIdentifiableError, RecordingError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +26,13 @@ def modal(
     channel: Annotated[
         list[str] | None, typer.Option(help="channel of the outputs, several times; default: all, if alike")
     ] = None,
+    free: Annotated[
+        bool,
+        typer.Option(
+            "--free-decay",
+            help="let go and left alone: of one channel; taken anyway where nothing else is found",
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
     output: JsonOutput = Path("modes.json"),
     report: ReportPath = None,
@@ -42,8 +49,25 @@ def modal(
     names = tuple(channel or _alike(log))
     log.require(*names)
     outputs, rate = even_with_gaps(log, names)
+    one = outputs.shape[1] == 1
+    if free and not one:
+        raise RecordingError(
+            f"{', '.join(names)}: {outputs.shape[1]} columns.",
+            advice="A free decay is of one; cut the others off.",
+        )
+    found, why = None, "no mode is stable over model orders and correlation windows."
     with working("looking for modes"):
-        found = ambient_modes(outputs, rate, highest_frequency=highest, rng=np.random.default_rng(seed))
+        try:
+            if not free:
+                rng = np.random.default_rng(seed)
+                found = ambient_modes(outputs, rate, highest_frequency=highest, rng=rng)
+        except NotIdentifiableError as error:
+            if not one:
+                raise
+            why = error.message
+    if found is None or not (found.modes or found.harmonics or not one):
+        decay = max(_finite_runs(outputs), key=len)[:, 0]
+        return _free_decay(decay, rate, highest, log.name, output, "" if free else why)
     estimate = found.estimate(log.name)
     save_estimate(estimate, output)
     out, written = console(), [output]
@@ -79,6 +103,28 @@ def modal(
     faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
     told = {"harmonics": harmonics, "faint": faint, "drift": found.drift, "gaps": gaps}
     return Outcome({"estimate": json.loads(estimate.to_json()), **told}, written)
+
+
+def _free_decay(
+    signal: np.ndarray, rate: float, highest: float, name: str, output: Path, why: str
+) -> Outcome:
+    """Take one channel for a free decay; ``why`` it is not ambient vibration, empty where that was asked."""
+    from smsid.identify.estimate import save_estimate
+    from smsid.lab.decay import free_decay
+
+    try:
+        found = free_decay(signal, rate, highest=highest)
+    except NotIdentifiableError as error:
+        reason = f"As ambient vibration: {why} As a free decay: {error.message}" if why else error.message
+        raise NotIdentifiableError(reason, advice=error.advice) from error
+    estimate = found.estimate(name)
+    save_estimate(estimate, output)
+    out = console()
+    print_estimate(out, estimate)
+    amplitudes = ", ".join(f"{m.amplitude:.3g}" for m in found.modes)
+    out.print(f"free decay; noise {found.noise:.3g}, amplitude {amplitudes}")
+    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
 
 
 def _alike(log: Recording) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from smsid.effects.base import (
     physical,
     register,
 )
+from smsid.effects.base_tilt import BaseTilt
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
@@ -37,6 +38,7 @@ from smsid.effects.sensor_errors import (
     TimeOffset,
 )
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
+from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -44,6 +46,7 @@ __all__ = [
     "ActuatorDelay",
     "Appendage",
     "Backlash",
+    "BaseTilt",
     "BeamAppendage",
     "BeamMode",
     "BodyError",
@@ -74,6 +77,7 @@ __all__ = [
     "SensorDelay",
     "SensorMisalignment",
     "SensorScale",
+    "Servo",
     "Slosh",
     "SloshNonlinearity",
     "Starting",

@@ -1,4 +1,4 @@
-"""Joint friction: viscous, smoothed Coulomb, Stribeck, and Coulomb that depends on load or angle."""
+"""Joint friction: viscous, Coulomb, Stribeck's, and what depends on direction, load, angle, temperature."""
 
 from __future__ import annotations
 
@@ -9,38 +9,42 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Starting, physical, register
+from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding
 
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
+
+ON_REQUEST = ("direction", "quadratic", "temperature")
+"""Laws that no estimator takes up unless they are named, or have a value or a prior."""
 
 
 @register
 class JointFriction(Starting):
     """Friction torque on one joint of an arm or wheel, against its rate qd.
 
-    ``-viscous qd - (coulomb + stribeck exp(-|qd/stribeck_rate|^stribeck_exponent) + load |tau|
-    + position_cos cos q + position_sin sin q) tanh(qd / smoothing)``, with tau the torque that drives the
-    joint (where its motion is prescribed, nothing drives it, and the load takes no part).
+    With ``s = tanh(qd / smoothing)``, T the temperature above the reference, and tau the torque that drives
+    the joint (where its motion is prescribed, nothing drives it, and the load takes no part):
+
+    ``-(viscous + viscous_direction s + quadratic |qd| + viscous_temperature T) qd``
+    ``-(coulomb + coulomb_direction s + stribeck exp(-|qd/stribeck_rate|^stribeck_exponent) + load |tau|
+    + position_cos cos q + position_sin sin q + coulomb_temperature T) s``
+
+    The terms are those of `smsid.effects.friction_law`. ``viscous + viscous_direction`` is the friction of
+    positive rates, ``viscous - viscous_direction`` that of negative ones.
 
     Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, whose Stribeck curve has
     the exponent of Bo and Pavelescu, Wear 82 (1982) 277: 2 is Gauss's curve, 1 Tustin's; load-dependent
-    harmonic drives: Taghirad and Belanger, J. Dyn. Syst. Meas. Control 120 (1998) 311.
+    harmonic drives: Taghirad and Belanger, J. Dyn. Syst. Meas. Control 120 (1998) 311; temperature:
+    Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134 (2012) 051013.
     """
 
     summary: ClassVar[str] = (
-        "friction of one joint: viscous, Coulomb, Stribeck, by load and by angle; "
-        "the Coulomb torque as `tanh(rate / smoothing)`"
+        "friction of one joint: viscous, Coulomb, quadratic, Stribeck, by direction, load, angle and "
+        "temperature; the Coulomb torque as `tanh(rate / smoothing)`"
     )
     family: ClassVar[str] = "friction"
     aliases: ClassVar[tuple[str, ...]] = ("actuator_delay", "torque_gain", "torque_offset")
-    strength: ClassVar[tuple[str, ...]] = (
-        "viscous",
-        "coulomb",
-        "stribeck",
-        "load",
-        "position_cos",
-        "position_sin",
-    )
+    strength: ClassVar[tuple[str, ...]] = tuple(t.field for t in TERMS)
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),
@@ -51,6 +55,15 @@ class JointFriction(Starting):
     )
     viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
     coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")
+    viscous_direction: float = physical(
+        "N m s/rad",
+        default=0.0,
+        description="what `viscous` is larger by at positive rates, and smaller at negative ones",
+    )
+    coulomb_direction: float = physical("N m", default=0.0, description="the same of `coulomb`")
+    quadratic: float = physical(
+        "N m s^2/rad^2", default=0.0, description="torque per rate squared; negative where drag flattens"
+    )
     stribeck: float = physical(
         "N m", lower=0.0, default=0.0, description="torque beyond `coulomb` on breaking loose"
     )
@@ -74,6 +87,19 @@ class JointFriction(Starting):
         "N m", default=0.0, description="Coulomb torque that goes with the cosine of the joint's angle"
     )
     position_sin: float = physical("N m", default=0.0, description="the same, with the sine")
+    viscous_temperature: float = physical(
+        "N m s/(rad K)", default=0.0, description="what `viscous` grows by per kelvin above the reference"
+    )
+    coulomb_temperature: float = physical("N m/K", default=0.0, description="the same of `coulomb`")
+    reference_temperature: float = Field(
+        default=20.0, description="temperature that `viscous` and `coulomb` are of [degC]"
+    )
+    temperature: float = Field(default=20.0, description="of the joint, where none is measured [degC]")
+    laws: tuple[Law, ...] = Field(
+        default=(),
+        description='terms to identify beside viscous and Coulomb, as in `["direction"]`; those with a value '
+        "are anyway",
+    )
     smoothing: float = Field(
         default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
     )
@@ -82,42 +108,50 @@ class JointFriction(Starting):
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
 
+    def asked(self) -> tuple[str, ...]:
+        """Return the terms to identify: viscous, Coulomb, those with a value and those of a named law."""
+        return tuple(
+            t.field for t in TERMS if not t.law or t.law in self.laws or getattr(self, t.field) != 0.0
+        )
+
+    def held(self) -> dict[str, str]:
+        """Return why parameters are not estimated; laws that nobody named are not."""
+        asked = {*self.asked(), *self.prior}
+        idle = {
+            f"{self.name}.{t.field}": f"its law is not named in `laws` ({t.law})"
+            for t in TERMS
+            if t.law in ON_REQUEST and t.field not in asked
+        }
+        return super().held() | idle
+
+    def with_laws(self, *laws: Law) -> JointFriction:
+        """Return it with more laws to identify."""
+        return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
+
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; a viscous part that is always there is a linear damper."""
         number = assembly.joint_id(self.joint)
         joint = assembly.model.joints[number]
         index, place, turns = joint.idx_v, joint.idx_q, joint.nq == 1
-        viscous = self.viscous
-        if self.start is None and viscous:
-            assembly.add_springs(number, (0.0,), (viscous,))
-            viscous = 0.0
-        coulomb, stribeck, rate = self.coulomb, self.stribeck, self.stribeck_rate
-        exponent = self.stribeck_exponent
-        cos, sin, load, smoothing, active = (
-            self.position_cos,
-            self.position_sin,
-            self.load,
-            self.smoothing,
-            self.active,
-        )
+        sizes = {f: float(getattr(self, f)) for f in BY_FIELD if getattr(self, f)}
+        if self.start is None and "viscous" in sizes:
+            assembly.add_springs(number, (0.0,), (sizes.pop("viscous"),))
+        by_load = sizes.pop("load", 0.0)
+        terms = [(size, BY_FIELD[f].column) for f, size in sizes.items()]
+        angular = "position_cos" in sizes or "position_sin" in sizes
+        load_column, active = BY_FIELD["load"].column, self.active
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if not active(t):
-                return
-            qd = v[index]
-            size = coulomb
-            if stribeck:
-                size += stribeck * np.exp(-(abs(qd / rate) ** exponent))
-            if cos or sin:
-                c, s = (np.cos(q[place]), np.sin(q[place])) if turns else (q[place], q[place + 1])
-                size += cos * c + sin * s
-            tau[index] -= viscous * qd + size * np.tanh(qd / smoothing)
-
-        def by_load(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             if active(t):
-                tau[index] -= load * abs(tau[index]) * np.tanh(v[index] / smoothing)
+                angle = (q[place] if turns else np.arctan2(q[place + 1], q[place])) if angular else 0.0
+                at = sliding(self, v[index], angle=angle)
+                tau[index] -= sum(size * column(at) for size, column in terms)
 
-        if viscous or coulomb or stribeck or cos or sin:
-            assembly.add_force(force, self.onset, ((index,) if cos or sin else (), (index,)))
-        if load:
-            assembly.add_load_force(by_load, self.onset, ((), (index,)))
+        def loaded(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            if active(t):
+                tau[index] -= by_load * load_column(sliding(self, v[index], load=tau[index]))
+
+        if terms:
+            assembly.add_force(force, self.onset, ((index,) if angular else (), (index,)))
+        if by_load:
+            assembly.add_load_force(loaded, self.onset, ((), (index,)))

@@ -19,6 +19,7 @@ from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
 from smsid.export.mjcf import write_mjcf
+from smsid.export.mjcf_friction import dry_friction
 from smsid.export.urdf import rewritten_urdf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
@@ -107,6 +108,7 @@ def _written(
         # MuJoCo can simulate the inertia of coupled motors
         model = replace(simulable(moved), description=moved)
         atomic_write(folder / f"{stem}.xml", write_mjcf(model))
+        notes += [f.note for f in dry_friction(model).values() if f.note]
     return sorted(p.name for p in folder.iterdir()), bodies, notes
 
 

@@ -6,7 +6,6 @@ What Pinocchio calls a joint becomes one or three MuJoCo joints of the same name
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -15,6 +14,7 @@ import pinocchio as pin
 from smsid.effects import JointFriction, MotorCoupling, TorqueOffset
 from smsid.errors import DescriptionError
 from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, stacked_joints, with_lent_inertia
+from smsid.export.mjcf_friction import DryFriction, dry_friction
 from smsid.model.regressor import body_names
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -26,7 +26,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
     """Return the model as MJCF text.
 
     Springs, dampers and rotor inertias are exact; Coulomb friction becomes MuJoCo's dry friction, which has
-    no smoothing; a motor of several joints is a tendon, a torque offset an actuator of constant torque.
+    no smoothing, and other laws what comes closest to them, as comments in the text say (`dry_friction`); a
+    motor of several joints is a tendon, a torque offset an actuator of constant torque.
     Limits of wheels, joints and thrust bound the controls. MuJoCo's free joint has linear velocity in
     inertial and angular velocity in body axes. A keyframe ``home`` holds the description's arm angles.
 
@@ -40,7 +41,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
     springs = dict(
         zip(model.spring_v.tolist(), zip(model.stiffness, model.damping, strict=True), strict=True)
     )
-    dry = _dry_friction(model)
+    _refuse_other_forces(model)
+    dry = dry_friction(model)
     links = body_names(p)
     names = links if len(set(links)) == len(links) else tuple(list(p.names)[1:])
     children: dict[int, list[int]] = {j: [] for j in range(p.njoints)}
@@ -62,7 +64,9 @@ def write_mjcf(model: SpacecraftModel) -> str:
             at = seen.inverse().translation
             extra = f' pos="{numbers(at)}"' if at.any() else ""
             extra += f' armature="{numbers(p.armature[k])}"' if p.armature[k] > 0.0 else ""
-            extra += f' frictionloss="{numbers(dry[k])}"' if dry.get(k, 0.0) > 0.0 else ""
+            own = dry.get(k, DryFriction(0.0))
+            extra += f' frictionloss="{numbers(own.dry)}"' if own.dry > 0.0 else ""
+            damping += own.damping
             lines.append(
                 f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
                 f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
@@ -102,6 +106,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
         [
             f"<mujoco model={quoteattr(model.description.name)}>",
             *(["  <!-- modal amplitudes [kg^.5 m]: " + "; ".join(scales) + " -->"] if scales else []),
+            *(f"  <!-- {f.note} -->" for f in dry.values() if f.note),
             '  <compiler angle="radian" autolimits="false" inertiafromgeom="false" balanceinertia="false"/>',
             f'  <option gravity="{numbers(p.gravity.linear)}" integrator="RK4" timestep="0.005"/>',
             "  <worldbody>",
@@ -135,42 +140,16 @@ def _range(p: pin.Model, j: int) -> str:
     return f' limited="true" range="{numbers([low, high])}"'
 
 
-def _dry_friction(model: SpacecraftModel) -> Mapping[int, float]:
-    """Coulomb friction by index in v; refuses forces that are not written here."""
-    found: dict[int, float] = {}
-    effects = model.description.effect
-    for effect in effects:
-        if not isinstance(effect, JointFriction):
-            continue
-        _refuse_beyond_coulomb(model.description.name, effect)
-        if effect.coulomb > 0.0:
-            index = model.pin.joints[model.pin.getJointId(effect.joint)].idx_v
-            found[index] = found.get(index, 0.0) + effect.coulomb
-    written = sum(
-        isinstance(e, TorqueOffset | MotorCoupling) or (isinstance(e, JointFriction) and e.coulomb > 0.0)
-        for e in effects
-    )
-    if len(model.forces) > written:
-        kinds = sorted({e.kind for e in effects if not isinstance(e, WRITTEN)})
+def _refuse_other_forces(model: SpacecraftModel) -> None:
+    """Refuse nonlinear forces that are not written here."""
+    other = {e.name: e.kind for e in model.description.effect if not isinstance(e, WRITTEN)}
+    left = [other[name] for name, _ in model.owned if name in other]
+    if left:
         raise DescriptionError(
-            f"{len(model.forces) - written} nonlinear forces of '{model.description.name}' have no "
-            f"counterpart in MuJoCo; they are of one of the kinds {', '.join(kinds)}.",
+            f"{len(left)} nonlinear forces of '{model.description.name}' have no "
+            f"counterpart in MuJoCo; they are of the kinds {', '.join(sorted(set(left)))}.",
             advice="Export without the MuJoCo XML (--no-mujoco), or a description without these effects.",
-            kinds=kinds,
-        )
-    return found
-
-
-def _refuse_beyond_coulomb(name: str, effect: JointFriction) -> None:
-    """Refuse what a joint of MuJoCo has no word for."""
-    parts = [k for k in ("stribeck", "load", "position_cos", "position_sin") if getattr(effect, k)]
-    if effect.start is not None and any(getattr(effect, k) for k in effect.strength):
-        parts.append("start")
-    if parts:
-        raise DescriptionError(
-            f"The friction '{effect.name}' of '{name}' has {', '.join(parts)}: no counterpart in MuJoCo.",
-            advice="Export without the MuJoCo XML (--no-mujoco), or a description without these effects.",
-            kinds=[effect.kind],
+            kinds=sorted(set(left)),
         )
 
 

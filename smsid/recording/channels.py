@@ -30,6 +30,8 @@ SLIDING = MappingProxyType(
         "N m s/rad": "N s/m",
         "N m s^2/rad^2": "N s^2/m^2",
         "N m/rad": "N/m",
+        "N m/K": "N/K",
+        "N m s/(rad K)": "N s/(m K)",
         "kg m^2": "kg",
     }
 )
@@ -104,6 +106,7 @@ def _catalogue() -> dict[str, Quantity]:
         Quantity("joint_velocity", "rad/s", "joint axis", joints, "joint rate"),
         Quantity("joint_acceleration", "rad/s^2", "joint axis", joints, "joint acceleration"),
         Quantity("joint_torque", "N m", "joint axis", joints, "motor torque on the child"),
+        Quantity("joint_temperature", "degC", "joint axis", joints, "temperature of the joint or its motor"),
         Quantity("wheel_rate", "rad/s", "wheel axis", wheels, "wheel speed relative to the bus"),
         Quantity("wheel_torque", "N m", "wheel axis", wheels, "motor torque on the wheel"),
         Quantity("thruster", "1", "thruster", (("thruster",),), "share of full thrust: on-time or throttle"),

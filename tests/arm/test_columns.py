@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.arm import torque_columns, with_joint_effects
+from smsid.arm import JointStates, effect_columns, torque_columns, with_joint_effects
 from smsid.description import Description
 from smsid.effects import Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, Slosh, TorqueOffset
 from smsid.effects.gear import gear_matrix
@@ -16,6 +16,23 @@ from smsid.model import build_model
 JOINTS = ("joint1", "joint2", "joint3")
 EFFECTS = {
     "friction": JointFriction(name="e", joint="joint2", viscous=0.4, coulomb=0.2),
+    "laws": JointFriction(
+        name="e",
+        joint="joint2",
+        viscous=0.4,
+        coulomb=0.2,
+        viscous_direction=0.1,
+        coulomb_direction=-0.05,
+        quadratic=0.03,
+        stribeck=0.3,
+        stribeck_rate=0.8,
+        position_cos=0.1,
+        position_sin=-0.2,
+        load=0.1,
+        viscous_temperature=-0.01,
+        coulomb_temperature=0.02,
+        temperature=35.0,
+    ),
     "offset": TorqueOffset(name="e", joint="joint3", torque=-0.7),
     "coupling": MotorCoupling(
         name="e", joints=("joint2", "joint3"), ratios=(2.0, -1.0), inertia=0.7, viscous=0.3, coulomb=0.1
@@ -39,9 +56,11 @@ def test_columns_times_parameters_are_what_the_motors_give(arm, kind, rng):
     q = pin.randomConfiguration(bare.pin, -np.ones(bare.nq), np.ones(bare.nq))
     v, a = rng.normal(size=(2, 1, bare.nv))
     values = {p.name: p.value for p in effect.parameters()}
-    tau = pin.rnea(bare.pin, bare.data, q, v[0], a[0])
-    for column in torque_columns(effect, bare, v, a):
-        tau = tau + column.values[0] * values[column.name]
+    tau = rigid = pin.rnea(bare.pin, bare.data, q, v[0], a[0])
+    for _ in range(60):  # the load is the torque itself
+        states = JointStates(q[None], v, a, tau[None], np.full((1, bare.nv), 35.0))
+        added = [c.values[0] * values[c.name] for c in effect_columns(effect, bare, states)]
+        tau = rigid + np.sum(added, axis=0)
     np.testing.assert_allclose(full.acceleration(0.0, q, v[0], tau), a[0], rtol=1e-9, atol=1e-9)
 
 

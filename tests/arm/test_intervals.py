@@ -100,12 +100,12 @@ def test_the_width_of_frictions_sign_is_found_and_kept_in_the_description(arm, c
     channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape), "d.joint_torque": torque}
     log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
     found = identify_arm(arm, log)
-    for w in found.widths:
+    for w in found.shapes:
         assert w.status == "found" and abs(np.log(w.value / 0.03)) < 4.0 * w.sigma < 2.0
         assert found.description.get_effect(w.effect).smoothing == w.value
     stated = [e.model_copy(update={"smoothing": 0.01}) for e in arm.effect]
     again = identify_arm(arm.with_effects(*stated), log)
-    assert [w.status for w in again.widths] == ["stated", "stated"]
+    assert [w.status for w in again.shapes] == ["stated", "stated"]
 
 
 def test_two_recordings_tell_more_than_one(arm, clean):

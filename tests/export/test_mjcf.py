@@ -10,6 +10,7 @@ from smsid.description import Description
 from smsid.effects import JointFriction, ModalAppendage, Mode, MotorCoupling
 from smsid.errors import DescriptionError
 from smsid.export import write_mjcf
+from smsid.export.mjcf_friction import dry_friction
 from smsid.model import build_model
 
 from .machines import MACHINES, URDF, random_state, to_mujoco
@@ -79,13 +80,33 @@ def test_coulomb_friction_is_dry_friction_at_speed():
     np.testing.assert_allclose(data.qacc, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "more", [{"stribeck": 0.5}, {"load": 0.1}, {"position_cos": 0.2}, {"position_sin": 0.2}, {"start": 3.0}]
-)
-def test_friction_of_another_law_is_refused_and_not_cut_down_to_coulomb(more):
-    arm = arm_with(JointFriction(name="rub", joint="joint3", coulomb=1.5, **more))
-    with pytest.raises(DescriptionError, match=rf"'rub'.*{next(iter(more))}.*--no-mujoco"):
-        write_mjcf(build_model(arm))
+def test_friction_of_another_law_becomes_the_closest_with_a_note():
+    """Least squares over all rates of the joint: by hand for a term that is flat, and for a falling one."""
+    high = JointFriction(name="rub", joint="joint3", coulomb=1.5, stribeck=0.5, stribeck_rate=1e3)
+    model = build_model(arm_with(high))
+    own = dry_friction(model)[2]
+    assert own.dry == pytest.approx(2.0, rel=1e-3) and abs(own.damping) < 1e-3
+    text = write_mjcf(model)
+    assert own.note in text and "'rub' has stribeck" in own.note
+    square = JointFriction(name="rub", joint="joint3", coulomb=1.5, quadratic=0.6, viscous=0.2)
+    top = float(model.pin.velocityLimit[2])
+    top = top if np.isfinite(top) and 0.0 < top < 1e3 else 1.0
+    near = dry_friction(build_model(arm_with(square)))[2]
+    # x^2 on (0, 1) is closest to x - 1/6
+    assert near.damping == pytest.approx(0.6 * top, rel=2e-2)
+    assert near.dry == pytest.approx(1.5 - 0.1 * top**2 if 0.1 * top**2 < 1.5 else 0.0, abs=0.02 * top**2)
+    spec = mujoco.MjModel.from_xml_string(write_mjcf(build_model(arm_with(square))))
+    assert spec.dof_damping[2] == pytest.approx(0.2 + near.damping)
+
+
+def test_friction_by_load_is_left_out_with_a_note_and_friction_that_begins_is_refused():
+    own = dry_friction(
+        build_model(arm_with(JointFriction(name="rub", joint="joint3", coulomb=1.5, load=0.1)))
+    )
+    assert own[2].dry == pytest.approx(1.5) and "without its part by load" in own[2].note
+    late = JointFriction(name="rub", joint="joint3", coulomb=1.5, start=3.0)
+    with pytest.raises(DescriptionError, match=r"'rub'.*start.*--no-mujoco"):
+        write_mjcf(build_model(arm_with(late)))
 
 
 def test_a_mode_that_twists_and_bends_is_refused_by_name():

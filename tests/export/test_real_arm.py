@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from smsid.arm import identify_arm, joint_motion, torque_errors, with_joint_effects
+from smsid.arm import JointStates, identify_arm, joint_motion, torque_errors, with_joint_effects
 from smsid.arm.identify import rigid_arm, torque_rows
 from smsid.datasets import have, tx40
 from smsid.description import load_description
@@ -30,7 +30,7 @@ def test_the_exported_tx40_predicts_held_out_torques(tmp_path):
     exported = load_description(out / "staubli_tx40.toml")
     model = rigid_arm(exported)
     motion = joint_motion(model, held, 100.0)
-    rows, names, _ = torque_rows(model, motion.q, motion.v, motion.a)
+    rows, names, _ = torque_rows(model, JointStates(motion.q, motion.v, motion.a))
     values = {p.name: p.value for e in exported.effect for p in e.parameters()}
     x = np.concatenate([Regressor(model).parameters, [values[n] for n in names if n in values]])
     physical = torque_errors(model, rows @ x, motion.torque).relative

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, Literal
 
@@ -30,12 +31,24 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
+from smsid.effects.friction_law import BY_FIELD, fields_of, sliding
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES, Regressor
 from smsid.recording import Recording
 
 STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
 """Rates tried for Stribeck's curve [rad/s]; it sticks out of Coulomb's below that."""
+
+SHAPES: Mapping[str, tuple[str, ...]] = {
+    "viscous": ("viscous",),
+    "coulomb": ("coulomb",),
+    "load-dependent": fields_of("load"),
+    "position-dependent": fields_of("position"),
+    "direction-dependent": ("viscous_direction",),
+    "quadratic": fields_of("quadratic"),
+}
+"""Parameters of friction that a cause frees, by its name. Coulomb friction that differs by direction is a
+constant torque but at rest."""
 
 Moves = Literal["", "zero", "clock"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
@@ -149,11 +162,12 @@ def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
     units = {p.name.partition(".")[2]: p.unit for p in effect.parameters()}
     lower = {p.name.partition(".")[2]: p.lower for p in effect.parameters()}
 
-    def sign(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
-        return np.tanh(e.motion.v[:, j] / effect.smoothing)
+    def columns(*own: str, of: JointFriction = effect) -> tuple[Callable[..., np.ndarray], ...]:
+        def part(e: TorqueEquations, load: np.ndarray, name: str) -> np.ndarray:
+            at = sliding(of, e.motion.v[:, j], angle=e.angles[:, j], load=load[:, j])
+            return BY_FIELD[name].column(at)
 
-    def angle(e: TorqueEquations) -> np.ndarray:
-        return e.angles[:, j]
+        return tuple(partial(part, name=name) for name in own)
 
     def make(
         shape: str,
@@ -169,21 +183,12 @@ def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
             tuple(units[x] for x in fields), tuple(lower[x] for x in fields), _at(j, *parts), grid, needs,
         )  # fmt: skip
 
-    yield make("viscous", ("viscous",), lambda e, load: e.motion.v[:, j])
-    yield make("coulomb", ("coulomb",), sign)
-    yield make("load-dependent", ("load",), lambda e, load: np.abs(load[:, j]) * sign(e, load))
-    yield make(
-        "position-dependent", ("position_cos", "position_sin"),
-        lambda e, load: np.cos(angle(e)) * sign(e, load),
-        lambda e, load: np.sin(angle(e)) * sign(e, load),
-    )  # fmt: skip
+    for shape, own in SHAPES.items():
+        yield make(shape, own, *columns(*own))
     for rate in STRIBECK_RATES:
         curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
-        yield make(
-            "stribeck", ("coulomb", "stribeck"), sign,
-            lambda e, load, rate=rate: np.exp(-((e.motion.v[:, j] / rate) ** 2)) * sign(e, load),
-            with_=curve, grid=len(STRIBECK_RATES), needs=1,
-        )  # fmt: skip
+        own = ("coulomb", "stribeck")
+        yield make("stribeck", own, *columns(*own, of=curve), with_=curve, grid=len(STRIBECK_RATES), needs=1)
 
 
 def _drivetrain(equations: TorqueEquations, joint: str, j: int) -> Iterator[TorqueCandidate]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
-from smsid.arm.motion import JointMotion, joint_angles, joint_motion
+from smsid.arm.motion import JointMotion, joint_angles, joint_motion, measured_states
 from smsid.description import Description
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
@@ -84,7 +84,7 @@ class TorqueEquations:
                 angles = self.model.joint_angles(self.motion.q)
                 angles[:, int(np.argsort(self.model.arm_joints.v)[joint])] += way
                 q = np.array([self.model.set_joint_angles(self.model.home, x) for x in angles])
-                rows, _, _ = torque_rows(self.model, q, self.motion.v, self.motion.a)
+                rows, _, _ = torque_rows(self.model, replace(measured_states(self.motion), q=q))
                 out += rows[:, :, self.base.independent] / (2.0 * way)
             self.turns[joint] = out
         return self.turns[joint]
@@ -120,7 +120,7 @@ def torque_equations(
     motion = joint_motion(model, recording, top, late=late)
     within = min(SHARE * top, BAND) if band is None else float(band)
     base = structural_base(model)
-    every, _, _ = torque_rows(model, motion.q, motion.v, motion.a)
+    every, _, _ = torque_rows(model, measured_states(motion))
     fine = every[:, :, base.independent]
     angles = joint_angles(model, recording)
     noise = white_sigma(angles.torque) * np.sqrt(2.0 * within / angles.rate)

@@ -76,7 +76,8 @@ def links_known(equations: TorqueEquations, prior: Prior) -> bool:
 
 def _beyond_links(equations: TorqueEquations) -> tuple[str, ...]:
     from smsid.arm.identify import torque_rows
+    from smsid.arm.motion import measured_states
 
     motion = equations.motion
-    _, names, _ = torque_rows(equations.model, motion.q[:1], motion.v[:1], motion.a[:1])
+    _, names, _ = torque_rows(equations.model, measured_states(motion)[:1])
     return names[Regressor(equations.model).columns :]

@@ -1,0 +1,119 @@
+"""Which way is down: gravity's direction in the axes of an arm's base, from its torques.
+
+Torques are linear in gravity, and linear in the links, but not in both: the two angles are found by variable
+projection, then with all else, so that the intervals of all include theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from smsid.arm.joint_torques import JointTorques, block_means
+from smsid.arm.smooth_motion import SmoothMotion
+from smsid.description import Description
+from smsid.effects.base_tilt import BaseTilt, tilted_gravity
+from smsid.errors import DescriptionError
+from smsid.model.identifiable import BaseParameters
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+
+FIRST = 0.03
+"""Size of the first simplex [rad]."""
+
+DIFFERENCE = 1e-4
+SHOWN = np.array([0.4, 0.3])
+"""Tilt at which the links' combinations are named: of all that any tilt tells apart [rad]."""
+
+
+def tilt_of(description: Description) -> BaseTilt | None:
+    """Return the description's base that is not level, if it has one.
+
+    Raises:
+        DescriptionError: it has two.
+    """
+    found = [e for e in description.effect if isinstance(e, BaseTilt)]
+    if len(found) > 1:
+        raise DescriptionError("The base has two tilts.", advice="Keep one effect of the kind 'base_tilt'.")
+    return found[0] if found else None
+
+
+def with_gravity(model: SpacecraftModel, gravity: np.ndarray) -> SpacecraftModel:
+    """Return the model under another gravity (3,) [m/s^2]."""
+    turned = model.pin.copy()
+    turned.gravity.linear = np.asarray(gravity)
+    return replace(model, pin=turned, data=turned.createData(), source=None)
+
+
+@dataclass(frozen=True)
+class Level:
+    """The equations of an arm by the tilt of its base.
+
+    ``gravity`` (3,) as described, ``own`` (2,) the tilt that the equations are of, ``unit`` (B, nv, links, 3)
+    their rows per unit of gravity along each axis.
+    """
+
+    gravity: np.ndarray
+    own: np.ndarray
+    unit: np.ndarray
+
+    @classmethod
+    def of(cls, model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, tilt: BaseTilt) -> Level:
+        """Return them, at the configurations in the middle of blocks.
+
+        Raises:
+            DescriptionError: there is no gravity.
+        """
+        angles = block_means(model.joint_angles(motion.q), torques.starts)
+        q = np.array([model.set_joint_angles(model.home, x) for x in angles])
+        still = np.zeros((len(q), model.nv))
+        unit = [Regressor(with_gravity(model, e)).torque(q, still, still) for e in np.eye(3)]
+        nominal = np.asarray(model.description.gravity)
+        if not np.any(nominal):
+            raise DescriptionError("There is no gravity to lean.", advice="State gravity in the description.")
+        return cls(nominal, np.array([tilt.x, tilt.y]), np.stack(unit, axis=-1))
+
+    def at(self, tilt: np.ndarray) -> np.ndarray:
+        """Return gravity (3,) at a tilt (2,) [rad]."""
+        return tilted_gravity(self.gravity, *np.asarray(tilt, dtype=float))
+
+    def turned(self, torques: JointTorques, tilt: np.ndarray) -> JointTorques:
+        """Return equations that are of the tilt ``own`` at another tilt (2,) [rad]."""
+        rows = np.array(torques.rows)
+        rows[:, :, : self.unit.shape[2]] += self.unit @ (self.at(tilt) - self.at(self.own))
+        return replace(torques, rows=rows)
+
+    def columns(self, base: BaseParameters, x: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+        """Return torques (B, nv, 2) [N m/rad] per angle of a tilt (2,), of base parameters x (b,)."""
+        links = base.independent < self.unit.shape[2]
+        per_axis = np.einsum("bjla,l->bja", self.unit[:, :, base.independent[links]], x[links])
+        slopes = [
+            (self.at(tilt + d) - self.at(tilt - d)) / (2.0 * DIFFERENCE) for d in DIFFERENCE * np.eye(2)
+        ]
+        return per_axis @ np.column_stack(slopes)
+
+    def search(self, torques: JointTorques, base: BaseParameters) -> np.ndarray:
+        """Return the tilt (2,) [rad] that leaves least of the torques, all else free."""
+        size = np.sqrt(np.mean((torques.torque - torques.torque.mean(axis=0)) ** 2, axis=0))
+        weight = 1.0 / np.maximum(size, 1e-12)
+
+        def left(tilt: np.ndarray, weight: np.ndarray) -> np.ndarray:
+            rows = self.turned(torques, tilt).rows[:, :, base.independent] * weight[:, None]
+            flat = rows.reshape(-1, rows.shape[2])
+            norm = np.maximum(np.linalg.norm(flat, axis=0), 1e-12)
+            target = (torques.torque * weight).ravel()
+            residual = target - flat / norm @ np.linalg.lstsq(flat / norm, target, rcond=1e-9)[0]
+            return residual.reshape(torques.torque.shape)
+
+        first = left(self.own, weight) / weight
+        weight = 1.0 / np.maximum(np.sqrt(np.mean(first**2, axis=0)), 1e-12)
+        simplex = self.own + np.array([[0.0, 0.0], [FIRST, 0.0], [0.0, FIRST]])
+        found = minimize(
+            lambda tilt: float(np.sum(left(tilt, weight) ** 2)),
+            self.own,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-6, "maxfev": 120},
+        )
+        return found.x

@@ -1,0 +1,62 @@
+"""A base that is not level: gravity leans in its axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from smsid.effects.base import Effect, physical, register
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+@register
+class BaseTilt(Effect):
+    """Gravity of the description, leaning by small angles: a floor, or a mount, that is not level.
+
+    With g the described gravity and e1, e2 of `horizontal_axes`, gravity is
+    ``|g| (cos(a) g/|g| + sin(a)/a (x e1 + y e2))``, ``a = hypot(x, y)``. It concerns a welded base.
+    """
+
+    summary: ClassVar[str] = "the base of a welded arm is not level: gravity leans in its axes"
+    family: ClassVar[str] = "external"
+    aliases: ClassVar[tuple[str, ...]] = ("body_error", "torque_offset")
+    strength: ClassVar[tuple[str, ...]] = ("x", "y")
+    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
+    )
+    kind: Literal["base_tilt"] = "base_tilt"
+    x: float = physical(
+        "rad", lower=-1.6, upper=1.6, default=0.0, description="by which gravity leans to the base's x axis"
+    )
+    y: float = physical("rad", lower=-1.6, upper=1.6, default=0.0, description="the same, to its y axis")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Turn the model's gravity."""
+        gravity = assembly.model.gravity
+        gravity.linear = tilted_gravity(gravity.linear, self.x, self.y)
+
+
+def horizontal_axes(gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two unit vectors (3,) that are level: the base's x and y axes if z is vertical.
+
+    Else the first is that axis which gravity is least along, made level, and both are perpendicular.
+    """
+    down = np.asarray(gravity) / np.linalg.norm(gravity)
+    first = np.eye(3)[int(np.argmin(np.abs(down)))]
+    first = first - down * (down @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(-down, first)
+
+
+def tilted_gravity(gravity: np.ndarray, x: float, y: float) -> np.ndarray:
+    """Return gravity (3,) [m/s^2] leaning by small angles x and y [rad]; zero stays zero."""
+    size, angle = float(np.linalg.norm(gravity)), float(np.hypot(x, y))
+    if size == 0.0:
+        return np.array(gravity)
+    first, second = horizontal_axes(gravity)
+    aside = np.sinc(angle / np.pi) * (x * first + y * second)
+    return size * (np.cos(angle) * np.asarray(gravity) / size + aside)

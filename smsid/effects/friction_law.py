@@ -1,0 +1,110 @@
+"""The laws of friction, each written once: simulation, identification and diagnosis take them from here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+Law = Literal["direction", "quadratic", "stribeck", "load", "position", "temperature"]
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """What friction depends on, at one instant or at N: floats or arrays (N,).
+
+    ``rate`` [rad/s | m/s]; ``sign`` of it, smoothed; ``angle`` [rad | m]; ``load``, the torque that drives
+    the joint [N m | N]; ``warmer``, the temperature above the reference [K]; ``stribeck``, rate and exponent
+    of Stribeck's curve.
+    """
+
+    rate: Any
+    sign: Any
+    angle: Any
+    load: Any
+    warmer: Any
+    stribeck: tuple[float, float]
+
+    @property
+    def curve(self) -> Any:
+        """Stribeck's curve, which falls from 1 with the rate."""
+        rate, exponent = self.stribeck
+        return np.exp(-(np.abs(self.rate / rate) ** exponent))
+
+
+@dataclass(frozen=True)
+class FrictionTerm:
+    """A torque against the motion, per unit of the parameter ``field``.
+
+    ``law`` it belongs to (empty: always part of friction); ``column`` says it in terms of `Sliding`.
+    """
+
+    field: str
+    law: str
+    column: Callable[[Sliding], Any]
+
+
+TERMS: tuple[FrictionTerm, ...] = (
+    FrictionTerm("viscous", "", lambda s: s.rate),
+    FrictionTerm("coulomb", "", lambda s: s.sign),
+    FrictionTerm("viscous_direction", "direction", lambda s: s.rate * s.sign),
+    FrictionTerm("coulomb_direction", "direction", lambda s: s.sign * s.sign),
+    FrictionTerm("quadratic", "quadratic", lambda s: s.rate * np.abs(s.rate)),
+    FrictionTerm("stribeck", "stribeck", lambda s: s.curve * s.sign),
+    FrictionTerm("load", "load", lambda s: np.abs(s.load) * s.sign),
+    FrictionTerm("position_cos", "position", lambda s: np.cos(s.angle) * s.sign),
+    FrictionTerm("position_sin", "position", lambda s: np.sin(s.angle) * s.sign),
+    FrictionTerm("viscous_temperature", "temperature", lambda s: s.warmer * s.rate),
+    FrictionTerm("coulomb_temperature", "temperature", lambda s: s.warmer * s.sign),
+)
+"""Every term of friction. Sources: Armstrong-Helouvry, Dupont and Canudas de Wit (1994) for Coulomb, viscous
+and Stribeck's; Taghirad and Belanger (1998) for the load; Bittencourt and Gunnarsson (2012) for temperature,
+of which this is the linear part."""
+
+BY_FIELD: Mapping[str, FrictionTerm] = MappingProxyType({t.field: t for t in TERMS})
+
+
+def fields_of(law: str) -> tuple[str, ...]:
+    """Return the parameters of a law."""
+    return tuple(t.field for t in TERMS if t.law == law)
+
+
+def sliding(
+    effect: Any,
+    rate: Any,
+    *,
+    angle: Any = 0.0,
+    load: Any = 0.0,
+    temperature: Any = None,
+    smoothing: float | None = None,
+) -> Sliding:
+    """Return what a `JointFriction` depends on, with its own smoothing, Stribeck curve and temperatures.
+
+    Args:
+        effect: the friction.
+        rate: float or (N,) [rad/s | m/s], like all else.
+        angle: [rad | m].
+        load: torque that drives the joint [N m | N].
+        temperature: [degC]; the effect's own if ``None``.
+        smoothing: instead of the effect's.
+    """
+    own = effect.temperature if temperature is None else temperature
+    return Sliding(
+        rate,
+        np.tanh(rate / (effect.smoothing if smoothing is None else smoothing)),
+        angle,
+        load,
+        own - effect.reference_temperature,
+        (effect.stribeck_rate, effect.stribeck_exponent),
+    )
+
+
+def friction_columns(effect: Any, fields: Iterable[str], at: Sliding) -> dict[str, Any]:
+    """Return the torque against the motion per unit of each named parameter of a `JointFriction`."""
+    return {f: BY_FIELD[f].column(at) for f in fields}
+
+
+__all__ = ["BY_FIELD", "TERMS", "FrictionTerm", "Law", "Sliding", "fields_of", "friction_columns", "sliding"]
