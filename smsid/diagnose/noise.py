@@ -49,15 +49,28 @@ class Fitted:
 def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
     """Fit parameters and the noise level of every channel, in turn.
 
-    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
-    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
-    as noise that is as slow.
+    Raises `SimulationError` when the start cannot be filtered.
+    """
+    return with_levels(first_fit(point, problem, unknowns))
+
+
+def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
+    """Fit parameters to the noise as stated, not to the end.
 
     Raises `SimulationError` when the start cannot be filtered.
     """
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
-    found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+    return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+
+
+def with_levels(found: Fitted) -> Fitted:
+    """Return a first fit with the noise level of every channel fitted, too.
+
+    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
+    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
+    as noise that is as slow.
+    """
     if normalised_rmse(found.fit.run) > MISFIT:
         return _but_for_one(found) or refitted(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))

@@ -42,13 +42,29 @@ class State:
     in for a piece of it.
     """
 
-    def __init__(self, fitted: Fitted, candidates: Sequence[Candidate], levels: Levels) -> None:
+    def __init__(
+        self,
+        fitted: Fitted,
+        candidates: Sequence[Candidate],
+        levels: Levels,
+        *,
+        known: Cause | None = None,
+        nominal: Fit | None = None,
+    ) -> None:
+        """Begin with the nominal parameters fitted, or with one cause ``known`` beside them already.
+
+        ``nominal`` is then the fit without it, in a model that may err.
+        """
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
-        self.causes: list[Cause] = []
+        self.causes: list[Cause] = [] if known is None else [known]
         self.held: tuple[Block, ...] = ()
         self._nominal()
+        if nominal is not None:
+            self.nominal = nominal
+            self.normalised_rmse = normalised_rmse(nominal.run)
         self._restarts = 0
-        self._finer = False  # than when the last cause was chosen is the noise now
+        # whether the noise is finer now than when the last cause was chosen
+        self._finer = known is not None
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._scored()
