@@ -24,7 +24,7 @@ from smsid.estimation.map_estimate import Fit, evaluate, fit
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
-SHARES = (1.0, 0.3, 0.03)  # process noise, as a share of what drives the motion
+SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
 RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
@@ -133,6 +133,7 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
     try:
         first = loosened(start.point.model(), problem, SHARES[0])
         point = fit(start.point, own, first, iterations=6).point
+        unknowns = (*unknowns, *_further(point, start.candidate))
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)
@@ -142,6 +143,16 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
     left = normalised_rmse(found.run)
     LOGGER.info("%s leaves %.3g times the noise", start.candidate.key, left)
     return found if left <= MISFIT else None
+
+
+def _further(point: Point, candidate: Candidate) -> tuple[Unknown, ...]:
+    """Return the further parameters of a candidate: of a strong payload, where its mass is matters."""
+    known = {p.name: p for p in candidate.instance(point).parameters()}
+    return tuple(
+        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        for n in candidate.also
+        for p in (known[n],)
+    )
 
 
 def _estimate(found: Fit, candidate: Candidate) -> np.ndarray:

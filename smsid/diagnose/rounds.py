@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from smsid.diagnose.onset import (
 )
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
+from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit
 
 LOGGER = logging.getLogger(__name__)
@@ -62,6 +63,7 @@ class State:
         if nominal is not None:
             self.nominal = nominal
             self.normalised_rmse = normalised_rmse(nominal.run)
+        self.failed: list[str] = []
         self._restarts = 0
         # whether the noise is finer now than when the last cause was chosen
         self._finer = known is not None
@@ -78,6 +80,19 @@ class State:
     def samples(self) -> int:
         """The number of samples that odds are of."""
         return self.current.run.samples
+
+    def guarded(self, what: str, step: Callable[[], bool | None]) -> bool:
+        """Take a step of the search; return what it returns. One that fails numerically is undone and noted:
+        what was found before stays.
+        """
+        before = self.fitted, list(self.causes), self.held, self.scores, self.nominal, self.normalised_rmse
+        try:
+            return bool(step())
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s failed: %s", what, error, exc_info=True)
+            self.fitted, self.causes, self.held, self.scores, self.nominal, self.normalised_rmse = before
+            self.failed.append(f"{what} failed numerically and was left out: {error}")
+            return False
 
     def look_further(self) -> bool:
         """Look for one cause more; return whether there may be another."""

@@ -25,7 +25,7 @@ from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
-STRAYS = 100.0  # times its noise that a first fit leaves, above which a strong cause is looked for at once
+STRAYS = 30.0  # times its noise that a first fit leaves, above which a strong cause is looked for at once
 LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
 
 
@@ -38,6 +38,7 @@ class Search:
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
     prediction errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    ``failed`` says in sentences what could not be done for numerical reasons.
     """
 
     nominal: Fit
@@ -54,6 +55,7 @@ class Search:
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = field(default_factory=Levels)
     coarse: frozenset[str] = frozenset()
+    failed: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Block, ...]:
@@ -91,9 +93,9 @@ def search(
     clock = [time.process_time()]
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
-    while state.look_further():
+    while state.guarded("looking for a further cause", state.look_further):
         pass
-    state.close()
+    state.guarded("judging the causes beside each other", state.close)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -106,7 +108,7 @@ def search(
         len(candidates), state.samples, state.fitted.by_channel, state.fitted.misfit,
         (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
-        levels, coarse,
+        levels, coarse, tuple(state.failed),
     )  # fmt: skip
 
 
@@ -157,7 +159,8 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[Block, ...]:
             state.enlarge(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
-        blocks = (*state.held, *adequacy(state.current)) if state.prune() else blocks
+        left_out = state.guarded("leaving out needless causes", state.prune)
+        blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     return blocks
 
 

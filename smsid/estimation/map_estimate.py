@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
-from smsid.errors import SmsidError
+from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.kalman import FilterRun, Problem, run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
@@ -220,7 +220,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
                     grown = max(radius, GROWN * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
                     return _normal(point, unknowns, problem, run, model), radius
-        except SmsidError as error:
+        except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
         radius = shortened(length, float(found.slope @ step), -gained)
     return None, radius
@@ -273,6 +273,11 @@ def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Fi
     whitened = propagate(run, columns_of(changes, unknowns))
     whitened *= np.array([u.scale for u in unknowns])
     flat = whitened.reshape(-1, len(unknowns))
+    if not np.isfinite(flat).all():
+        raise SimulationError(
+            "The derivatives of the predictions are no longer finite.",
+            advice="Does the description belong to this recording? Check units and signs.",
+        )
     prior = prior_of(point, unknowns, problem)
     gram = flat.T @ flat + prior.rows.T @ prior.rows
     slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
