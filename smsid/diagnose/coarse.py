@@ -18,6 +18,7 @@ from smsid.diagnose.accept import Cause
 from smsid.diagnose.candidates import Candidate, scored, signatures
 from smsid.diagnose.noise import MISFIT, normalised_rmse
 from smsid.errors import SmsidError
+from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Problem, run_filter
 from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import Fit, evaluate, fit
@@ -134,6 +135,9 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
         first = loosened(start.point.model(), problem, SHARES[0])
         point = fit(start.point, own, first, iterations=6).point
         unknowns = (*unknowns, *_further(point, start.candidate))
+        # only now does it show how commands act between samples
+        timing = timing_of(point, loosened(point.model(), problem, SHARES[1]), problem.timing)
+        problem = replace(problem, timing=timing)
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)

@@ -162,6 +162,7 @@ def _diagnose(
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+    problem = replace(problem, timing=found.last.problem.timing)
     rests = resting(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))

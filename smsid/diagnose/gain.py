@@ -19,6 +19,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
+SETTLE = 5.0  # [s] of a recording that a plot of an open-loop simulation takes its start from
 
 
 @dataclass(frozen=True)
