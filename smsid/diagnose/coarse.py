@@ -35,7 +35,7 @@ STRONG: dict[str, tuple[float, ...]] = {
     "payload": (5.0, 15.0, 50.0, 150.0, 500.0),  # [kg]
     "body_error": (1.0, -0.5),  # of density
     "torque_gain": (-2.0, -1.0, 1.0),  # the other way, not at all, twice
-    "thruster_gain": (-2.0, -1.0, 1.0),
+    "thruster_gain": (-1.0, 1.0),  # it cannot pull
     "sensor_scale": (-2.0,),
     "joint_friction": (1.0, 30.0),  # [N m, N m s/rad]
 }
