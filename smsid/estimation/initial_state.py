@@ -66,7 +66,7 @@ def initial_belief(
         if block.quantity == "acceleration":  # tells what acts, not where the motion is
             continue
         k = _first(data, block.rows)
-        if k is None or block.quantity == "acceleration":  # no state; may have several stations
+        if k is None:
             continue
         first = np.linalg.solve(block.gain, data.values[k, block.rows] - block.bias)
         noise = READ * data.sigma[block.rows]
