@@ -157,7 +157,7 @@ def _diagnose(
     data = rougher(without(whole, faults).thinned(rate), rounded)
     thinned = f"{len(data.times)} of {len(whole.times)} samples looked at"
     thinned = thinned if len(data.times) < len(whole.times) else ""
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
+    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.joint)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause

@@ -245,25 +245,12 @@ def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: 
 
 
 def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Prior:
-    """Return the priors of single parameters and of combinations at a point.
-
-    A parameter without prior leaves the combinations it is part of: nothing is known of them any more.
-    """
+    """Return the priors of single parameters and of what is known together at a point."""
     shift = np.array([point.value(u) - u.nominal for u in unknowns])
     scale = np.array([u.scale for u in unknowns])
-    sigma = np.array([u.sigma for u in unknowns])
-    rows = np.diag(1.0 / sigma)
-    place = {u.name: i for i, u in enumerate(unknowns)}
-    more = []
-    for known in problem.combinations:
-        if any(n in place and not np.isfinite(sigma[place[n]]) for n in known.factors):
-            continue
-        row = np.zeros(len(unknowns))
-        for name, factor in known.factors.items():
-            if name in place:
-                row[place[name]] = factor / known.sigma
-        more.append(row)
-    rows = np.vstack([rows, *more]) if more else rows
+    joint = problem.joint
+    own = np.diag([0.0 if joint.single(u) else 1.0 / u.sigma for u in unknowns])
+    rows = np.vstack([own, joint.rows(unknowns)])
     return Prior(rows @ shift, rows * scale)
 
 
