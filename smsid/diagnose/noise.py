@@ -46,14 +46,6 @@ class Fitted:
         return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
 
 
-def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
-    """Fit parameters and the noise level of every channel, in turn.
-
-    Raises `SimulationError` when the start cannot be filtered.
-    """
-    return with_levels(first_fit(point, problem, unknowns))
-
-
 def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
     """Fit parameters to the noise as stated, not to the end.
 
