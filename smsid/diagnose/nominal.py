@@ -82,6 +82,8 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
         known = {p.name: p for p in estimate.parameters}
         description, notes, told = with_beams(description, estimate)
     point = Point.of(description)
+    # what a URDF states in <dynamics> is listed, so that a friction found beside it adds to it
+    point = replace(point, description=point.base.description)
     single, combinations = _inertial_knowledge(point, estimate)
     combined = {name for factors in combinations.values() for name in factors}
     if combinations:
