@@ -10,7 +10,17 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.units import joint_unit
-from smsid.effects import Effect, Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, TorqueOffset
+from smsid.effects import (
+    Effect,
+    FrictionAsymmetry,
+    Gear,
+    JointDrag,
+    JointFriction,
+    JointOffset,
+    MotorCoupling,
+    MotorInertia,
+    TorqueOffset,
+)
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -53,6 +63,28 @@ def _friction(
     return (
         _column(model, effect, "viscous", v, {k: rate}),
         _column(model, effect, "coulomb", v, {k: np.tanh(rate / effect.smoothing)}),
+    )
+
+
+@torque_columns.register
+def _drag(effect: JointDrag, model: SpacecraftModel, v: np.ndarray, a: np.ndarray) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    size, rate = np.abs(v[:, k]), v[:, k]
+    return (
+        _column(model, effect, "quadratic", v, {k: size * rate}),
+        _column(model, effect, "cubic", v, {k: size**2 * rate}),
+    )
+
+
+@torque_columns.register
+def _asymmetry(
+    effect: FrictionAsymmetry, model: SpacecraftModel, v: np.ndarray, a: np.ndarray
+) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    size = np.abs(v[:, k])
+    return (
+        _column(model, effect, "viscous", v, {k: size}),
+        _column(model, effect, "coulomb", v, {k: np.tanh(size / effect.smoothing)}),
     )
 
 

@@ -24,6 +24,7 @@ from smsid.effects.gear import Gear
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
+from smsid.effects.joint_law import FrictionAsymmetry, JointCable, JointDrag
 from smsid.effects.mass_loss import MassLoss
 from smsid.effects.mode_error import ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
@@ -38,6 +39,7 @@ from smsid.effects.sensor_errors import (
 )
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.slosh import Slosh, SloshNonlinearity
+from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
 __all__ = [
@@ -52,12 +54,15 @@ __all__ = [
     "ExtraMode",
     "ForceTerm",
     "FrequencyDrift",
+    "FrictionAsymmetry",
     "Gear",
     "GearCompliance",
     "GeometricStiffness",
     "GraspedBody",
     "GravityGradient",
     "InertiaTerm",
+    "JointCable",
+    "JointDrag",
     "JointFriction",
     "JointOffset",
     "LeverArm",
@@ -78,6 +83,7 @@ __all__ = [
     "SloshNonlinearity",
     "Starting",
     "Stuck",
+    "ThermalSnap",
     "ThrusterGain",
     "ThrusterMisalignment",
     "TimeOffset",

@@ -35,6 +35,10 @@ EXAMPLES = {
         ),
     },
     "joint_friction": {"name": "f", "joint": "joint1", "viscous": 0.1, "coulomb": 0.2},
+    "joint_drag": {"name": "jd", "joint": "joint2", "quadratic": 0.3, "cubic": 0.2},
+    "friction_asymmetry": {"name": "fa", "joint": "joint2", "viscous": 0.1, "coulomb": -0.2},
+    "joint_cable": {"name": "jc", "joint": "joint2", "stiffness": 2.0, "rest": 0.3},
+    "thermal_snap": {"name": "ts", "appendage": "panel", "deflection": 0.02, "start": 10.0},
     "gear": {"name": "g", "joint": "joint2", "ratio": 50.0, "torque_gain": 0.1, "also": {"joint1": 5.0}},
     "joint_offset": {"name": "z", "joint": "joint1", "angle": 0.1},
     "torque_offset": {"name": "b", "joint": "joint1", "torque": 0.3},
@@ -93,6 +97,7 @@ UNIT_OF_A_COUNT = {
     "kg^0.5 m",
     *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),
     *("kg m", "kg/s", "s", "N", "1/s^2", "m/s^2", "N/m^3", "N s^2/m^2", "1/s", "rad/(N m)", "N m/rad"),
+    *("N m s^2/rad^2", "N m s^3/rad^3"),
 }
 
 
