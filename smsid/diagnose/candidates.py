@@ -10,6 +10,7 @@ from itertools import chain, count
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, Projected, columns_of
@@ -17,7 +18,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 
 LOGGER = logging.getLogger(__name__)
-EXCITED = 1e-12  # share of a column's information that rounding may leave beside the fitted parameters
+EXCITED = THRESHOLDS.excited
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from smsid.diagnose.accept import Cause
 from smsid.diagnose.candidates import Candidate, scored, signatures
 from smsid.diagnose.noise import MISFIT, normalised_rmse
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Problem, run_filter
@@ -30,7 +31,7 @@ RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
-CLOSE = 0.9  # share of what the best one gains there below which another is not fitted
+CLOSE = THRESHOLDS.coarse_close
 STRONG: dict[str, tuple[float, ...]] = {
     "payload": (5.0, 15.0, 50.0, 150.0, 500.0),  # [kg]
     "body_error": (1.0, -0.5),  # of density

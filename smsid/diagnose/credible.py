@@ -6,10 +6,11 @@ import math
 
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.search import Search
+from smsid.diagnose.thresholds import THRESHOLDS
 
-LEFT = 3.0  # times its noise above which a cause's own channel is not explained by it
-READS = 0.1  # of what it should read, below which a sensor would read nothing
-LEAST = 0.01  # of a body's mass that has to be left of it
+LEFT = THRESHOLDS.own_channel
+READS = THRESHOLDS.sensor_reads
+LEAST = THRESHOLDS.body_left
 OF_JOINTS = ("joint_position", "joint_velocity")
 
 

@@ -24,6 +24,7 @@ from smsid.diagnose.proposals import propose
 from smsid.diagnose.rest import resting
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
@@ -39,10 +40,10 @@ from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
-SHORTEST = 100  # samples below which nothing is said
+SHORTEST = THRESHOLDS.shortest
 RATE = 25.0  # [Hz]
-LOUD = 5.0  # times its stated noise above which a channel is doubted
-FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
+LOUD = THRESHOLDS.loud
+FOREIGN = THRESHOLDS.foreign
 
 
 @short_repr

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import welch
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.kalman import FilterRun, Noise, Problem
@@ -17,10 +18,10 @@ from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
-SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
+SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
-MISFIT = 10.0  # times its noise level that the model leaves, over all channels, before misfit is counted
-FOLLOWED = 2.0  # the same below which the model is taken to follow again
+MISFIT = THRESHOLDS.misfit
+FOLLOWED = THRESHOLDS.followed
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough

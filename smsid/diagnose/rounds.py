@@ -27,11 +27,12 @@ from smsid.diagnose.onset import (
 )
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit
 
 LOGGER = logging.getLogger(__name__)
-CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all
+CLEAR = THRESHOLDS.beginnings_sought
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 

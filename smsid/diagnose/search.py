@@ -19,14 +19,15 @@ from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.further import freed
 from smsid.diagnose.noise import Fitted, first_fit, normalised_rmse, with_levels
 from smsid.diagnose.rounds import State
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.kalman import Problem
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
-STRAYS = 30.0  # times its noise that a first fit leaves, above which a strong cause is looked for at once
-LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
+STRAYS = THRESHOLDS.strays
+LOST = THRESHOLDS.lost
 
 
 @short_repr

@@ -15,16 +15,17 @@ from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.credible import doubts
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.search import Search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.parameter_vector import Unknown
 
-POWER = 0.95
-IN_TURN = 1.0  # [s] between their beginnings above which causes of one family are pieces of a drift
+POWER = THRESHOLDS.power
+IN_TURN = THRESHOLDS.in_turn
 IN_PIECES = (
     "The simulation does not explain the recording: what would, begins in turn, as the pieces of a drift do "
     "that no cause fits: {}."
 )
 ROUND = 0.02  # how near to a whole number a gain is told in words
-MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
+MOSTLY = THRESHOLDS.mostly
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",

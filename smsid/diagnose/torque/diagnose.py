@@ -12,6 +12,7 @@ from smsid.description import Description
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.equations import TorqueEquations, require_excitation, torque_equations
@@ -24,10 +25,10 @@ from smsid.errors import RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-SHORTEST = 100
+SHORTEST = THRESHOLDS.torque_shortest
 """Instants below which nothing is said."""
 
-FOREIGN = 0.7
+FOREIGN = THRESHOLDS.torque_foreign
 """Share of the torque left with every cause in, above which the recording is not this arm's."""
 
 
