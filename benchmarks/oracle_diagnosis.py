@@ -142,9 +142,9 @@ def refitted_on(data: Data, name: str, rate: float, seed: int) -> Fit:
     known = nominal(data.description, None)
     point: Point = known.point
     seen = measured(point.base, recording, data.description.effective_sensors()).thinned(rate)
-    problem = Problem(recording, seen, locked(point.base, recording), Timing(), Noise(), known.combinations)
+    problem = Problem(recording, seen, locked(point.base, recording), Timing(), Noise(), known.joint)
     timing = timing_of(point, problem)
-    problem = Problem(recording, seen, problem.locked, timing, Noise(), known.combinations)
+    problem = Problem(recording, seen, problem.locked, timing, Noise(), known.joint)
     return fit_with_noise(point, problem, known.unknowns).fit
 
 

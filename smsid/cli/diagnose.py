@@ -121,12 +121,13 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     gain = d["gain"]
     if gain["status"] == "evaluated":
         table = plain_table(
-            *("channel", "unit", "as given, rms", "extended, rms", "noise"),
+            *("channel", "unit", "as given, rms", "refitted, rms", "extended, rms", "noise"),
             title=f"open loop on {gain['recording']}",
             left=("channel", "unit"),
         )
         for c in gain["channels"]:
-            table.add_row(c["channel"], c["unit"], *(_short(c[k]) for k in ("given", "extended", "noise")))
+            sizes = (_short(c.get(k)) for k in ("given", "refitted", "extended", "noise"))
+            table.add_row(c["channel"], c["unit"], *sizes)
         yield table
         left_out = gain.get("left_out")
         yield (

@@ -90,7 +90,7 @@ def identify_command(
         list[str] | None,
         typer.Option(
             help="welded arm: more of friction to identify than viscous and Coulomb: direction, quadratic, "
-            "stribeck, load, position or temperature, of all joints or as in stribeck=shoulder_*",
+            "cubic, stribeck, load, position or temperature, of all joints or as in stribeck=shoulder_*",
         ),
     ] = None,
     level: Annotated[

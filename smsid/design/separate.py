@@ -263,7 +263,7 @@ def _fit(known: Nominal, recording: Recording, rate: float) -> tuple[Fit, list[C
     data = measured(point.base, recording, point.description.effective_sensors()).thinned(rate)
     force = "command.force" in recording and bool(np.any(recording["command.force"]))
     timing = Timing("held" if force else "linear", "right")
-    problem = Problem(recording, data, locked(point.base, recording), timing, Noise(), known.combinations)
+    problem = Problem(recording, data, locked(point.base, recording), timing, Noise(), known.joint)
     return evaluate(point, known.unknowns, problem), propose(point, problem, known.unknowns)
 
 
@@ -271,7 +271,7 @@ def candidates_of(known: Nominal, recording: Recording) -> list[Candidate]:
     """Return what `smsid diagnose` would try on a recording."""
     point = known.point
     data = measured(point.base, recording, point.description.effective_sensors())
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), Noise(), known.combinations)
+    problem = Problem(recording, data, locked(point.base, recording), Timing(), Noise(), known.joint)
     return propose(point, problem, known.unknowns)
 
 

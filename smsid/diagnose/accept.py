@@ -13,22 +13,23 @@ from scipy.stats import chi2
 
 from smsid.diagnose.candidates import Candidate, Score, correlation, odds
 from smsid.diagnose.searched import Resolved
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit
 from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
-NEAR = 0.5  # least correlation of two candidates that are taken for each other
-BEYOND = 0.001  # chance of how far one explains more than what is there, by which the latter is rejected
-NESTED = 0.05  # chance at which further parameters of a sibling are taken to explain something
-CONTAINED = 0.99  # correlation with a candidate of more parameters above which these can do the same
-AS_GOOD = 0.9  # the same, where they explain more than the one does
+NEAR = THRESHOLDS.near
+BEYOND = THRESHOLDS.beyond
+NESTED = THRESHOLDS.nested
+CONTAINED = THRESHOLDS.contained
+AS_GOOD = THRESHOLDS.contained_better
 FEW = 2  # aliases that are named whatever their chances are
-REST = 0.05  # chance of all that are left out beside them
+REST = THRESHOLDS.left_out
 SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which what it lacks is small
 AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
-SURPLUS = 3.0  # how much more than its linear score a refitted candidate may gain without a second look
+SURPLUS = THRESHOLDS.surplus
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,13 @@ class Levels:
     what is left beside it may be how finely the model follows that cause (3 % of its size): no cause.
     """
 
-    candidate: float = 0.003
-    block: float = 0.0003
-    further: float = 0.0003
-    alias: float = 6.6
-    onset: float = 9.2
-    linear: float = 400.0
-    beside: float = 1e-3
+    candidate: float = THRESHOLDS.candidate
+    block: float = THRESHOLDS.block
+    further: float = THRESHOLDS.further
+    alias: float = THRESHOLDS.alias
+    onset: float = THRESHOLDS.onset
+    linear: float = THRESHOLDS.linear
+    beside: float = THRESHOLDS.beside
     causes: int = 3
     contenders: int = 3
 

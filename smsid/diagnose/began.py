@@ -11,10 +11,11 @@ import numpy as np
 from smsid.diagnose.accept import Cause
 from smsid.diagnose.onset import step_from
 from smsid.diagnose.starts import Starts
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.estimation.map_estimate import Fit
 
-FAR = 25.0  # likelihood ratio against the best time above which an effect did not begin then: 5 sigma
+FAR = THRESHOLDS.beginning_apart
 COARSE = 16  # times over the whole recording, as there may be other maxima
 APART = 32  # times between the earliest and the latest possible
 BETWEEN = 40  # times between two of these, where changes are interpolated

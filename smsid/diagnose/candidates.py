@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
@@ -9,13 +10,15 @@ from itertools import chain, count
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, Projected, columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 
-EXCITED = 1e-12  # share of a column's information that rounding may leave beside the fitted parameters
+LOGGER = logging.getLogger(__name__)
+EXCITED = THRESHOLDS.excited
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
 
@@ -223,16 +226,27 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
     if not changes:
         return {}
     flat = propagate(found.run, changes).reshape(-1, len(changes))
-    return {i: flat[:, index] for i, index in where.items()}
+    known = {i: flat[:, index] for i, index in where.items()}
+    lost = [i for i, columns in known.items() if not np.isfinite(columns).all()]
+    for i in lost:
+        LOGGER.info("%s has no finite signature here", candidates[i].key)
+        del known[i]
+    return known
 
 
 def scored(found: Fit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:
     """Return the scores of candidates from their whitened columns (N rows, d).
 
-    The fitted parameters are free to move within their priors.
+    The fitted parameters are free to move within their priors. One that fails numerically has no score.
     """
     beside = found.projected(columns)
-    return [c.scored(found, own) for c, own in zip(candidates, beside, strict=True)]
+    scores: list[Score] = []
+    for candidate, own in zip(candidates, beside, strict=True):
+        try:
+            scores.append(candidate.scored(found, own))
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s cannot be scored: %s", candidate.key, error)
+    return scores
 
 
 def least_squares(

@@ -12,6 +12,8 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
+from smsid.diagnose.candidates import Candidate
+from smsid.diagnose.extension import with_inertial_shifts
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
@@ -22,6 +24,7 @@ from smsid.diagnose.proposals import propose
 from smsid.diagnose.rest import resting
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.search import Search, search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
@@ -31,16 +34,16 @@ from smsid.estimation.input_hold import locked
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
-from smsid.estimation.parameter_vector import Point
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
-SHORTEST = 100  # samples below which nothing is said
+SHORTEST = THRESHOLDS.shortest
 RATE = 25.0  # [Hz]
-LOUD = 5.0  # times its stated noise above which a channel is doubted
-FOREIGN = 0.5  # share of the motion left open loop above which the recording is not this spacecraft's
+LOUD = THRESHOLDS.loud
+FOREIGN = THRESHOLDS.foreign
 
 
 @short_repr
@@ -155,40 +158,44 @@ def _diagnose(
     data = rougher(without(whole, faults).thinned(rate), rounded)
     thinned = f"{len(data.times)} of {len(whole.times)} samples looked at"
     thinned = thinned if len(data.times) < len(whole.times) else ""
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.combinations)
+    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.joint)
     problem = replace(problem, timing=timing_of(point, problem))
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+    problem = replace(problem, timing=found.last.problem.timing)
     rests = resting(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
         problem = replace(problem, data=rougher(without(whole, faults).thinned(rate), rounded))
-        found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+        found = _again(
+            found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
+        )
     timing = timing_of(found.last.point, found.last.problem, problem.timing)
     if timing != problem.timing:  # what was wrong with the model hid it
         LOGGER.info("commands taken as %s, %s instead", timing.hold, timing.side)
         problem = replace(problem, timing=timing)
-        found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+        found = _again(
+            found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
+        )
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         read = problem.data
         problem = replace(problem, data=without(read, more))
-        found = search(found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
+        found = _again(found, found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
         still = counted_again(more, read, found.last.problem, found.last.run)
         faults += still
         if len(still) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
             problem = replace(problem, data=without(read, still))
-            found = search(
-                found.nominal.point, problem, known.unknowns, candidates, beside if faults else levels, coarse
-            )
+            at, asked = found.nominal.point, beside if faults else levels
+            found = _again(found, at, problem, known.unknowns, candidates, asked, coarse)
     seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
     partial, named = (named, ()) if decided == "unexplained" else ((), named)
-    extended = extended_description(found) if decided == "explained" else description
+    extended, told = with_inertial_shifts(found) if decided == "explained" else (description, ())
     gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate, faults)
     foreign = _foreign(found)
     if foreign:
@@ -217,20 +224,27 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, thinned, taken) if n),
+        notes=tuple(n for n in (*known.notes, thinned, taken, *found.failed, *told) if n),
     )
     return Diagnosed(result, extended, found)
 
 
-def extended_description(found: Search) -> Description:
-    """Return the description with every cause in it, and the nominal effects as refitted.
-
-    A cause that is a shift of a body's inertial parameters becomes a ``body_error`` effect, as a URDF is not
-    written again.
-    """
-    from smsid.diagnose.extension import with_inertial_shifts
-
-    return with_inertial_shifts(found)
+def _again(
+    found: Search,
+    point: Point,
+    problem: Problem,
+    unknowns: Sequence[Unknown],
+    candidates: Sequence[Candidate],
+    levels: Levels,
+    coarse: frozenset[str],
+) -> Search:
+    """Return a search made again, or the one before where it fails numerically: what was found is kept."""
+    try:
+        return search(point, problem, unknowns, candidates, levels, coarse)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("a second search failed: %s", error, exc_info=True)
+        note = f"a second search, with what the first one told, failed and was left out: {error}"
+        return replace(found, failed=(*found.failed, note))
 
 
 def _gain(

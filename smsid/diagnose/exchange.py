@@ -95,7 +95,9 @@ def sought_again(
         columns = list(signatures(less, [one]).values())
         if not columns:
             continue
-        (fresh,), ratio = scored(less, [one], columns), _own(last, less, cause).ratio
+        fresh, ratio = next(iter(scored(less, [one], columns)), None), _own(last, less, cause).ratio
+        if fresh is None:
+            continue
         if fresh.ratio - ratio < levels.alias:
             continue
         found = refit(less, fresh)

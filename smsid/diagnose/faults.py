@@ -9,11 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.rounded_attitude import step_of
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.measurements import Block, Measured
 
-STUCK_RUN = 12  # identical samples in a row that noise does not give
-REPEATS = 4  # the same where no other sample repeats the one before, and the noise is many steps of rounding
-FINE = 30.0  # such steps: four repeats in a row then have a chance of 1e-8
+STUCK_RUN = THRESHOLDS.stuck_run
+REPEATS = THRESHOLDS.repeats
+FINE = THRESHOLDS.fine
 
 
 @dataclass(frozen=True)

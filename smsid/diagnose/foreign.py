@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit
 
 SETTLE = 5.0  # [s] corrected before the model runs by itself
-MOVES = 20.0  # times its noise that a channel is to move to be asked
+MOVES = THRESHOLDS.moves
 QUANTITIES = ("joint_velocity", "angular_rate", "velocity")
 
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from smsid.diagnose.accept import Cause, Levels, unfitted
 from smsid.diagnose.candidates import Score, odds
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit, within_reach
 
 LOGGER = logging.getLogger(__name__)
-CURVED = 1.5  # times what its slopes promise that a fit may gain
+CURVED = THRESHOLDS.curved
 
 
 def freed_instead(current: Fit, causes: Sequence[Cause], best: Score, levels: Levels) -> Fit | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import welch
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.kalman import FilterRun, Noise, Problem
@@ -17,10 +18,10 @@ from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
-SLOW = 1.2  # variance over that of differences, above which a prediction error is not noise alone
+SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
-MISFIT = 10.0  # times its noise level that the model leaves, over all channels, before misfit is counted
-FOLLOWED = 2.0  # the same below which the model is taken to follow again
+MISFIT = THRESHOLDS.misfit
+FOLLOWED = THRESHOLDS.followed
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
@@ -46,18 +47,23 @@ class Fitted:
         return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
 
 
-def fit_with_noise(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
-    """Fit parameters and the noise level of every channel, in turn.
-
-    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
-    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
-    as noise that is as slow.
+def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
+    """Fit parameters to the noise as stated, not to the end.
 
     Raises `SimulationError` when the start cannot be filtered.
     """
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
-    found = Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+    return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+
+
+def with_levels(found: Fitted) -> Fitted:
+    """Return a first fit with the noise level of every channel fitted, too.
+
+    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
+    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
+    as noise that is as slow.
+    """
     if normalised_rmse(found.fit.run) > MISFIT:
         return _but_for_one(found) or refitted(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))

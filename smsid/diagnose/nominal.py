@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,8 @@ from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.mode_error import ModeError
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
-from smsid.estimation.parameter_vector import Combination, Point, Unknown
-from smsid.export.bodies import GROUPS, identified_bodies, parse_combination, urdf_bodies
+from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
+from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, parse_combination, urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -34,15 +35,17 @@ BEYOND = 0.5
 
 @dataclass(frozen=True)
 class Nominal:
-    """The nominal parameters, what is known of their combinations, and where that is from.
+    """The nominal parameters, what an estimate knows of them together, and where that is from.
 
-    ``point`` has the estimate's values. ``sources`` counts the standard deviations: ``estimate``,
-    ``description``, ``default``; ``notes`` say what of the estimate was not taken.
+    ``point`` has the estimate's values; ``combinations`` counts those of inertial parameters in ``joint``.
+    ``sources`` counts the standard deviations: ``estimate``, ``description``, ``default``; ``notes`` say what
+    of the estimate was not taken.
     """
 
     point: Point
     unknowns: tuple[Unknown, ...]
-    combinations: tuple[Combination, ...]
+    joint: JointPrior
+    combinations: int
     sources: dict[str, int]
     notes: tuple[str, ...] = ()
 
@@ -51,7 +54,7 @@ class Nominal:
         """One sentence on where the standard deviations are from."""
         parts = [f"{n} from the {k}" for k, n in self.sources.items() if n and k != "default"]
         if self.combinations:
-            parts.append(f"{len(self.combinations)} combinations of them from the estimate")
+            parts.append(f"{self.combinations} combinations of them from the estimate")
         if self.sources["default"]:
             parts.append(
                 f"{self.sources['default']} by default ({100 * DEFAULT_INERTIAL:g} % of a body's own size, "
@@ -66,7 +69,9 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
     With an estimate, values are the estimate's: effects directly, bodies as the nearest physical ones that
     agree with the identified combinations. Standard deviations are the estimate's, else the description's
     priors, else the stated defaults; a single parameter that is known in combinations only has the wide
-    default `BEYOND`. Sensor biases are nuisances where the description states their standard deviation.
+    default `BEYOND`. What the estimate knows has its covariance; without one its errors are taken as
+    independent, which a note says. Sensor biases are nuisances where the description states their standard
+    deviation.
 
     Raises `SmsidError` for an estimate that belongs to another spacecraft.
     """
@@ -77,8 +82,10 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
         known = {p.name: p for p in estimate.parameters}
         description, notes, told = with_beams(description, estimate)
     point = Point.of(description)
+    # what a URDF states in <dynamics> is listed, so that a friction found beside it adds to it
+    point = replace(point, description=point.base.description)
     single, combinations = _inertial_knowledge(point, estimate)
-    combined = {name for c in combinations for name in c.factors}
+    combined = {name for factors in combinations.values() for name in factors}
     if combinations:
         point = _moved_to(point, estimate, notes)
     found: list[Unknown] = []
@@ -130,7 +137,8 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
             estimate=sorted(known)[:10],
             description=[u.name for u in found][:10],
         )
-    return Nominal(point, (*found, *_biases(point)), combinations, sources, tuple(notes))
+    joint = _joint_prior(point, estimate, combinations, found, notes)
+    return Nominal(point, (*found, *_biases(point)), joint, len(combinations), sources, tuple(notes))
 
 
 def _size(effect: Effect, p: Parameter) -> float:
@@ -143,12 +151,16 @@ def _size(effect: Effect, p: Parameter) -> float:
     return abs(p.value)
 
 
-def _inertial_knowledge(point: Point, estimate: Estimate | None) -> tuple[set[str], tuple[Combination, ...]]:
-    """Return the inertial parameters an estimate knows singly, and the combinations of several it knows."""
+def _inertial_knowledge(
+    point: Point, estimate: Estimate | None
+) -> tuple[set[str], dict[str, dict[str, float]]]:
+    """Return the inertial parameters an estimate knows singly, and the factors of the combinations it knows
+    by its own name for them.
+    """
     if estimate is None:
-        return set(), ()
+        return set(), {}
     names = {f"{body}.{p}" for body in body_names(point.base.pin) for p in INERTIAL_NAMES}
-    single, combined = set(), []
+    single, combined = set(), {}
     for p in estimate.parameters:
         if not (np.isfinite(p.sigma) and p.sigma > 0.0):
             continue
@@ -159,8 +171,50 @@ def _inertial_knowledge(point: Point, estimate: Estimate | None) -> tuple[set[st
         if terms == {p.name: 1.0} and p.group not in GROUPS:
             single.add(p.name)
         else:
-            combined.append(Combination(own, float(p.sigma)))
-    return single, tuple(combined)
+            combined[p.name] = own
+    return single, combined
+
+
+def _joint_prior(
+    point: Point,
+    estimate: Estimate | None,
+    combinations: Mapping[str, Mapping[str, float]],
+    unknowns: Sequence[Unknown],
+    notes: list[str],
+) -> JointPrior:
+    """Return what an estimate knows of combinations and single parameters together.
+
+    Errors of an estimate go together: taken as independent, their sum would be known far too well, and what
+    it is off by be taken for a cause. Factors are rounded in the combinations' names, which adds to them.
+    """
+    if estimate is None:
+        return JointPrior()
+    own = {p.name: i for i, p in enumerate(estimate.parameters)}
+    single = {u.name: {u.name: 1.0} for u in unknowns if u.name in own and u.name not in combinations}
+    single = {n: f for n, f in single.items() if _of_estimate(n, unknowns, estimate)}
+    factors = {**combinations, **single}
+    if not factors:
+        return JointPrior()
+    places = [own[n] for n in factors]
+    sigma = estimate.sigmas[places]
+    if estimate.covariance is None:
+        notes.append("the estimate has no covariance: its parameters' errors are taken as independent")
+        covariance = np.diag(sigma**2)
+    else:
+        covariance = estimate.covariance[np.ix_(places, places)].copy()
+    values = {u.name: point.value(u) for u in unknowns}
+    rounded = [
+        ROUNDED * sum(abs(f * values.get(n, 0.0)) for n, f in some.items() if abs(f) != 1.0)
+        for some in factors.values()
+    ]
+    covariance[np.diag_indices_from(covariance)] += np.square(rounded)
+    return JointPrior(tuple(factors.values()), covariance)
+
+
+def _of_estimate(name: str, unknowns: Sequence[Unknown], estimate: Estimate) -> bool:
+    """Whether the prior of a parameter is the estimate's own standard deviation."""
+    stated = estimate[name].sigma
+    return bool(np.isfinite(stated)) and any(u.name == name and u.sigma == stated for u in unknowns)
 
 
 def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Point:

@@ -11,6 +11,7 @@ import numpy as np
 
 from smsid.diagnose.candidates import Candidate, Score, changes_of, scored, signatures
 from smsid.diagnose.starts import Starts, cut
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import FilterRun
@@ -20,13 +21,13 @@ from smsid.estimation.sensitivities import Sensitivity, propagate
 LOGGER = logging.getLogger(__name__)
 ONSETS = 9  # times an effect may begin at, a round
 ROUNDS, MORE = 3, 2  # each finer; more where the effect is strong enough to show the very sample
-STRONG = 400.0
-POOR = 10.0  # standard deviations of a sum of squares
+STRONG = THRESHOLDS.beginning_strong
+POOR = THRESHOLDS.beginning_poor
 COARSE = 5  # times at which all candidates are tried
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 DENSE = 160  # times a strong one may begin at: where its torque changes sign, the ratio has many maxima
 AGAIN = 16  # times a fitted effect's beginning may move to, before finer ones
-MOVED = 4.0  # likelihood ratio a move has to gain, to first order
+MOVED = THRESHOLDS.beginning_moved
 MOVES = 4  # times it moves at most
 
 

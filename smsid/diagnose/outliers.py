@@ -12,15 +12,16 @@ from scipy.special import expit, logit, logsumexp
 from scipy.stats import laplace, norm
 
 from smsid.diagnose.faults import Fault
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.kalman import FilterRun, Problem
 from smsid.estimation.measurements import Measured
 
-OUTLIER = 6.0  # standard deviations of the prediction error
-CALM = 3.0  # what the neighbours of an outlier stay below
+OUTLIER = THRESHOLDS.outlier
+CALM = THRESHOLDS.outlier_calm
 FEW = 3  # outliers of a component below which each has to stand out by itself
-WIDE = 3.0  # least size of the wide distribution of outliers, in those of noise
-ALONE = 7.0  # the same as `OUTLIER` for these: Gaussian noise has one in 10 million recordings
-ELSEWHERE = 4.0  # what other channels then stay below at the same sample
+WIDE = THRESHOLDS.outlier_wide
+ALONE = THRESHOLDS.outlier_alone
+ELSEWHERE = THRESHOLDS.outlier_elsewhere
 
 
 def outliers(data: Measured, run: FilterRun) -> list[Fault]:

@@ -37,7 +37,12 @@ def pruned(
         if not doubted:
             break
         worst = min(doubted, key=lambda c: wald(last, c.score.candidate))
-        left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
+        try:
+            left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
+        except (SmsidError, np.linalg.LinAlgError) as error:  # without a cause the recording is lost
+            LOGGER.info("not without %s: %s", worst.score.candidate.key, error)
+            needed.append(worst)
+            continue
         if _missed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
             LOGGER.info("%s is missed", worst.score.candidate.key)
             needed.append(worst)

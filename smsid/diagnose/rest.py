@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.diagnose.faults import Fault
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import Measured
 
-HELD = 2.0  # rms of the normalised errors up to which what repeats itself is at rest; rounding has sqrt(3)
+HELD = THRESHOLDS.at_rest
 
 
 def resting(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:

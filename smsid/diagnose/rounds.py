@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,10 +27,12 @@ from smsid.diagnose.onset import (
 )
 from smsid.diagnose.prune import pruned
 from smsid.diagnose.stepping import finely_stepped
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit
 
 LOGGER = logging.getLogger(__name__)
-CLEAR = 60.0  # likelihood ratio, twice that of what is just found, above which beginnings are sought for all
+CLEAR = THRESHOLDS.beginnings_sought
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -42,13 +44,30 @@ class State:
     in for a piece of it.
     """
 
-    def __init__(self, fitted: Fitted, candidates: Sequence[Candidate], levels: Levels) -> None:
+    def __init__(
+        self,
+        fitted: Fitted,
+        candidates: Sequence[Candidate],
+        levels: Levels,
+        *,
+        known: Cause | None = None,
+        nominal: Fit | None = None,
+    ) -> None:
+        """Begin with the nominal parameters fitted, or with one cause ``known`` beside them already.
+
+        ``nominal`` is then the fit without it, in a model that may err.
+        """
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
-        self.causes: list[Cause] = []
+        self.causes: list[Cause] = [] if known is None else [known]
         self.held: tuple[Block, ...] = ()
         self._nominal()
+        if nominal is not None:
+            self.nominal = nominal
+            self.normalised_rmse = normalised_rmse(nominal.run)
+        self.failed: list[str] = []
         self._restarts = 0
-        self._finer = False  # than when the last cause was chosen is the noise now
+        # whether the noise is finer now than when the last cause was chosen
+        self._finer = known is not None
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._scored()
@@ -62,6 +81,19 @@ class State:
     def samples(self) -> int:
         """The number of samples that odds are of."""
         return self.current.run.samples
+
+    def guarded(self, what: str, step: Callable[[], bool | None]) -> bool:
+        """Take a step of the search; return what it returns. One that fails numerically is undone and noted:
+        what was found before stays.
+        """
+        before = self.fitted, list(self.causes), self.held, self.scores, self.nominal, self.normalised_rmse
+        try:
+            return bool(step())
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s failed: %s", what, error, exc_info=True)
+            self.fitted, self.causes, self.held, self.scores, self.nominal, self.normalised_rmse = before
+            self.failed.append(f"{what} failed numerically and was left out: {error}")
+            return False
 
     def look_further(self) -> bool:
         """Look for one cause more; return whether there may be another."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,17 +13,21 @@ from smsid._short_repr import short_repr
 from smsid.diagnose.accept import Cause, Levels
 from smsid.diagnose.blocks import PAST, Block, adequacy
 from smsid.diagnose.candidates import Candidate, Score
+from smsid.diagnose.coarse import coarse_cause
 from smsid.diagnose.erratic import erratic
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.further import freed
-from smsid.diagnose.noise import fit_with_noise, normalised_rmse
+from smsid.diagnose.noise import Fitted, first_fit, normalised_rmse, with_levels
 from smsid.diagnose.rounds import State
-from smsid.errors import RecordingError
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.kalman import Problem
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
 
-LOST = 1.0  # share of the motion the fitted nominal model may leave before no cause is looked for
+LOGGER = logging.getLogger(__name__)
+STRAYS = THRESHOLDS.strays
+LOST = THRESHOLDS.lost
 
 
 @short_repr
@@ -34,6 +39,7 @@ class Search:
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
     prediction errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    ``failed`` says in sentences what could not be done for numerical reasons.
     """
 
     nominal: Fit
@@ -50,6 +56,7 @@ class Search:
     seconds: dict[str, float] = field(default_factory=dict)
     levels: Levels = field(default_factory=Levels)
     coarse: frozenset[str] = frozenset()
+    failed: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Block, ...]:
@@ -85,18 +92,11 @@ def search(
     """
     levels = levels or Levels()
     clock = [time.process_time()]
-    fitted = fit_with_noise(point, problem, tuple(unknowns))
-    if fitted.misfit and motion_left(fitted.fit, fitted.by_channel) > LOST:
-        raise RecordingError(
-            "The model predicts the motion worse than no motion would, with its parameters fitted.",
-            advice="Is the recording of another spacecraft? Check the signs and the order of the commands.",
-            recording=problem.recording.name,
-        )
+    state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
-    state = State(fitted, candidates, levels)
-    while state.look_further():
+    while state.guarded("looking for a further cause", state.look_further):
         pass
-    state.close()
+    state.guarded("judging the causes beside each other", state.close)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -109,8 +109,43 @@ def search(
         len(candidates), state.samples, state.fitted.by_channel, state.fitted.misfit,
         (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
-        levels, coarse,
+        levels, coarse, tuple(state.failed),
     )  # fmt: skip
+
+
+def _begun(
+    point: Point,
+    problem: Problem,
+    unknowns: tuple[Unknown, ...],
+    candidates: Sequence[Candidate],
+    levels: Levels,
+) -> State:
+    """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
+    strong cause beside them.
+    """
+    first: Fitted | None = None
+    try:
+        first = first_fit(point, problem, unknowns)
+        lost: SmsidError | np.linalg.LinAlgError | None = None
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("the nominal parameters cannot be fitted: %s", error)
+        lost = error
+    if first is None or normalised_rmse(first.fit.run) > STRAYS:
+        coarse = coarse_cause(point, problem, unknowns, candidates)
+        if coarse is not None:
+            fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))
+            return State(fitted, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
+    if first is None:
+        assert lost is not None
+        raise lost
+    fitted = with_levels(first)
+    if fitted.misfit and motion_left(fitted.fit, fitted.by_channel) > LOST:
+        raise RecordingError(
+            "The model predicts the motion worse than no motion would, with its parameters fitted.",
+            advice="Is the recording of another spacecraft? Check the signs and the order of the commands.",
+            recording=problem.recording.name,
+        )
+    return State(fitted, candidates, levels)
 
 
 def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[Block, ...]:
@@ -125,7 +160,8 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[Block, ...]:
             state.enlarge(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
-        blocks = (*state.held, *adequacy(state.current)) if state.prune() else blocks
+        left_out = state.guarded("leaving out needless causes", state.prune)
+        blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     return blocks
 
 

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import Applied, applied
 from smsid.estimation.map_estimate import Fit, fit
 from smsid.estimation.process_model import ProcessModel
 
 LOGGER = logging.getLogger(__name__)
-SEEN = 4.0  # squared size of the steps' errors in the innovations, beside the fitted parameters, that shows
+SEEN = THRESHOLDS.steps_seen
 FINER = 3  # times that the steps are halved
 
 

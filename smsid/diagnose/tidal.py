@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, changes_of, least_squares
 from smsid.diagnose.searched import Resolved
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.estimation.map_estimate import Fit, Projected
@@ -17,7 +18,7 @@ from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
-STRONG = 400.0  # likelihood ratio from which the recording tells which way the vertical turns
+STRONG = THRESHOLDS.vertical_seen
 NORMALS = 8  # directions of the orbit's normal that are tried then
 DIRECTIONS = 100  # of the vertical, over half a sphere
 SMALL = 1e-5  # [rad] step of a difference

@@ -12,17 +12,20 @@ from smsid.diagnose.accept import FEW, Cause
 from smsid.diagnose.began import Began, began
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate
+from smsid.diagnose.credible import doubts
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.search import Search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.parameter_vector import Unknown
 
-POWER = 0.95
-IN_TURN = 1.0  # [s] between their beginnings above which causes of one family are pieces of a drift
+POWER = THRESHOLDS.power
+IN_TURN = THRESHOLDS.in_turn
 IN_PIECES = (
     "The simulation does not explain the recording: what would, begins in turn, as the pieces of a drift do "
     "that no cause fits: {}."
 )
-MOSTLY = 0.9  # share of what the noise does not explain that causes take away where the model never follows
+ROUND = 0.02  # how near to a whole number a gain is told in words
+MOSTLY = THRESHOLDS.mostly
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
@@ -173,6 +176,12 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them."""
     left = found.left
     words = "; ".join(describe(c) for c in named)
+    doubted = next((d for d in (doubts(found, c) for c in named) if d), "")
+    if doubted:
+        return "unexplained", (
+            f"The simulation does not explain the recording: what would ({words}) is not believed, "
+            f"as {doubted}."
+        )
     if found.misfit:
         return _with_misfit(found, named, words)
     if left:
@@ -220,17 +229,31 @@ def _with_misfit(found: Search, named: tuple[FoundCause, ...], words: str) -> tu
     return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")
 
 
+def _plainly(cause: FoundCause, p: Value) -> str:
+    """Return in words what a large value of a gain or scale means."""
+    if not p.name.partition(".")[2].startswith(("error", "gain")) or p.unit != "1":
+        return ""
+    if abs(p.value + 2.0) < ROUND + 3.0 * p.sigma:
+        return " (its sign is reversed)"
+    if cause.family == "actuator" and abs(p.value + 1.0) < ROUND + 3.0 * p.sigma:
+        return " (it does nothing)"
+    return ""
+
+
 def describe(cause: FoundCause) -> str:
     """Return a cause in words, with its value and those it is not told from."""
     what = f"{cause.label} ({cause.effect}) at {cause.location}"
     if cause.parameters:
         first = cause.parameters[0].name.split(".")[1]  # the strength; a place or a phase is none
         own = [p for p in cause.parameters if p.nominal is not None or p.name.split(".")[1] == first]
-        p = max(own, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
+        told = [p for p in own if np.isfinite(p.sigma)] or own
+        p = max(told, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
-        what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} +- {p.sigma:.2g} {p.unit}{shift}"
+        spread = f"+- {p.sigma:.2g}" if np.isfinite(p.sigma) else "(how well is not known)"
+        what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
     if cause.onset is not None:
-        give = "" if cause.onset_sigma is None else f" +- {cause.onset_sigma:.2g}"
+        known = cause.onset_sigma is not None and np.isfinite(cause.onset_sigma)
+        give = "" if not known else f" +- {cause.onset_sigma:.2g}"
         what += f", from {cause.onset:.4g}{give} s on"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

@@ -25,6 +25,7 @@ from smsid.effects.gear import Gear
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
+from smsid.effects.joint_cable import JointCable
 from smsid.effects.mass_loss import MassLoss
 from smsid.effects.mode_error import ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
@@ -40,6 +41,7 @@ from smsid.effects.sensor_errors import (
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity
+from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
 __all__ = [
@@ -61,6 +63,7 @@ __all__ = [
     "GraspedBody",
     "GravityGradient",
     "InertiaTerm",
+    "JointCable",
     "JointFriction",
     "JointOffset",
     "LeverArm",
@@ -82,6 +85,7 @@ __all__ = [
     "SloshNonlinearity",
     "Starting",
     "Stuck",
+    "ThermalSnap",
     "ThrusterGain",
     "ThrusterMisalignment",
     "TimeOffset",

@@ -184,7 +184,10 @@ class ThrusterMisalignment(ThrustEffect):
 
 @register
 class TorqueGain(ActuatorEffect):
-    """The torque of a joint's or wheel's motor is ``1 + error`` times the commanded one."""
+    """The torque of a joint's or wheel's motor is ``1 + error`` times the commanded one.
+
+    -1: it does not turn; -2: the sign is reversed.
+    """
 
     summary: ClassVar[str] = "wrong torque constant of a motor"
     aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "body_error")
@@ -194,7 +197,7 @@ class TorqueGain(ActuatorEffect):
     }
     kind: Literal["torque_gain"] = "torque_gain"
     joint: str = Field(description="joint of an arm, or wheel")
-    error: float = physical("1", lower=-1.0, default=0.0, description="relative error of the torque")
+    error: float = physical("1", default=0.0, description="relative error of the torque; -2: its sign")
 
     def target(self) -> str:
         """Return the joint."""

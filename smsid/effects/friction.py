@@ -14,7 +14,7 @@ from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding
 if TYPE_CHECKING:
     from smsid.model.assembly import Assembly
 
-ON_REQUEST = ("direction", "quadratic", "temperature")
+ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
 
 
@@ -25,7 +25,7 @@ class JointFriction(Starting):
     With ``s = tanh(qd / smoothing)``, T the temperature above the reference, and tau the torque that drives
     the joint (where its motion is prescribed, nothing drives it, and the load takes no part):
 
-    ``-(viscous + viscous_direction s + quadratic |qd| + viscous_temperature T) qd``
+    ``-(viscous + viscous_direction s + quadratic |qd| + cubic qd^2 + viscous_temperature T) qd``
     ``-(coulomb + coulomb_direction s + stribeck exp(-|qd/stribeck_rate|^stribeck_exponent) + load |tau|
     + position_cos cos q + position_sin sin q + coulomb_temperature T) s``
 
@@ -64,6 +64,7 @@ class JointFriction(Starting):
     quadratic: float = physical(
         "N m s^2/rad^2", default=0.0, description="torque per rate squared; negative where drag flattens"
     )
+    cubic: float = physical("N m s^3/rad^3", default=0.0, description="torque per cube of the rate")
     stribeck: float = physical(
         "N m", lower=0.0, default=0.0, description="torque beyond `coulomb` on breaking loose"
     )

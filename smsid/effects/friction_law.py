@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-Law = Literal["direction", "quadratic", "stribeck", "load", "position", "temperature"]
+Law = Literal["direction", "quadratic", "cubic", "stribeck", "load", "position", "temperature"]
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ TERMS: tuple[FrictionTerm, ...] = (
     FrictionTerm("viscous_direction", "direction", lambda s: s.rate * s.sign),
     FrictionTerm("coulomb_direction", "direction", lambda s: s.sign * s.sign),
     FrictionTerm("quadratic", "quadratic", lambda s: s.rate * np.abs(s.rate)),
+    FrictionTerm("cubic", "cubic", lambda s: s.rate**3),
     FrictionTerm("stribeck", "stribeck", lambda s: s.curve * s.sign),
     FrictionTerm("load", "load", lambda s: np.abs(s.load) * s.sign),
     FrictionTerm("position_cos", "position", lambda s: np.cos(s.angle) * s.sign),

@@ -19,6 +19,7 @@ from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import Reported, reported
 from smsid.estimation.input_timing import timings
 from smsid.estimation.kalman import Timing
+from smsid.estimation.loosening import LOOSENED, loosened
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.panels import modal_panels, plain_panels
@@ -31,9 +32,6 @@ from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
 METHOD = "maximum_likelihood"
-LOOSENED = (0.3, 0.03)
-"""Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
-that may err a little has a likelihood without the many maxima of one that may not."""
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
@@ -234,22 +232,7 @@ def _search(
 
 def _loosened(flight: Flight, share: float) -> Flight:
     """Return a flight whose model may err, from sample to sample, by a share of what drives it."""
-    problem = flight.problem
-    model = flight.model
-    drive = problem.inputs(model).applied(model)
-    times = problem.data.times[:: max(1, len(problem.data.times) // 500)]
-    applied = np.array([drive(float(t)) for t in times])
-    size = np.sqrt(np.mean(applied**2, axis=0))
-    for unknown in problem.unknown_inputs:
-        size[unknown.dof] = max(size[unknown.dof], unknown.sigma / 3.0)
-    noise = replace(problem.noise, more=tuple((int(v), share * float(size[v])) for v in np.flatnonzero(size)))
-    if model.free:
-        inner = float(np.linalg.norm(size[6:]))
-        lever = float(np.linalg.norm(model.thrust_point)) + 1.0
-        force = float(np.linalg.norm(size[:3])) + inner / lever
-        torque = float(np.linalg.norm(size[3:6])) + inner + lever * float(np.linalg.norm(size[:3]))
-        noise = replace(noise, force=share * force + noise.force, torque=share * torque + noise.torque)
-    return replace(flight, problem=replace(problem, noise=noise))
+    return replace(flight, problem=loosened(flight.model, flight.problem, share))
 
 
 def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight) -> Flight:

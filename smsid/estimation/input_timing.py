@@ -53,8 +53,8 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
             runs[timing] = run_filter(model, replace(problem, timing=timing))
         except SimulationError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-    if not runs:
-        return now or choices[0]  # the search says what is wrong
+    if not runs:  # lost: the search says what is wrong; commands are taken for what they look like
+        return now or next((t for t in choices if t.hold == "jumps"), choices[0])
     follows = min(normalised_rmse(r) for r in runs.values()) <= MISFIT
     likely = {t: _after_the_first(r) if follows else _with_own_levels(r) for t, r in runs.items()}
     LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from smsid.errors import SimulationError
 from smsid.estimation.input_hold import Hold, commanded, jumps_in, limits, means, unevenness
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import Measured
-from smsid.estimation.parameter_vector import Combination
+from smsid.estimation.parameter_vector import JointPrior
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
@@ -113,7 +113,7 @@ class UnknownInput:
 
 @dataclass(frozen=True)
 class Problem:
-    """A recording to be explained: samples, commands, how they are taken, and combinations known before.
+    """A recording to be explained: samples, commands, how they are taken, and what is known together before.
 
     ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
     state at the first sample (read from it, with wide standard deviations, when not given).
@@ -125,7 +125,7 @@ class Problem:
     locked: np.ndarray
     timing: Timing
     noise: Noise
-    combinations: tuple[Combination, ...] = ()
+    joint: JointPrior = field(default_factory=JointPrior)
     substep: float = SUBSTEP
     begin: Belief | None = None
     unknown_inputs: tuple[UnknownInput, ...] = ()

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
-from smsid.errors import SmsidError
+from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.kalman import FilterRun, Problem, run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
@@ -220,7 +220,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
                     grown = max(radius, GROWN * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
                     return _normal(point, unknowns, problem, run, model), radius
-        except SmsidError as error:
+        except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
         radius = shortened(length, float(found.slope @ step), -gained)
     return None, radius
@@ -245,25 +245,12 @@ def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: 
 
 
 def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Prior:
-    """Return the priors of single parameters and of combinations at a point.
-
-    A parameter without prior leaves the combinations it is part of: nothing is known of them any more.
-    """
+    """Return the priors of single parameters and of what is known together at a point."""
     shift = np.array([point.value(u) - u.nominal for u in unknowns])
     scale = np.array([u.scale for u in unknowns])
-    sigma = np.array([u.sigma for u in unknowns])
-    rows = np.diag(1.0 / sigma)
-    place = {u.name: i for i, u in enumerate(unknowns)}
-    more = []
-    for known in problem.combinations:
-        if any(n in place and not np.isfinite(sigma[place[n]]) for n in known.factors):
-            continue
-        row = np.zeros(len(unknowns))
-        for name, factor in known.factors.items():
-            if name in place:
-                row[place[name]] = factor / known.sigma
-        more.append(row)
-    rows = np.vstack([rows, *more]) if more else rows
+    joint = problem.joint
+    own = np.diag([0.0 if joint.single(u) else 1.0 / u.sigma for u in unknowns])
+    rows = np.vstack([own, joint.rows(unknowns)])
     return Prior(rows @ shift, rows * scale)
 
 
@@ -273,6 +260,11 @@ def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Fi
     whitened = propagate(run, columns_of(changes, unknowns))
     whitened *= np.array([u.scale for u in unknowns])
     flat = whitened.reshape(-1, len(unknowns))
+    if not np.isfinite(flat).all():
+        raise SimulationError(
+            "The derivatives of the predictions are no longer finite.",
+            advice="Does the description belong to this recording? Check units and signs.",
+        )
     prior = prior_of(point, unknowns, problem)
     gram = flat.T @ flat + prior.rows.T @ prior.rows
     slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off

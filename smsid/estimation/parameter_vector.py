@@ -17,6 +17,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
 
 Kind = Literal["inertial", "effect", "bias"]
+DEGENERATE = 1e-10  # eigenvalue of a correlation below which it is rounding
 
 
 @dataclass(frozen=True)
@@ -77,11 +78,48 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Combination:
-    """What is known of a sum of inertial parameters: factors by name, and its standard deviation."""
+class JointPrior:
+    """What is known of sums of parameters together: the factors of each by name, and their covariance (n, n).
 
-    factors: Mapping[str, float]
-    sigma: float
+    A parameter that is such a sum by itself has its prior here and not in its own ``sigma``.
+    """
+
+    factors: tuple[Mapping[str, float], ...] = ()
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @classmethod
+    def independent(cls, factors: Sequence[Mapping[str, float]], sigmas: Sequence[float]) -> JointPrior:
+        """Return the prior of sums whose errors do not go together."""
+        return cls(tuple(factors), np.diag(np.square(np.asarray(sigmas, dtype=float))))
+
+    def single(self, unknown: Unknown) -> bool:
+        """Whether a parameter is one of the sums."""
+        return any(f == {unknown.name: 1.0} for f in self.factors)
+
+    def rows(self, unknowns: Sequence[Unknown]) -> np.ndarray:
+        """Return whitened rows (m, unknowns): times a change of the unknowns, of unit variance each.
+
+        A sum with a parameter that has no prior, or with none of the unknowns, is left out, and nothing is
+        said of it: the others keep their marginal covariance.
+        """
+        place = {u.name: i for i, u in enumerate(unknowns)}
+        free = {u.name for u in unknowns if not np.isfinite(u.sigma)}
+        kept = [
+            i
+            for i, f in enumerate(self.factors)
+            if not free.intersection(f) and not place.keys().isdisjoint(f)
+        ]
+        rows = np.zeros((len(kept), len(unknowns)))
+        for row, i in zip(rows, kept, strict=True):
+            for name, factor in self.factors[i].items():
+                if name in place:
+                    row[place[name]] = factor
+        if not kept:
+            return rows
+        own = self.covariance[np.ix_(kept, kept)]
+        sigma = np.sqrt(np.diag(own))
+        size, basis = np.linalg.eigh(own / np.outer(sigma, sigma))
+        return (basis / np.sqrt(np.maximum(size, DEGENERATE))).T @ (rows / sigma[:, None])
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ keeps bodies off the very boundary. Every iterate is physical; bodies that alrea
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
-from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of, tangent
 from smsid.model.assembly import pseudo_inertia
 
@@ -23,7 +24,21 @@ ROUNDING = 1e-12  # of the largest eigenvalue: what smaller ones are raised to
 FLOOR = 1e-3  # smallest eigenvalue a start may have, relative to the described body
 
 
-def consistent_inertias(found: Parameters, described: Parameters, covariance: np.ndarray) -> np.ndarray:
+class Bodies(Protocol):
+    """Inertial parameters of rigid bodies (bodies, 10), and what a unit of a step of them is."""
+
+    @property
+    def inertias(self) -> np.ndarray:
+        """Inertial parameters (bodies, 10)."""
+        ...
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """What a unit of a step is (bodies, 10)."""
+        ...
+
+
+def consistent_inertias(found: Bodies, described: Bodies, covariance: np.ndarray) -> np.ndarray:
     """Return inertial parameters (bodies, 10) of bodies that can exist.
 
     ``covariance`` (10 bodies, 10 bodies) is that of the steps of the inertial parameters.

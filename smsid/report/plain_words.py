@@ -10,6 +10,7 @@ from smsid.report.numbers import number, unit, with_half
 QUANTILE = 1.959964
 WORDS = {
     "joint_friction": "{place} has {shape} friction that the description lacks",
+    "joint_cable": "a cable or hose across {place} pulls it back",
     "motor_inertia": "the motor of {place} adds inertia that the description lacks",
     "torque_gain": "the torque of {place} is not what is commanded, by a factor",
     "actuator_delay": "{place} acts later than it is commanded",
@@ -36,6 +37,7 @@ WORDS = {
     "beam_appendage": "{place} bends otherwise than described",
     "modal_appendage": "{place} bends otherwise than described",
     "geometric_stiffness": "{place} grows stiffer or softer as the craft moves",
+    "thermal_snap": "{place} comes to rest bent, as by heat on one side",
     "wheel_imbalance": "{place} is out of balance",
     "sensor_bias": "{place} has a bias",
     "sensor_scale": "{place} reads on another scale",

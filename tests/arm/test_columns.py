@@ -24,6 +24,7 @@ EFFECTS = {
         viscous_direction=0.1,
         coulomb_direction=-0.05,
         quadratic=0.03,
+        cubic=0.02,
         stribeck=0.3,
         stribeck_rate=0.8,
         position_cos=0.1,

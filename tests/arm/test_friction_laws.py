@@ -20,6 +20,7 @@ WIDTH = 0.02
 LAWS = {
     "direction": (lambda s: 0.6 * np.abs(s["v"]), {"viscous_direction": 0.6}),
     "quadratic": (lambda s: 0.3 * s["v"] * np.abs(s["v"]), {"quadratic": 0.3}),
+    "cubic": (lambda s: 0.2 * s["v"] ** 3, {"cubic": 0.2}),
     "stribeck": (lambda s: 1.2 * np.exp(-((s["v"] / 0.15) ** 2)) * s["sign"], {"stribeck": 1.2}),
     "load": (lambda s: 0.08 * np.abs(s["load"]) * s["sign"], {"load": 0.08}),
     "position": (

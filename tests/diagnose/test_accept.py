@@ -107,7 +107,9 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
 
     start = Fitted(stopped, np.ones(stopped.problem.data.rows))
     monkeypatch.setattr("smsid.diagnose.rounds.accept", accepted)
-    monkeypatch.setattr("smsid.diagnose.search.fit_with_noise", lambda *_: start)
+    monkeypatch.setattr("smsid.diagnose.search.first_fit", lambda *_: start)
+    monkeypatch.setattr("smsid.diagnose.search.with_levels", lambda found: found)
+    monkeypatch.setattr("smsid.diagnose.search.coarse_cause", lambda *_: None)
     monkeypatch.setattr("smsid.diagnose.candidates.Score.p_value", 1e-9)
     other = replace(score.candidate, location="elsewhere")
     found = search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])

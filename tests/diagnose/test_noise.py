@@ -9,11 +9,12 @@ from scipy.signal import lfilter
 
 from smsid.diagnose.noise import (
     Fitted,
-    fit_with_noise,
+    first_fit,
     misfit_factors,
     noise_factors,
     normalised_rmse,
     refitted,
+    with_levels,
 )
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import fit
@@ -73,8 +74,8 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
     values = data.values.copy()
     values[data.times > 3.0, row] += 3.0
     unknowns = known.unknowns[:10]
-    found = fit_with_noise(known.point, replace(problem, data=replace(data, values=values)), unknowns)
-    sound = fit_with_noise(known.point, problem, unknowns)
+    found = with_levels(first_fit(known.point, replace(problem, data=replace(data, values=values)), unknowns))
+    sound = with_levels(first_fit(known.point, problem, unknowns))
     assert not found.misfit
     assert normalised_rmse(found.fit.run) > 100.0
     for u in unknowns:
@@ -84,7 +85,7 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
 
 def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
-    assert fit_with_noise(known.point, wrong, known.unknowns[:1]).misfit
+    assert with_levels(first_fit(known.point, wrong, known.unknowns[:1])).misfit
 
 
 def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, problem, monkeypatch):

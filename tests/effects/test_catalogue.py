@@ -37,6 +37,8 @@ EXAMPLES = {
     "servo": {"name": "sv", "joint": "joint1", "stiffness": 40.0, "damping": 1.0, "limit": 5.0},
     "base_tilt": {"name": "bt", "x": 0.02, "y": -0.01},
     "joint_friction": {"name": "f", "joint": "joint1", "viscous": 0.1, "coulomb": 0.2},
+    "joint_cable": {"name": "jc", "joint": "joint2", "stiffness": 2.0, "rest": 0.3},
+    "thermal_snap": {"name": "ts", "appendage": "panel", "deflection": 0.02, "start": 10.0},
     "gear": {"name": "g", "joint": "joint2", "ratio": 50.0, "torque_gain": 0.1, "also": {"joint1": 5.0}},
     "joint_offset": {"name": "z", "joint": "joint1", "angle": 0.1},
     "torque_offset": {"name": "b", "joint": "joint1", "torque": 0.3},
@@ -95,7 +97,7 @@ UNIT_OF_A_COUNT = {
     "kg^0.5 m",
     *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),
     *("kg m", "kg/s", "s", "N", "1/s^2", "m/s^2", "N/m^3", "N s^2/m^2", "1/s", "rad/(N m)", "N m/rad"),
-    *("N m s^2/rad^2", "N m/K", "N m s/(rad K)"),
+    *("N m s^2/rad^2", "N m s^3/rad^3", "N m/K", "N m s/(rad K)"),
 }
 
 

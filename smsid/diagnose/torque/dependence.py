@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.blocks import Block
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.effects import Gear
@@ -17,7 +18,7 @@ RIPPLE = range(3, 9)
 SIGN = 5e-3
 """Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
 
-STAMPS = 0.05
+STAMPS = THRESHOLDS.stamps
 """Share of a sampling interval below which no delay is claimed: stamps and samplers are not that exact."""
 
 DELAY = "a delay"

@@ -12,6 +12,7 @@ from smsid.description import Description
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.equations import TorqueEquations, require_excitation, torque_equations
@@ -24,10 +25,10 @@ from smsid.errors import RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-SHORTEST = 100
+SHORTEST = THRESHOLDS.torque_shortest
 """Instants below which nothing is said."""
 
-FOREIGN = 0.7
+FOREIGN = THRESHOLDS.torque_foreign
 """Share of the torque left with every cause in, above which the recording is not this arm's."""
 
 
@@ -124,6 +125,7 @@ def diagnose_torques(
             f"residual: measured torque minus the model's at the measured motion; motion low-passed at "
             f"{equations.motion.cutoff:.4g} Hz, torques compared up to {equations.band:.4g} Hz",
             "noise: what no candidate at all explains, an autoregression per joint",
+            *_urdf_friction(equations),
             *notes,
             *more,
         ),
@@ -281,3 +283,14 @@ def predicted(fit: TorqueFit, equations: TorqueEquations, x: np.ndarray) -> np.n
     for _ in range(3):
         load = equations.fine @ x[:b] + term_columns(equations, fit.terms, load) @ x[b:]
     return equations.rows @ x[:b] + equations.filtered(term_columns(equations, fit.terms, load)) @ x[b:]
+
+
+def _urdf_friction(equations: TorqueEquations) -> tuple[str, ...]:
+    """Return a note where the URDF states a friction: here that is sought from nothing."""
+    source = equations.model.source
+    listed = {getattr(e, "joint", None) for e in equations.description.effect if e.kind == "joint_friction"}
+    stated = [j for j in equations.names if source is not None and j in source.losses and j not in listed]
+    if not stated:
+        return ()
+    names = ", ".join(stated)
+    return (f"friction that the URDF states is not taken for known ({names}): what is found is all of it",)

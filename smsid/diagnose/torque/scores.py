@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
 
-EXCITED = 1e-4
+EXCITED = THRESHOLDS.torque_excited
 """Share of a column's information that must be left beside what is fitted already."""
 
 ROUNDING = 1e-11

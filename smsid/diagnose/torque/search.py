@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import f
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
 from smsid.diagnose.torque.dependence import STAMPS
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
@@ -45,9 +46,9 @@ SETTLED = {"zero": 1e-3, "clock": 1e-4}
 class TorqueLevels:
     """Levels of significance over all candidates and over all generic tests; ``alias`` as in `Levels`."""
 
-    candidate: float = 0.003
-    block: float = 0.001
-    alias: float = 9.2
+    candidate: float = THRESHOLDS.torque_candidate
+    block: float = THRESHOLDS.torque_block
+    alias: float = THRESHOLDS.torque_alias
 
 
 @dataclass(frozen=True)

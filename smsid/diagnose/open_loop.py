@@ -1,0 +1,104 @@
+"""A model that simulates a recording by itself, from the initial state that fits the recording best."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.errors import SimulationError
+from smsid.estimation.initial_state import InitialPrior, initial_belief
+from smsid.estimation.kalman import Belief, FilterRun, Noise, Problem, run_filter
+from smsid.estimation.measurements import Measured
+from smsid.model.spacecraft import SpacecraftModel
+
+LOGGER = logging.getLogger(__name__)
+STEPS = 5  # of Gauss and Newton
+ENOUGH = 1e-3  # predicted decrease of the sum of squares, relative to it, that no longer matters
+EXACT = 1e-9  # standard deviation of a start that is not to be corrected along the motion
+
+
+def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
+    """Return a simulation of a recording from the initial state that the model fits to all of it.
+
+    Readings of the first samples are the prior of that state, five standard deviations of noise wide; errors
+    of a channel count in units of what the model leaves there, so that a wrong model does not bend its start
+    to what it cannot follow. Nothing is corrected on the way.
+
+    Raises `SimulationError` when the motion from the first samples is lost.
+    """
+    data = problem.data
+    prior = initial_belief(model, data, problem.locked, InitialPrior(hidden=problem.noise.hidden))
+    weight = np.linalg.pinv(prior.covariance, hermitian=True)
+    at, best = prior, _simulated(model, problem, prior)
+    level = _levels(data, best)
+    cost = _cost(best, level)
+    for _ in range(STEPS):
+        jacobian = _by_start(best) / level[None, :, None]
+        flat = jacobian.reshape(-1, jacobian.shape[2])
+        error = np.where(best.used, best.errors, 0.0) / level
+        away = np.concatenate([pin.difference(model.pin, prior.q, at.q), at.v - prior.v])
+        gram = flat.T @ flat + weight
+        step = np.linalg.solve(gram, flat.T @ error.ravel() - weight @ away)
+        promised = float(step @ gram @ step)
+        if not promised > ENOUGH * cost:
+            break
+        better = None
+        for share in (1.0, 0.3, 0.1):
+            trial = _moved(model, at, share * step)
+            try:
+                run = _simulated(model, problem, trial)
+            except SimulationError as error:
+                LOGGER.info("initial state refused: %s", error)
+                continue
+            if _cost(run, level) < cost:
+                better = trial, run
+                break
+        if better is None:
+            break
+        at, best = better
+        level = _levels(data, best)
+        cost = _cost(best, level)
+    return best
+
+
+def _simulated(model: SpacecraftModel, problem: Problem, start: Belief) -> FilterRun:
+    """Return the run from a start that no reading corrects, with its derivatives along the motion."""
+    nv = model.nv
+    exact = Belief(start.q, start.v, np.diag(np.full(2 * nv, EXACT**2)))
+    no_noise = Noise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
+    deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
+    return run_filter(model, replace(problem, data=deaf, noise=no_noise, begin=exact))
+
+
+def _by_start(run: FilterRun) -> np.ndarray:
+    """Return how the readings change with the initial state (N, rows, 2 nv)."""
+    n, rows, width = run.sensitivity.shape
+    out, carried = np.zeros((n, rows, width)), np.eye(width)
+    for k in range(n):
+        out[k] = run.sensitivity[k] @ carried
+        if k < len(run.transition):
+            carried = run.transition[k] @ carried
+    return out * run.used[:, :, None]
+
+
+def _levels(data: Measured, run: FilterRun) -> np.ndarray:
+    """Return the size of the errors (rows,) by channel: what is left, but at least the noise."""
+    out = data.sigma.copy()
+    for block in data.blocks:
+        errors = np.where(run.used, run.errors, np.nan)[:, block.rows]
+        if np.isfinite(errors).any():
+            left = float(np.sqrt(np.nanmean((errors / data.sigma[block.rows]) ** 2)))
+            out[block.rows] *= max(left, 1.0)
+    return out
+
+
+def _cost(run: FilterRun, level: np.ndarray) -> float:
+    return float(np.sum((np.where(run.used, run.errors, 0.0) / level) ** 2))
+
+
+def _moved(model: SpacecraftModel, at: Belief, step: np.ndarray) -> Belief:
+    nv = model.nv
+    return replace(at, q=pin.integrate(model.pin, at.q, step[:nv]), v=at.v + step[nv:])

@@ -1,0 +1,61 @@
+"""A panel that comes to rest elsewhere: heated on one side, as when it leaves the shadow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from smsid.effects.appendage import BeamAppendage
+from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.base import Starting, physical, register
+from smsid.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from smsid.model.assembly import Assembly
+
+
+@register
+class ThermalSnap(Starting):
+    """From ``start`` on, a `beam_appendage` rests bent, its tip by ``deflection`` along its z axis.
+
+    A difference of temperature across a uniform beam bends it by the same curvature ``kappa`` all along,
+    ``w = kappa x^2 / 2``. On a mass-normalised mode ``phi`` that is a force ``E I kappa phi'(L)``.
+
+    Source: Boley and Weiner, *Theory of Thermal Stresses* (1960), chapter 10; Thornton and Kim,
+    J. Guidance 16 (1993) 1103.
+    """
+
+    summary: ClassVar[str] = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
+    family: ClassVar[str] = "appendage"
+    aliases: ClassVar[tuple[str, ...]] = ("external_wrench",)
+    strength: ClassVar[tuple[str, ...]] = ("deflection",)
+    kind: Literal["thermal_snap"] = "thermal_snap"
+    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
+    deflection: float = physical("m", default=0.0, description="of the tip at rest, along its z axis")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the forces on the modes; raises `DescriptionError` unless it is a beam."""
+        panel = attached_appendage(assembly, self.appendage)
+        beam = panel.appendage
+        if not isinstance(beam, BeamAppendage):
+            raise DescriptionError(
+                f"'{self.appendage}' is no beam_appendage, so how it bends at rest is not known.",
+                advice="Leave the effect out, or describe the appendage as a beam.",
+            )
+        if self.deflection == 0.0:
+            return
+        length, shapes = beam.length, beam.cantilever
+        omega = 2.0 * np.pi * beam.modal_data()[0].frequency
+        bending = beam.linear_density * omega**2 * (length / shapes.roots[0]) ** 4  # E I [N m^2]
+        curvature = 2.0 * self.deflection / length**2
+        forces = bending * curvature * shapes.slope(length) / np.sqrt(beam.mass) * panel.scale
+        index = [assembly.model.joints[j].idx_v for j in panel.joints]
+        active = self.active
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            if active(t):
+                tau[index] += forces
+
+        assembly.add_force(force, self.onset, ((), ()))

@@ -1,0 +1,32 @@
+"""A model that may err a little: process noise as a share of what drives the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.estimation.kalman import Problem
+from smsid.model.spacecraft import SpacecraftModel
+
+LOOSENED = (0.3, 0.03)
+"""Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
+that may err a little has a likelihood without the many maxima of one that may not."""
+
+
+def loosened(model: SpacecraftModel, problem: Problem, share: float) -> Problem:
+    """Return a problem whose model may err, from sample to sample, by a share of what drives it."""
+    drive = problem.inputs(model).applied(model)
+    times = problem.data.times[:: max(1, len(problem.data.times) // 500)]
+    applied = np.array([drive(float(t)) for t in times])
+    size = np.sqrt(np.mean(applied**2, axis=0))
+    for unknown in problem.unknown_inputs:
+        size[unknown.dof] = max(size[unknown.dof], unknown.sigma / 3.0)
+    noise = replace(problem.noise, more=tuple((int(v), share * float(size[v])) for v in np.flatnonzero(size)))
+    if model.free:
+        inner = float(np.linalg.norm(size[6:]))
+        lever = float(np.linalg.norm(model.thrust_point)) + 1.0
+        force = float(np.linalg.norm(size[:3])) + inner / lever
+        torque = float(np.linalg.norm(size[3:6])) + inner + lever * float(np.linalg.norm(size[:3]))
+        noise = replace(noise, force=share * force + noise.force, torque=share * torque + noise.torque)
+    return replace(problem, noise=noise)

@@ -1,0 +1,39 @@
+"""The table of thresholds: all have a unit and a reason, are used, and stand in the docs."""
+
+import re
+from dataclasses import FrozenInstanceError, fields
+from pathlib import Path
+
+import pytest
+
+from smsid.diagnose.accept import Levels
+from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, Thresholds, thresholds_reference
+from smsid.diagnose.torque.search import TorqueLevels
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_threshold_is_told_and_used_once_at_least():
+    used: set[str] = set()
+    for path in (ROOT / "smsid" / "diagnose").rglob("*.py"):
+        used |= set(re.findall(r"THRESHOLDS\.(\w+)", path.read_text(encoding="utf-8")))
+    assert used == {f.name for f in fields(Thresholds)}
+    for f in fields(Thresholds):
+        assert all(f.metadata[k] for k in ("unit", "reason", "calibrated")), f.name
+
+
+def test_nobody_changes_them_on_the_way():
+    with pytest.raises(FrozenInstanceError):
+        THRESHOLDS.misfit = 3.0  # type: ignore[misc]
+
+
+def test_levels_are_those_of_the_table():
+    assert Levels().candidate == THRESHOLDS.candidate == 0.003
+    assert TorqueLevels().block == THRESHOLDS.torque_block == 0.001
+
+
+def test_the_docs_have_the_table():
+    text = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    assert text.split(BEGIN)[1].split(END)[0].strip() == thresholds_reference().strip(), (
+        "write it anew with smsid.diagnose.thresholds.write_thresholds('docs/diagnosis.md')"
+    )
