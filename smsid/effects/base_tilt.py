@@ -24,7 +24,6 @@ class BaseTilt(Effect):
     summary: ClassVar[str] = "the base of a welded arm is not level: gravity leans in its axes"
     family: ClassVar[str] = "external"
     aliases: ClassVar[tuple[str, ...]] = ("body_error", "torque_offset")
-    strength: ClassVar[tuple[str, ...]] = ("x", "y")
     not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
     )

@@ -44,7 +44,11 @@ class JointFriction(Starting):
     )
     family: ClassVar[str] = "friction"
     aliases: ClassVar[tuple[str, ...]] = ("actuator_delay", "torque_gain", "torque_offset")
-    strength: ClassVar[tuple[str, ...]] = tuple(t.field for t in TERMS)
+    strength: ClassVar[tuple[str, ...]] = tuple(
+        t.field
+        for t in TERMS
+        if t.law != "temperature"  # nothing at the reference temperature
+    )
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),

@@ -16,6 +16,8 @@ WORDS = {
     "actuator_delay": "{place} acts later than it is commanded",
     "gear_compliance": "the gear of {place} is elastic",
     "backlash": "the gear of {place} has play",
+    "servo": "the servo of {place} has another gain than described",
+    "base_tilt": "the base under {place} is not level",
     "gear": "the gear of {place} turns by another ratio than described",
     "motor_coupling": "the motors of {place} are coupled",
     "joint_offset": "the angle of {place} has an offset",

@@ -44,11 +44,8 @@ SHAPES: Mapping[str, tuple[str, ...]] = {
     "coulomb": ("coulomb",),
     "load-dependent": fields_of("load"),
     "position-dependent": fields_of("position"),
-    "direction-dependent": ("viscous_direction",),
-    "quadratic": fields_of("quadratic"),
 }
-"""Parameters of friction that a cause frees, by its name. Coulomb friction that differs by direction is a
-constant torque but at rest."""
+"""Parameters of friction that a cause frees, by its name."""
 
 Moves = Literal["", "zero", "clock"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
