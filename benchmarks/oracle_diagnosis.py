@@ -22,7 +22,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
 from smsid.diagnose.diagnose import RATE, Diagnosed
-from smsid.diagnose.noise import fit_with_noise
+from smsid.diagnose.noise import first_fit, with_levels
 from smsid.diagnose.nominal import nominal
 from smsid.estimation.input_hold import locked
 from smsid.estimation.input_timing import timing_of
@@ -145,7 +145,7 @@ def refitted_on(data: Data, name: str, rate: float, seed: int) -> Fit:
     problem = Problem(recording, seen, locked(point.base, recording), Timing(), Noise(), known.joint)
     timing = timing_of(point, problem)
     problem = Problem(recording, seen, problem.locked, timing, Noise(), known.joint)
-    return fit_with_noise(point, problem, known.unknowns).fit
+    return with_levels(first_fit(point, problem, known.unknowns)).fit
 
 
 def residual(fitted: Fit) -> tuple[float, float]:

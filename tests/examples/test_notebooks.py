@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom in IPython, in an empty folder, and shows what its cells end with."""
+"""Every notebook runs from top to bottom in IPython, in an empty folder, and shows something."""
 
 from __future__ import annotations
 
