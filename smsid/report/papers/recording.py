@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smsid.recording import Recording
+from smsid.recording._checks import check_clocks
 from smsid.report.numbers import unit
 from smsid.report.papers.canvas import COLOURS, canvas
 
@@ -22,9 +23,10 @@ def recording_figure(recording: Recording, channels: Sequence[str] = (), title: 
     """Return a figure with one axis per channel, a curve per component.
 
     Without ``channels`` all but hidden truths are drawn, at most twelve. Raises `RecordingError` for a
-    channel that is not there.
+    channel that is not there or a clock that is none.
     """
     recording.require(*channels)
+    check_clocks(recording)
     chosen = list(channels) or [c for c in recording.channels if not c.startswith("truth")][:MOST]
     with canvas(len(chosen), height=0.4 + 1.05 * len(chosen), sharex=True, squeeze=False) as (figure, axes):
         for ax, name in zip(axes[:, 0], chosen, strict=True):
