@@ -36,6 +36,7 @@ class Column:
     values: np.ndarray
 
 
+@short_repr
 @dataclass(frozen=True)
 class JointStates:
     """What joint torques depend on at N instants.

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid._files import atomic_path, atomic_write
+from smsid._short_repr import short_repr
 from smsid.control.identified_model import identified_model
 from smsid.description import Description
 from smsid.errors import ControlError, OutputError, SmsidError, require
@@ -30,6 +31,7 @@ STEP = 1e-4
 FORMATS = (".json", ".mat")
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
     """x' = a x + b u, y = x about rest at home: ``a`` (n, n), ``b`` (n, m), names of states and inputs.
