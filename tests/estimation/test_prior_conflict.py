@@ -39,14 +39,16 @@ def test_what_nothing_tells_is_no_conflict():
 def test_an_inertia_that_is_stated_wrong_is_named_and_nothing_is_called_identifiable(tmp_path):
     """Stated at 100 kg m^2 within 0.2, while all that flies says 80."""
 
-    def drive(t):
-        return (
-            np.zeros(3),
-            0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t + [0, 1, 2]),
-            np.zeros(3),
-        )
+    def torque(t):
+        return 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t + [0, 1, 2])
 
-    recording = recorded(RIGID, RIGID.fly(20.0, drive), np.random.default_rng(3))
+    def drive(t):  # straight between the samples, as commands are taken; held over a step of the world
+        k, share = divmod(10.0 * (t + 0.01), 1.0)
+        return np.zeros(3), (1.0 - share) * torque(0.1 * k) + share * torque(0.1 * (k + 1.0)), np.zeros(3)
+
+    flown = recorded(RIGID, RIGID.fly(20.0, drive), np.random.default_rng(3))
+    at_samples = {"command.torque": np.array([torque(t) for t in flown.time()])}
+    recording = flown.with_channels(at_samples)
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     centre = {f"bus.m{a}": (300.0 * c, 0.1) for a, c in zip("xyz", RIGID.centre, strict=True)}
     found = identify_flights(description, [recording], cad={"bus.Ixx": (100.0, 0.2), **centre})
