@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from smsid.tracking.history import TrackHistory
 
 LONGEST = 44  # characters of a name in the table, unless all is asked for
+FALSE_ALARMS = 0.1  # per hour
 SHOWN = 24  # parameters in the table, unless all are asked for
 
 
@@ -73,6 +74,13 @@ def track_command(
             help="without an estimate: how much of the first recording is searched for where to start [s]",
         ),
     ] = 120.0,
+    changes: Annotated[
+        bool,
+        typer.Option(
+            "--changes",
+            help="also say what jumped, when and by how much: at most one false alarm in ten hours",
+        ),
+    ] = False,
     save: Annotated[
         Path | None, typer.Option(help="file for the tracker as it ends, to go on from"), Writes((".npz",))
     ] = None,
@@ -96,7 +104,7 @@ def track_command(
         loaded = [recording.unchecked() for recording in loaded]
     known = load_estimate(estimate) if estimate is not None else None
     if method == "momentum":
-        refused = {"--follow": follow, "--hold": hold, "--save": save}
+        refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes}
         if given := [name for name, value in refused.items() if value]:
             raise SmsidError(
                 f"{given[0]} is for --method filter.",
@@ -123,6 +131,7 @@ def track_command(
                 cad=cad,
                 gap=gap,
                 warm_up=warm_up,
+                false_alarms=FALSE_ALARMS if changes else None,
             )
         if save is not None:
             save_tracker(tracker, save)
@@ -178,7 +187,9 @@ def document(history: TrackHistory) -> dict:
             }
             for name, unit, x, s in table
         ],
-        "events": [{"time": e.time, "kind": e.kind, "channel": e.channel} for e in history.events],
+        "events": [
+            {"time": e.time, "kind": e.kind, "channel": e.channel, "text": e.text} for e in history.events
+        ],
         "notes": list(history.notes),
     }
 
@@ -201,7 +212,8 @@ def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterato
     if len(history.names) > count:
         yield f"{len(history.names) - count} more with --all"
     kinds: dict[str, int] = {}
-    for e in history.events:
+    yield from (e.text for e in history.events if e.kind == "change")
+    for e in (e for e in history.events if e.kind != "change"):
         kinds[e.kind] = kinds.get(e.kind, 0) + 1
     yield from (f"{n} times: {kind}" for kind, n in kinds.items())
     yield from told(history.notes, everything=everything)

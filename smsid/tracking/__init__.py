@@ -3,6 +3,7 @@
 Both are a `ParameterTracker`: samples in, parameters and how well each is known out.
 """
 
+from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import Followed, followed_parameters
 from smsid.tracking.momentum_tracker import MomentumTracker
 from smsid.tracking.parameter_tracker import ParameterTracker
@@ -14,6 +15,8 @@ from smsid.tracking.tracker import Prediction, Tracker, Update
 from smsid.tracking.tracker_file import load_tracker, save_tracker
 
 __all__ = [
+    "Change",
+    "ChangeDetector",
     "Followed",
     "MomentumTracker",
     "ParameterTracker",

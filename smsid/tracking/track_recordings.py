@@ -22,9 +22,11 @@ from smsid.likelihood.prior import Cad
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
+from smsid.tracking.change_detection import ChangeDetector
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
 from smsid.tracking.sample import samples_of
+from smsid.tracking.sample_buffer import Event
 from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import CHUNK, Tracker, Update
 from smsid.tracking.warm_up import linearise_by_search
@@ -47,6 +49,7 @@ def track_recordings(
     every: float | None = None,
     warm_up: float = WARM_UP,
     hear: Callable[[Update], None] | None = None,
+    false_alarms: float | None = None,
 ) -> tuple[TrackHistory, Tracker]:
     """Run a tracker through recordings and return what it found over time, and the tracker as it ends.
 
@@ -65,6 +68,8 @@ def track_recordings(
             estimate is given: a filter alone is overconfident when it begins far from the truth. What is
             believed at the start stays as described, so that no sample counts twice.
         hear: hears every update.
+        false_alarms: seek changes, as `ChangeDetector` does, with at most so many false alarms per hour; they
+            are among the history's events. Nothing is sought if not given.
 
     Raises:
         RecordingError: no recording, or one that cannot be used.
@@ -77,7 +82,7 @@ def track_recordings(
         raise RecordingError(f"A gap of {gap} s is none.", advice="Give zero or more seconds.")
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
         asked = (follow, hold, estimate, cad)
-        return _track(description, recordings, asked, options, gap, every, warm_up, hear)
+        return _track(description, recordings, asked, options, gap, every, warm_up, hear, false_alarms)
 
 
 def _track(
@@ -89,6 +94,7 @@ def _track(
     every: float | None,
     warm_up: float,
     hear: Callable[[Update], None] | None,
+    false_alarms: float | None,
 ) -> tuple[TrackHistory, Tracker]:
     follow, hold, estimate, cad = asked
     described = Point.of(modal_panels(description)[0])
@@ -102,6 +108,8 @@ def _track(
         LOGGER.info("first read in a later recording: %s", ", ".join(sorted(seen)))
     total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
     rows = _Rows(described.base, every if every is not None else total / MOST_ROWS)
+    detector = None if false_alarms is None else ChangeDetector(tracker, false_alarms)
+    changes: list[Event] = []
     shift, ended = 0.0, None
     notes = list(tracker.start.notes)
     if estimate is None and warm_up > 0.0:
@@ -118,7 +126,11 @@ def _track(
         passed = 0.0 if ended is None else float(times[0]) + shift - ended
         origin = tracker.time
         tracker.begin_flight(flight, start=None if start is None else origin + passed)
-        _fly(tracker, flight, recording, rows, number, shift, hear)
+        known = 0 if detector is None else len(detector.changes)
+        _fly(tracker, flight, recording, rows, number, shift, _all_hear(detector, hear))
+        if detector is not None:
+            found = detector.changes[known:]
+            changes += [Event(c.alarm + shift, "change", c.group, c.sentence) for c in found]
         ended = tracker.time + shift
         notes += [f"{flight.label}: {n}" for n in flight.notes]
     history = TrackHistory(
@@ -137,11 +149,26 @@ def _track(
         tuple(channels),
         rows.fits(tuple(channels)),
         tracker.parameter_covariance,
-        tuple(e for e in tracker.log.last if e.kind != "begun"),
+        (*changes, *(e for e in tracker.log.last if e.kind != "begun")),
         tuple(notes),
         {"samples": float(tracker.samples), "rebuilt": float(tracker.filter.rebuilt)},
     )
     return history, tracker
+
+
+def _all_hear(
+    detector: ChangeDetector | None, hear: Callable[[Update], None] | None
+) -> Callable[[Update], None] | None:
+    """Return one listener for both; the detector hears first, as it may change what is believed."""
+    if detector is None:
+        return hear
+
+    def both(update: Update) -> None:
+        detector.hear(update)
+        if hear is not None:
+            hear(update)
+
+    return both
 
 
 def _fly(

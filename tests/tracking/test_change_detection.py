@@ -1,0 +1,90 @@
+"""Changes in flight of the numpy satellite: named, timed, sized; none where nothing changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.estimation.flight import FlightOptions
+from smsid.recording import Recording
+from smsid.tracking import ChangeDetector, Tracker, track_recordings
+from smsid.tracking.sample import samples_of
+from smsid.tracking.setting import Setting
+from tests.estimation.satellite import recorded
+
+from .craft import INERTIA, RIGID, STEP, craft, flight, mean_over_step, wheels
+
+FOLLOW = {"bus.I*": 0.0, "gyro.angular_rate.bias.*": 0.0}
+GRASPED = np.array([[4.0, 0.5, 0.0], [0.5, 3.0, -0.4], [0.0, -0.4, 6.0]])  # [kg m^2]
+AT = 40.0  # [s]
+COMMANDED = FlightOptions(drive="command")
+
+
+@pytest.fixture(scope="module")
+def description(tmp_path_factory):
+    return craft(tmp_path_factory.mktemp("craft"), off=0.002)
+
+
+@pytest.fixture(scope="module")
+def grasped():
+    """A flight in which a body that turns with the satellite is grasped at 40 s: its inertia comes on top."""
+    before = RIGID.fly(AT, mean_over_step, step=STEP)
+    heavier = replace(RIGID, inertia=tuple(map(tuple, np.array(RIGID.inertia) + GRASPED)))
+    after = heavier.fly(25.0, lambda t: mean_over_step(t + AT), step=STEP, start=before[1][-1, :24])
+    flown = tuple(np.concatenate([a, b[1:]]) for a, b in zip(before, after, strict=True))
+    times = np.arange(len(flown[0])) * STEP
+    found = recorded(RIGID, (times, *flown[1:]), np.random.default_rng(3), without=("gyro.acceleration",))
+    channels = {c: found[c] for c in found.channels}
+    channels["command.wheel_torque"] = np.array([wheels(t) for t in found.time()])
+    return Recording.from_arrays(found.time(), channels, labels=found.labels, name="grasped")
+
+
+def watched(description, recording, **more):
+    channels = ("st.attitude", "gyro.angular_rate", "tacho.wheel_rate")
+    plain = Tracker(description, follow=FOLLOW, cad=0.01)
+    setting = Setting.of(plain.description, plain.origin.base, channels=channels, hold="linear")
+    tracker = Tracker(description, follow=FOLLOW, cad=0.01, setting=setting)
+    detector = ChangeDetector.watch(tracker, **more)
+    tracker.update_all(samples_of(recording))
+    return detector
+
+
+def test_a_grasped_body_is_named_in_time_with_its_inertia(description, grasped):
+    history, tracker = track_recordings(
+        description, [grasped], follow=FOLLOW, cad=0.01, options=COMMANDED, warm_up=0.0, false_alarms=0.1
+    )
+    (event,) = [e for e in history.events if e.kind == "change"]
+    assert event.channel == "bus" and 0.0 < event.time - AT < 3.0
+    assert event.text.startswith("bus changed between")
+    truth = (np.array(RIGID.inertia) + GRASPED)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    assert np.abs((tracker.filter.values[:6] - truth) / tracker.sigmas[:6]).max() < 4.0
+
+
+def test_the_size_of_a_jump_is_within_its_interval(description, grasped):
+    (change,) = watched(description, grasped).changes
+    true = GRASPED[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    assert change.names == tuple(INERTIA)
+    assert change.began - change.grid - 0.1 <= AT <= change.began + change.grid
+    off = (change.jumps - true) / change.sigmas
+    assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
+    assert np.abs(change.jumps - true).max() < 0.05 * GRASPED.max()
+
+
+def test_a_gyro_that_jumps_is_named(description):
+    steady = flight(62.0, seed=5)
+    rates = steady["gyro.angular_rate"].copy()
+    rates[steady.time() >= AT, 1] += 2e-5  # two standard deviations of a reading
+    (change,) = watched(description, steady.with_channels({"gyro.angular_rate": rates})).changes
+    assert change.group == "gyro.angular_rate.bias"
+    assert abs(change.jumps[1] - 2e-5) < 4.0 * change.sigmas[1]
+    assert 0.0 < change.alarm - AT < 5.0
+    assert change.others and change.others[0][1] > 0.0
+
+
+def test_false_alarms_are_no_more_than_asked_for(description):
+    """At sixty an hour, one a minute: at most three in 60 s but once in fifty; at the usual rate none."""
+    steady = flight(60.0, seed=11)
+    assert len(watched(description, steady, false_alarms=60.0).changes) <= 3
+    assert not watched(description, steady).changes
