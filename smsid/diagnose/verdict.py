@@ -17,6 +17,7 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.profile_interval import NORMAL95
 
 POWER = THRESHOLDS.power
 IN_TURN = THRESHOLDS.in_turn
@@ -249,11 +250,11 @@ def describe(cause: FoundCause) -> str:
         told = [p for p in own if np.isfinite(p.sigma)] or own
         p = max(told, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
-        spread = f"+- {p.sigma:.2g}" if np.isfinite(p.sigma) else "(how well is not known)"
+        spread = f"+- {NORMAL95 * p.sigma:.2g}" if np.isfinite(p.sigma) else "(how well is not known)"
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
     if cause.onset is not None:
         known = cause.onset_sigma is not None and np.isfinite(cause.onset_sigma)
-        give = "" if not known else f" +- {cause.onset_sigma:.2g}"
+        give = "" if not known else f" +- {NORMAL95 * cause.onset_sigma:.2g}"
         what += f", from {cause.onset:.4g}{give} s on"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")
