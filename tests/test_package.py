@@ -66,3 +66,8 @@ def test_the_version_is_an_option_too(capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["smsid", "--version"])
     main()
     assert capsys.readouterr().out.strip() == smsid.__version__
+
+
+def test_it_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "smsid", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.strip() == smsid.__version__

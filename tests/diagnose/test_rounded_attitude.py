@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.rounded_attitude import step_of
 
 LEAST = 5e-5
+FEW = 16  # different readings of which it may be that no step is found
 
 
 def rounded(q, step):
@@ -29,10 +30,14 @@ def turning(seed, count=400, axis=None):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.floats(np.log(2e-4), np.log(0.03)))
+@example(649, -4.328125)
 def test_the_step_is_found(seed, logarithm):
     step = float(np.exp(logarithm))
-    found = step_of(rounded(turning(seed), step), LEAST)
-    assert found is not None
+    readings = rounded(turning(seed), step)
+    found = step_of(readings, LEAST)
+    if found is None:  # too few different ones may have a common factor: then none, not a wrong one
+        assert len(np.unique(readings, axis=0)) < FEW
+        return
     value, sigma = found
     assert abs(value - step) < 6.0 * max(
         sigma, 0.1 * step**2
