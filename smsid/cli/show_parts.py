@@ -45,7 +45,7 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
     import numpy as np
 
-    from smsid.cli.tables import shown_unit
+    from smsid.cli.tables import rate_of, shown_unit
 
     channels = []
     for name in recording.channels:
@@ -55,7 +55,7 @@ def recording_document(recording: Recording) -> dict[str, Any]:
                 "name": name,
                 "unit": shown_unit(recording, name),
                 "shape": list(values.shape),
-                "rate": 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else None,
+                "rate": rate_of(time),
                 "from": float(time[0]),
                 "to": float(time[-1]),
                 "smallest": float(np.nanmin(values)),

@@ -175,7 +175,7 @@ def recording_table(recording: Recording) -> Table:
     )
     for name in recording.channels:
         values, time = recording[name], recording.time(name)
-        rate = 1.0 / np.median(np.diff(time)) if len(time) > 1 else float("nan")
+        rate = rate_of(time) or float("nan")
         table.add_row(
             name,
             "x".join(map(str, values.shape)),
@@ -218,3 +218,9 @@ def cut_tables(tables: Iterable[Table], everything: bool, room: int = ROOM) -> I
         yield cut
         if left:
             yield Text(f"{left} more rows with --all", style="dim")
+
+
+def rate_of(time: np.ndarray) -> float | None:
+    """Return the usual rate [Hz] of a clock (N,) [s]; None of a clock that does not go on."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    return 1.0 / step if step > 0.0 else None

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -251,3 +252,10 @@ def test_progress_and_warnings_keep_off_stdout(capsys, monkeypatch):
     assert "careful" in told.stderr and "nearly" in told.stderr
     quiet = invoked(work, "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("", "")
+
+
+def test_a_clock_that_stands_still_has_no_rate():
+    from smsid.cli.tables import rate_of
+
+    assert rate_of(np.zeros(5)) is None and rate_of(np.zeros(1)) is None
+    assert rate_of(np.arange(5) / 50.0) == pytest.approx(50.0)
