@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from smsid._statistics import NORMAL95
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
 from smsid.arm.level import tilt_of
@@ -142,7 +143,7 @@ def _with_gains(
     scales = torque_scales(description, recording, cutoff=cutoff)
     for s in scales:
         if s.sure:
-            spread = 1.959964 * s.sigma / s.value**2
+            spread = NORMAL95 * s.sigma / s.value**2
             told = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
             told += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
         else:

@@ -15,10 +15,10 @@ from scipy import stats
 
 from smsid._files import atomic_write
 from smsid._short_repr import short_repr
+from smsid._statistics import NORMAL95
 from smsid.campaign.outcome import Outcome, RunRecord
 from smsid.errors import ExperimentError, SmsidError
 
-QUANTILE_95 = 1.959964
 Band = tuple[float, float]
 
 
@@ -211,7 +211,7 @@ class _Column:
         self.rows.append((run, outcome.value, truth, sigma))
         interval = outcome.interval
         if interval is None and outcome.sigma is not None:
-            interval = outcome.value - QUANTILE_95 * sigma, outcome.value + QUANTILE_95 * sigma
+            interval = outcome.value - NORMAL95 * sigma, outcome.value + NORMAL95 * sigma
         if interval is not None and math.isfinite(truth):
             self.covered[interval[0] <= truth <= interval[1]] += 1
 

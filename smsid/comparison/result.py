@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smsid._short_repr import short_repr
+from smsid._statistics import NORMAL95
 
 LEVEL = 1e-4
 """Probability below which a difference is called a change: one false change in ten thousand pairs of
 estimates of the same craft, at the most two with the single parameters' own test."""
-QUANTILE = 1.959964
 
 FindingKind = Literal[
     "body_grasped", "body_released", "mass_left", "body_changed", "effect_changed", "unexplained"
@@ -44,7 +44,7 @@ class ParameterChange:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the change [``unit``]."""
-        return self.change - QUANTILE * self.sigma, self.change + QUANTILE * self.sigma
+        return self.change - NORMAL95 * self.sigma, self.change + NORMAL95 * self.sigma
 
     @property
     def deviations(self) -> float:
@@ -74,7 +74,7 @@ class Quantity:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval [``unit``]."""
-        return self.value - QUANTILE * self.sigma, self.value + QUANTILE * self.sigma
+        return self.value - NORMAL95 * self.sigma, self.value + NORMAL95 * self.sigma
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains
 from smsid.control.mu import mu_upper_bound
 from smsid.control.statespace import StateSpace
-from smsid.control.uncertain_plant import QUANTILE, UncertainPlant
+from smsid.control.uncertain_plant import UncertainPlant
 from smsid.errors import ControlError
 
 BACKGROUND = np.logspace(-3.0, 2.0, 16)  # [rad/s], beside the loop's own frequencies
@@ -171,7 +172,7 @@ def _samples(plant: UncertainPlant, rng: np.random.Generator, count: int) -> lis
     bounded = np.array([".damping" in c.name for c in plant.changes], dtype=bool)
     found = []
     for _ in range(count):
-        delta = rng.standard_normal(len(bounded)) / QUANTILE
+        delta = rng.standard_normal(len(bounded)) / NORMAL95
         found.append(np.where(bounded, rng.uniform(-1.0, 1.0, len(bounded)), delta))
     return found
 

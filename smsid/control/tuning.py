@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
+from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains, gains
 from smsid.control.robust import FlexiblePlant, Pole, named_poles
 from smsid.control.uncertain_plant import UncertainPlant
@@ -86,7 +87,7 @@ def natural_modes(plant: UncertainPlant, rng: np.random.Generator, *, draws: int
     From ``draws`` plants with parameters Gaussian within their intervals; 2.5 to 97.5 %.
     """
     found = []
-    drawn = [rng.standard_normal(len(plant.changes)) / 1.959964 for _ in range(draws)]
+    drawn = [rng.standard_normal(len(plant.changes)) / NORMAL95 for _ in range(draws)]
     for held in (False, True):
         exact, names = _frequencies(plant, np.zeros(len(plant.changes)), held)
         spread = np.array([_frequencies(plant, d, held)[0] for d in drawn])

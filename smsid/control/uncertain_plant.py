@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains
 from smsid.control.identified_model import IdentifiedModel
 from smsid.control.mu import UncertainBlock
@@ -29,7 +30,6 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model.spacecraft import SpacecraftModel
 
-QUANTILE = 1.959964
 SMALLEST = 1e-9
 """Share of a change's largest eigenvalue below which a channel is left out."""
 
@@ -214,7 +214,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
     stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
     zero = np.zeros(model.nv)
     changes = [
-        Change(name, QUANTILE * (_mass_matrix(model, q, d) - mass), zero, zero, True, QUANTILE, "sigma")
+        Change(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True, NORMAL95, "sigma")
         for name, d in zip(identified.direction_names, identified.directions, strict=True)
         if d.any()
     ]
@@ -260,7 +260,7 @@ def _interval(name: str, at: Parameters, estimate: Estimate) -> tuple[float, flo
             f"'{name}' has no interval; robust analysis needs one for each parameter.",
             advice="Identify again with intervals.",
         )
-    half = QUANTILE * found.sigma
+    half = NORMAL95 * found.sigma
     if name.endswith(".linear_density") or name.endswith(".participation_factor"):
         return 1.0, half / factor
     if ".damping" in name:

@@ -13,6 +13,7 @@ import smsid
 from smsid._files import atomic_write, json_ready
 from smsid._reading import read_json
 from smsid._short_repr import short_repr
+from smsid._statistics import NORMAL95
 from smsid.diagnose.gain import Gain
 from smsid.errors import SmsidError
 
@@ -33,7 +34,7 @@ class Value:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval, Gaussian."""
-        return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
+        return self.value - NORMAL95 * self.sigma, self.value + NORMAL95 * self.sigma
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import norm
 
+from smsid._statistics import NORMAL95
 from smsid.diagnose.accept import FEW, Cause
 from smsid.diagnose.began import Began, began
 from smsid.diagnose.blocks import Block
@@ -17,7 +18,6 @@ from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Ve
 from smsid.diagnose.search import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.profile_interval import NORMAL95
 
 POWER = THRESHOLDS.power
 IN_TURN = THRESHOLDS.in_turn
@@ -253,8 +253,8 @@ def describe(cause: FoundCause) -> str:
         spread = f"+- {NORMAL95 * p.sigma:.2g}" if np.isfinite(p.sigma) else "(how well is not known)"
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
     if cause.onset is not None:
-        known = cause.onset_sigma is not None and np.isfinite(cause.onset_sigma)
-        give = "" if not known else f" +- {NORMAL95 * cause.onset_sigma:.2g}"
+        sigma = cause.onset_sigma
+        give = "" if sigma is None or not np.isfinite(sigma) else f" +- {NORMAL95 * sigma:.2g}"
         what += f", from {cause.onset:.4g}{give} s on"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

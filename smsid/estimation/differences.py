@@ -14,7 +14,7 @@ import numpy as np
 
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.normal_equations import CHUNK, NormalEquations, problem_at
+from smsid.estimation.normal_equations import CHUNK, NormalEquations, prior_offset, problem_at
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
 
@@ -43,8 +43,9 @@ def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEqua
                 columns[:, i] = ((less.innovations - more.innovations) / width).ravel()
             gram += columns.T @ columns
     rate = np.array([u.scale / u.sigma for u in unknowns])
-    off = np.array([(found.point.value(u) - u.nominal) / u.sigma for u in unknowns])
-    return replace(found, gram=gram + np.diag(rate**2), slope=slope - rate * off)
+    return replace(
+        found, gram=gram + np.diag(rate**2), slope=slope - rate * prior_offset(found.point, unknowns)
+    )
 
 
 def _ends(point: Point, unknowns: Sequence[Unknown], i: int, step: float) -> tuple[Point, Point, float]:
@@ -56,7 +57,7 @@ def _ends(point: Point, unknowns: Sequence[Unknown], i: int, step: float) -> tup
         moved[i] = sign * step * unknown.scale
         found.append(retract(point, unknowns, moved))
     width = (found[1].value(unknown) - found[0].value(unknown)) / unknown.scale
-    return found[0], found[1], width
+    return found[0], found[1], width if width > 0.0 else np.inf  # between its bounds it cannot move: no slope
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

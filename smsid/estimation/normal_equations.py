@@ -86,7 +86,7 @@ def objective_of(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Fl
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    total = 0.5 * float(np.sum(_prior_offset(point, unknowns) ** 2))
+    total = 0.5 * float(np.sum(prior_offset(point, unknowns) ** 2))
     model = point.model()
     for flight in flights:
         kalman = KalmanFilter(model, problem_at(point, flight))
@@ -102,7 +102,7 @@ def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequenc
     Raises `SimulationError` where a filter loses its recording.
     """
     terms = tuple(_term(point, tuple(unknowns), f) for f in flights)
-    off = _prior_offset(point, unknowns)
+    off = prior_offset(point, unknowns)
     rate = np.array([u.scale / u.sigma for u in unknowns])
     gram = np.sum([t.gram for t in terms], axis=0) + np.diag(rate**2)
     slope = np.sum([t.slope for t in terms], axis=0) - rate * off
@@ -110,7 +110,7 @@ def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequenc
     return NormalEquations(point, tuple(unknowns), terms, gram, slope, objective)
 
 
-def _prior_offset(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
+def prior_offset(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
     """Return how far parameters are from their priors' means, in standard deviations (m,)."""
     return np.array([(point.value(u) - u.nominal) / u.sigma for u in unknowns])
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
+from smsid._statistics import NORMAL95
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.trust_region import ROUNDED
 
-NORMAL95 = 1.959964
 AT = 1e-6  # standard deviations from its bound within which a parameter sits at it
 DOUBLINGS = 20  # of a trial limit, until the likelihood has fallen far enough
 

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from smsid._statistics import NORMAL95
+
 IDENTIFIABLE_BELOW = 0.10
 """A parameter is identifiable when its predicted relative standard deviation is below this."""
 
@@ -39,7 +41,7 @@ class ParameterEstimate:
         """The 95 % interval: that of the profile likelihood if there is one, else Gaussian."""
         if self.profile is not None:
             return self.profile
-        return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
+        return self.value - NORMAL95 * self.sigma, self.value + NORMAL95 * self.sigma
 
     @property
     def relative_sigma(self) -> float:

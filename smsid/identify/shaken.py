@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
+from smsid._statistics import NORMAL95
 from smsid.identify.robust import white_sigma
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -42,7 +43,7 @@ def widened_for_few(replicates: int) -> float:
     A Gaussian interval with a standard deviation from ``replicates`` draws holds too rarely (91 % with 8);
     Student's t with as many degrees of freedom says by how much it has to be wider.
     """
-    return float(student.ppf(0.975, replicates) / 1.959964)
+    return float(student.ppf(0.975, replicates) / NORMAL95)
 
 
 def covariance_of_moves(own: np.ndarray, moves: Sequence[np.ndarray]) -> np.ndarray:

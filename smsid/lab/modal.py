@@ -14,6 +14,7 @@ from scipy.signal import butter, detrend, sosfiltfilt
 from scipy.stats import kurtosis
 
 from smsid._short_repr import short_repr
+from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, judged
 from smsid.identify.modes import Mode, Poles, mac
@@ -84,8 +85,8 @@ class AmbientMode:
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the frequency, Gaussian [Hz]."""
         return (
-            self.frequency - 1.959964 * self.frequency_sigma,
-            self.frequency + 1.959964 * self.frequency_sigma,
+            self.frequency - NORMAL95 * self.frequency_sigma,
+            self.frequency + NORMAL95 * self.frequency_sigma,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from scipy.stats import chi2
 
+from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
 from smsid.diagnose.verdict import describe
 from smsid.identify.estimate import Estimate
@@ -30,7 +31,7 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
         shape = compared.named
         causes.append(_cause(fit, "slosh_nonlinearity", "slosh", shape, _ratio(compared, shape)))
     lag = fit.estimate["tank.lag"]
-    if abs(lag.value) > 1.959964 * lag.sigma:
+    if abs(lag.value) > NORMAL95 * lag.sigma:
         value = Value(lag.name, lag.value, lag.sigma, lag.unit)
         ratio = (lag.value / lag.sigma) ** 2
         causes.append(

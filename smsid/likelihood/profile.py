@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2
 
+from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.likelihood.fit import Fit, evaluate, minimised
 from smsid.likelihood.parameters import Parameters
@@ -94,7 +95,7 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
     index = at.index(name)
     sigma = float(np.sqrt(covariance[index, index]))
     scalar = next(s for s in at.scalars if s.name == name)
-    if scalar.value - 1.959964 * sigma * scalar.slope < 0.0:
+    if scalar.value - NORMAL95 * sigma * scalar.slope < 0.0:
         return True
     rise = float(chi2.ppf(0.95, 1))
     here = fit.seen.cost(fit.pieces, prior)

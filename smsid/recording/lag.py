@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 from scipy.signal import correlate
 
+from smsid._statistics import NORMAL95
 from smsid.errors import RecordingError
 from smsid.recording._clock import check_order
 from smsid.recording._resampling import linear
@@ -36,7 +37,7 @@ class Lag:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval, Gaussian [s]."""
-        return self.value - 1.959964 * self.sigma, self.value + 1.959964 * self.sigma
+        return self.value - NORMAL95 * self.sigma, self.value + NORMAL95 * self.sigma
 
 
 def estimate_lag(

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import binom, norm
 
+from smsid._statistics import NORMAL95
 from smsid.campaign.outcome import RunRecord
 from smsid.campaign.summary import Summary
 from smsid.report.axes import Axis
@@ -15,7 +16,6 @@ from smsid.report.model import Figure
 from smsid.report.plot import Band, Curve, Plot, Rule
 
 CURVES = 5
-QUANTILE = 1.959964
 
 
 def normalised_errors(records: Sequence[RunRecord]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -38,7 +38,7 @@ def convergence_figures(summary: Summary, records: Sequence[RunRecord]) -> tuple
     if not errors:
         return ()
     # those whose coverage is farthest off are the ones to look at
-    worst = sorted(errors, key=lambda k: -abs(np.mean(np.abs(errors[k][1]) < QUANTILE) - 0.95))[:CURVES]
+    worst = sorted(errors, key=lambda k: -abs(np.mean(np.abs(errors[k][1]) < NORMAL95) - 0.95))[:CURVES]
     return _coverage(errors, worst), _bias(errors, worst), _quantiles(errors)
 
 
@@ -51,7 +51,7 @@ def _coverage(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[
         Rule("", 0.95, False, 2),
     ]
     for i, k in enumerate(worst):
-        inside = np.abs(errors[k][1]) < QUANTILE
+        inside = np.abs(errors[k][1]) < NORMAL95
         share = np.cumsum(inside) / np.arange(1, len(inside) + 1)
         marks.append(Curve(k, np.arange(1, len(share) + 1), share, COLOURS[i], "thin"))
     plot = Plot(
@@ -68,7 +68,7 @@ def _bias(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]
     most = max(len(errors[k][0]) for k in worst)
     n = np.arange(1, most + 1)
     marks: list[Band | Curve | Rule] = [
-        Band("95 % band without bias", n, -QUANTILE / np.sqrt(n), QUANTILE / np.sqrt(n), 2),
+        Band("95 % band without bias", n, -NORMAL95 / np.sqrt(n), NORMAL95 / np.sqrt(n), 2),
         Rule("", 0.0, False, 2),
     ]
     values = [np.array([-1.0, 1.0])]

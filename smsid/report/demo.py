@@ -22,7 +22,6 @@ from smsid.report.shares import Shares
 from smsid.report.story import story_section
 from smsid.report.truth import TrueWorld, described_bodies
 
-QUANTILE = 1.959964
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from smsid._statistics import NORMAL95
 from smsid.diagnose.gain import Gain
 from smsid.diagnose.result import Diagnosis, FoundCause
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Table, Text
 from smsid.report.numbers import half, number, share, unit
-from smsid.report.parameters import QUANTILE
 from smsid.report.rows import Mark, Row, RowChart
 
 
@@ -43,7 +43,7 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
 def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     name = f"{c.label} ({c.effect})"
     if c.onset is not None:
-        known_to = "" if c.onset_sigma is None else f" ± {number(QUANTILE * c.onset_sigma, 2)}"
+        known_to = "" if c.onset_sigma is None else f" ± {number(NORMAL95 * c.onset_sigma, 2)}"
         name += f", from {number(c.onset, 4)}{known_to} s on"
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
     out = []

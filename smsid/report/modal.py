@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import welch
 
+from smsid._statistics import NORMAL95
 from smsid.identify.ssi_decimate import decimate
 from smsid.lab.modal import AmbientModes
 from smsid.report.axes import Axis
@@ -95,7 +96,7 @@ def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
     plural = "modes are" if len(found.modes) > 1 else "mode is"
     sentence = (
         f"{len(found.modes)} {plural} found at {_listed([m.frequency for m in found.modes])} Hz, every "
-        f"frequency to {share(1.959964 * sigma)} (95 %)."
+        f"frequency to {share(NORMAL95 * sigma)} (95 %)."
     )
     if any(m.impulsive for m in found.modes):
         return f"{sentence} A few impacts carry the record; it is short of lasting excitation.{other}", "warn"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from smsid._statistics import NORMAL95
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for
 from smsid.report.axes import Axis
@@ -21,7 +22,6 @@ SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis
 ROWS = 70
 ALIASES = 15
 CORRELATED = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
-QUANTILE = 1.959964
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,10 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
     All relative to the parameter's size (of its kind on the body, for a small one), on one logarithmic axis.
     """
     shown = [p for p in parameters if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0][:ROWS]
-    values: list[float] = [IDENTIFIABLE_BELOW * QUANTILE]
+    values: list[float] = [IDENTIFIABLE_BELOW * NORMAL95]
     rows = []
     for p in shown:
-        width = QUANTILE * p.relative_sigma
+        width = NORMAL95 * p.relative_sigma
         items: list[Mark | Bar] = [
             Bar(width, 0 if p.status == "identifiable" else 2, tip=f"± {share(width)}")
         ]
@@ -134,7 +134,7 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
         tuple(rows),
         f"95 % intervals of {len(rows)} parameters relative to their size",
         tuple(legend),
-        ((IDENTIFIABLE_BELOW * QUANTILE, "limit of identifiable"),),
+        ((IDENTIFIABLE_BELOW * NORMAL95, "limit of identifiable"),),
     )
     caption = "Left is better."
     if known.truth:

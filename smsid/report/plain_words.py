@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.report.numbers import number, unit, with_half
 
-QUANTILE = 1.959964
 WORDS = {
     "joint_friction": "{place} has {shape} friction that the description lacks",
     "joint_cable": "a cable or hose across {place} pulls it back",
@@ -84,7 +84,7 @@ def strength(cause: FoundCause) -> Value | None:
 
 def quantity(p: Value) -> str:
     """Return a parameter with half its 95 % interval and its unit."""
-    return f"{with_half(p.value, QUANTILE * p.sigma)} {unit(p.unit)}".rstrip()
+    return f"{with_half(p.value, NORMAL95 * p.sigma)} {unit(p.unit)}".rstrip()
 
 
 def joined(parts: Sequence[str]) -> str:

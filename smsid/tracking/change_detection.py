@@ -37,9 +37,9 @@ WARM = 10.0  # [s] after the motion begins in which no change is sought
 class Change:
     """A jump of the parameters of one group.
 
-    ``alarm`` and ``began`` are times [s], ``began`` known to ``grid`` [s]. ``names``, ``jumps`` and
-    ``sigmas`` (k,) are in the parameters' units; ``log_p`` is the natural logarithm of the chance of as much
-    without a change. ``others`` are further groups that would explain it, with how much less likely:
+    ``alarm`` and ``began`` are times [s], ``began`` known to plus or minus ``grid`` [s]. ``names``,
+    ``jumps`` and ``sigmas`` (k,) are in the parameters' units; ``log_p`` is the natural logarithm of the
+    chance of as much without a change. ``others`` are further groups that would explain it, with how much less likely:
     differences of the log-likelihood.
     """
 
@@ -66,9 +66,7 @@ class Change:
             if abs(j) > 1.96 * s
         ]
         what = "; ".join(size[:3]) or "nothing single stands out"
-        return (
-            f"{self.group} changed between {self.began - self.grid:.4g} and {self.began:.4g} s: {what} (95 %)"
-        )
+        return f"{self.group} changed at {self.began:.4g} s, give or take {self.grid:.4g} s: {what} (95 %)"
 
 
 @dataclass(eq=False)
@@ -153,7 +151,8 @@ class ChangeDetector:
         found = update.correction
         if found is None:
             return None
-        self._size += (float(np.mean(found.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
+        if self._alarm is None:  # a change is no noise
+            self._size += (float(np.mean(found.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
         scale = max(1.0, self._size)
         errors = np.clip(found.innovations, -CLIPPED * np.sqrt(scale), CLIPPED * np.sqrt(scale))
         for start in self._starts:

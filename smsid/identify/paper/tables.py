@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._statistics import NORMAL95
 from smsid.identify.estimate import Estimate
 from smsid.report.model import Cell, Section, Table, Text
 from smsid.report.numbers import half, number, share, unit
 from smsid.report.parameters import reported
 
-QUANTILE = 1.959964
 INERTIAL = ("kg m", "kg m^2")
 
 
@@ -66,7 +66,7 @@ class Compared:
         if not found:
             return None
         value = float(np.mean([p.value for p in found]))
-        width = QUANTILE * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
+        width = NORMAL95 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
         guesses = [p.nominal for p in found if p.nominal is not None]
         # the truth is printed with so many digits, and no more can be asked of an interval
         digits = len(f"{row.truth:.8f}".rstrip("0").partition(".")[2])

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate
 from smsid.report.papers.canvas import COLOURS, canvas, legend_above
-from smsid.report.parameters import QUANTILE, SMALLEST, clipped, reported
+from smsid.report.parameters import SMALLEST, clipped, reported
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
             (False, 2, "not identifiable"),
         ):
             rows = [k for k, p in enumerate(shown) if (p.status == "identifiable") is good]
-            widths = [QUANTILE * shown[k].relative_sigma for k in rows]
+            widths = [NORMAL95 * shown[k].relative_sigma for k in rows]
             if rows:
                 ax.barh(rows, widths, height=0.55, color=COLOURS[colour], label=name, left=0.0)
         places, values = [], []
@@ -40,7 +41,7 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
                 places.append(k)
                 values.append(max(p.relative_error(known, p.reference), SMALLEST))
         ax.plot(values, places, "o", color=COLOURS[1], ms=3.0, label=label)
-        ax.axvline(IDENTIFIABLE_BELOW * QUANTILE, color="#555", ls="--", lw=0.8)
+        ax.axvline(IDENTIFIABLE_BELOW * NORMAL95, color="#555", ls="--", lw=0.8)
         ax.set_xscale("log")
         ax.set_yticks(range(len(shown)), [clipped(p.name, 44) for p in shown], fontsize=6.5)
         ax.set_ylim(len(shown) - 0.4, -0.6)
