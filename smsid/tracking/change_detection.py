@@ -39,7 +39,8 @@ class Change:
 
     ``alarm`` and ``began`` are times [s], ``began`` known to plus or minus ``grid`` [s]. ``names``,
     ``jumps`` and ``sigmas`` (k,) are in the parameters' units; ``log_p`` is the natural logarithm of the
-    chance of as much without a change. ``others`` are further groups that would explain it, with how much less likely:
+    chance of as much without a change. ``others`` are further groups that would explain it, with how much
+    less likely:
     differences of the log-likelihood.
     """
 
