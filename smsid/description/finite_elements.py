@@ -12,6 +12,7 @@ import logging
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -188,7 +189,7 @@ def read_punch(text: str) -> list[NastranMode]:
 def _read_op2(path: Path) -> list[NastranMode]:
     """Return the modes of an .op2."""
     try:
-        from pyNastran.op2.op2 import OP2
+        OP2 = import_module("pyNastran.op2.op2").OP2
     except (ImportError, AttributeError) as error:  # it takes names of numpy that newer ones do not have
         raise MissingDependencyError(
             f"pyNastran cannot be loaded: {error}.",
