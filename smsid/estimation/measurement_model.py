@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
 
-from smsid.estimation.measurements import Block, Measured, matrix
+from smsid.estimation.bus_readings import Bus, cross_matrices
+from smsid.estimation.measurements import Block, Measured
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.simulate.trajectory import States
 from smsid.simulate.truth import find_appendage, sensed, station_indices
@@ -19,18 +19,18 @@ class MeasurementModel:
     def __init__(self, model: SpacecraftModel, data: Measured, locked: np.ndarray | None = None) -> None:
         self.model, self.data, self.locked = model, data, locked
         self.gravity = np.asarray(model.pin.gravity.linear)
-        self._parts = [(block, self._linear(block)) for block in data.blocks]
+        self._constant = np.zeros((3, data.rows, model.nv))  # derivatives that do not depend on the motion
+        self._parts = [(block, self._part(block)) for block in data.blocks]
 
     def predict(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return h (rows,) and its derivatives by the tangent of q, by v and by a, each (rows, nv)."""
-        rows, nv = self.data.rows, self.model.nv
-        h = np.zeros(rows)
-        cq, cv, ca = np.zeros((3, rows, nv))
-        base = _Base(q, v, a, self.gravity) if self.model.free else None
+        h = np.zeros(self.data.rows)
+        cq, cv, ca = self._constant.copy()
+        bus = Bus(q, v, a, self.gravity) if self.model.free else None
         for block, part in self._parts:
-            part(base, q, v, a, h, cq, cv, ca)
+            part(bus, q, v, a, h, cq, cv, ca)
             if not block.plain and block.quantity != "attitude":
                 _distort(block, h, (cq, cv, ca))
             elif block.quantity == "attitude":
@@ -64,135 +64,111 @@ class MeasurementModel:
                 out[:, block.rows] += block.begun(s.time)
         return out
 
-    def _linear(self, block: Block) -> Callable[..., None]:
+    def _part(self, block: Block) -> Callable[..., None]:
+        """Return what adds a block's readings to h, and their derivatives but for those that are constant."""
         sensor, rows, model = block.sensor, block.rows, self.model
+        cq, cv, ca = self._constant
         r = np.asarray(sensor.position, dtype=float)
+        index = np.arange(rows.start, rows.stop)
         match block.quantity:
             case "joint_position":
-                group, index = model.arm_joints, range(rows.start, rows.stop)
-                revolute = [model.pin.joints[int(j)].nq == 1 for j in group.joints]
+                group, motors = model.arm_joints, model.motors
+                cq[index, group.v] = 1.0
+                for i, _, kv in motors:
+                    cq[rows.start + i, kv] = 1.0
+                turning = [i for i, j in enumerate(group.joints) if model.pin.joints[int(j)].nq == 2]
 
-                def part(base, q, v, a, h, cq, cv, ca):
-                    for i, kq, kv, plain in zip(index, group.q, group.v, revolute, strict=True):
-                        h[i] = q[kq] if plain else np.arctan2(q[kq + 1], q[kq])
-                        cq[i, kv] = 1.0
-                    for i, kq, kv in model.motors:
+                def part(bus, q, v, a, h, cq, cv, ca):
+                    h[rows] = q[group.q]
+                    for i in turning:  # an angle as its cosine and sine
+                        h[rows.start + i] = np.arctan2(q[group.q[i] + 1], q[group.q[i]])
+                    for i, kq, _ in motors:
                         h[rows.start + i] += q[kq]
-                        cq[rows.start + i, kv] = 1.0
 
                 return part
             case "joint_velocity" | "wheel_rate":
                 arm = block.quantity == "joint_velocity"
                 group, motors = (model.arm_joints, model.motors) if arm else (model.wheels, ())
-                index = np.arange(rows.start, rows.stop)
+                cv[index, group.v] = 1.0
+                for i, _, kv in motors:
+                    cv[rows.start + i, kv] = 1.0
 
-                def part(base, q, v, a, h, cq, cv, ca):
+                def part(bus, q, v, a, h, cq, cv, ca):
                     h[rows] = v[group.v]
-                    cv[index, group.v] = 1.0
                     for i, _, kv in motors:
                         h[rows.start + i] += v[kv]
-                        cv[rows.start + i, kv] = 1.0
 
                 return part
             case "position":
-                return lambda base, q, v, a, h, cq, cv, ca: base and base.position(rows, r, h, cq)
+                return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.position(rows, r, h, cq)
             case "attitude":
-                return lambda base, q, v, a, h, cq, cv, ca: base and base.attitude(rows, cq)
+                cq[index, range(3, 6)] = float(model.free)
+                return lambda *_: None
             case "velocity":
-                return lambda base, q, v, a, h, cq, cv, ca: base and base.velocity(rows, r, h, cq, cv)
+                return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.velocity(rows, r, h, cq, cv)
             case "angular_rate":
-                return lambda base, q, v, a, h, cq, cv, ca: base and base.rate(rows, h, cv)
+                cv[index, range(3, 6)] = float(model.free)
+
+                def part(bus, q, v, a, h, cq, cv, ca):
+                    if bus:
+                        h[rows] = bus.omega
+
+                return part
         if sensor.kind == "accelerometers":
             return self._panel(block)
-        return lambda base, q, v, a, h, cq, cv, ca: base and base.force(rows, r, h, cq, cv, ca)
+        ca[index, range(3)] = float(model.free)
+        return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.force(rows, r[None], h, cq, cv, ca)
 
     def _panel(self, block: Block) -> Callable[..., None]:
         panel = find_appendage(self.model, str(block.sensor.appendage))
         seen = JointGroup.of(self.model.pin, panel.seen)
-        kq, kv = seen.q, seen.v
+        kq, kv = _range(seen.q), _range(seen.v)
         stations = [int(i) for i in station_indices(panel, block.sensor)]
         positions = panel.appendage.station_positions()
-        rest = [panel.placement.act(positions[i]) for i in stations]
-        shapes = [panel.moved(i).T for i in stations]
+        rest = np.array([panel.placement.act(positions[i]) for i in stations])
+        shapes = np.array([panel.moved(i).T for i in stations])
+        rows, n = block.rows, len(stations)
 
         axis, drawn = panel.placement.rotation[:, 0], None
         if panel.drawn is not None:  # by joint coordinates, which are modal ones over the scale
             drawn = np.outer(panel.scale, panel.scale) * panel.drawn[stations]
             drawn = np.pad(drawn, ((0, 0), *2 * [(0, len(panel.more))]))
+        moving_ca = self._constant[2][rows].reshape(n, 3, -1)
+        moving_ca[:, :, :3] += np.eye(3)
+        if drawn is None:
+            moving_ca[:, :, kv] += shapes
 
-        def part(base, q, v, a, h, cq, cv, ca):
+        def part(bus, q, v, a, h, cq, cv, ca):
             bent, rate, acceleration = q[kq], v[kv], a[kv]
-            for k, (r0, shape) in enumerate(zip(rest, shapes, strict=True)):
-                rows = slice(block.rows.start + 3 * k, block.rows.start + 3 * k + 3)
-                place, leads = r0 + shape @ bent, shape
-                if drawn is not None:
-                    pull = drawn[k] @ bent
-                    place = place - 0.5 * (pull @ bent) * axis
-                    leads = shape - np.outer(axis, pull)
-                moving = leads @ rate
-                base.force(rows, place, h, cq, cv, ca)
-                h[rows] += leads @ acceleration + 2.0 * _cross(base.omega, moving)
-                cq[rows, kv] += base.turning() @ leads
-                cv[rows, kv] += 2.0 * pin.skew(base.omega) @ leads
-                cv[rows, 3:6] -= 2.0 * pin.skew(moving)
-                ca[rows, kv] += leads
-                if drawn is not None:
-                    swing = np.outer(axis, drawn[k] @ rate)
-                    h[rows] -= swing @ rate
-                    cq[rows, kv] -= np.outer(axis, drawn[k] @ acceleration)
-                    cq[rows, kv] -= 2.0 * pin.skew(base.omega) @ swing
-                    cv[rows, kv] -= 2.0 * swing
+            places, leads = rest + shapes @ bent, shapes
+            if drawn is not None:  # (stations, modes): a bent panel is drawn in
+                pull = drawn @ bent
+                places = places - 0.5 * (pull @ bent)[:, None] * axis
+                leads = shapes - axis[:, None] * pull[:, None, :]
+            moving = leads @ rate
+            bus.force(rows, places, h, cq, cv, ca)
+            read = h[rows].reshape(n, 3)
+            by_q, by_v, by_a = (c[rows].reshape(n, 3, -1) for c in (cq, cv, ca))
+            whirl = 2.0 * bus.spin
+            read += leads @ acceleration + moving @ whirl.T
+            by_q[:, :, kv] += bus.turning @ leads
+            by_v[:, :, kv] += whirl @ leads
+            by_v[:, :, 3:6] -= 2.0 * cross_matrices(moving)
+            if drawn is not None:
+                by_a[:, :, kv] += leads
+                swing = axis[:, None] * (drawn @ rate)[:, None, :]
+                read -= swing @ rate
+                by_q[:, :, kv] -= axis[:, None] * (drawn @ acceleration)[:, None, :]
+                by_q[:, :, kv] -= whirl @ swing
+                by_v[:, :, kv] -= 2.0 * swing
 
         return part
 
 
-class _Base:
-    """The bus at one instant, and what its sensors read."""
-
-    def __init__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray) -> None:
-        self.origin, self.rotation = q[:3], matrix(q[3:7])
-        self.linear, self.omega = v[:3], v[3:6]
-        self.a, self.alpha = a[:3], a[3:6]
-        self.weight = self.rotation.T @ gravity if gravity.any() else None
-
-    def position(self, rows: slice, r: np.ndarray, h: np.ndarray, cq: np.ndarray) -> None:
-        h[rows] = self.origin + self.rotation @ r
-        cq[rows, 0:3] = self.rotation
-        cq[rows, 3:6] = -self.rotation @ pin.skew(r)
-
-    def attitude(self, rows: slice, cq: np.ndarray) -> None:
-        cq[rows, 3:6] = np.eye(3)
-
-    def velocity(self, rows: slice, r: np.ndarray, h: np.ndarray, cq: np.ndarray, cv: np.ndarray) -> None:
-        u = self.linear + _cross(self.omega, r)
-        h[rows] = self.rotation @ u
-        cq[rows, 3:6] = -self.rotation @ pin.skew(u)
-        cv[rows, 0:3] = self.rotation
-        cv[rows, 3:6] = -self.rotation @ pin.skew(r)
-
-    def rate(self, rows: slice, h: np.ndarray, cv: np.ndarray) -> None:
-        h[rows] = self.omega
-        cv[rows, 3:6] = np.eye(3)
-
-    def turning(self) -> np.ndarray:
-        """Acceleration of a point per its place: alpha x + omega x omega x."""
-        w = pin.skew(self.omega)
-        return pin.skew(self.alpha) + w @ w
-
-    def force(
-        self, rows: slice, r: np.ndarray, h: np.ndarray, cq: np.ndarray, cv: np.ndarray, ca: np.ndarray
-    ) -> None:
-        """Specific force of a point fixed in the bus."""
-        swing = _cross(self.omega, r)
-        h[rows] = self.a + _cross(self.omega, self.linear + swing) + _cross(self.alpha, r)
-        w = pin.skew(self.omega)
-        cv[rows, 0:3] = w
-        cv[rows, 3:6] = -pin.skew(self.linear + swing) - w @ pin.skew(r)
-        ca[rows, 0:3] = np.eye(3)
-        ca[rows, 3:6] = -pin.skew(r)
-        if self.weight is not None:
-            h[rows] -= self.weight
-            cq[rows, 3:6] = -pin.skew(self.weight)
+def _range(index: np.ndarray) -> slice | np.ndarray:
+    """Return indices as a slice, which is faster, where they follow each other."""
+    first, n = int(index[0]), len(index)
+    return slice(first, first + n) if np.array_equal(index, np.arange(first, first + n)) else index
 
 
 def _distort(block: Block, h: np.ndarray, derivatives: tuple[np.ndarray, ...]) -> None:
@@ -202,8 +178,3 @@ def _distort(block: Block, h: np.ndarray, derivatives: tuple[np.ndarray, ...]) -
         h[rows] = block.gain @ h[rows] + block.bias
         for c in derivatives:
             c[rows] = block.gain @ c[rows]
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of two 3-vectors; NumPy's own takes ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

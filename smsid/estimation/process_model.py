@@ -59,6 +59,8 @@ class ProcessModel:
         self._faster = every if None in known else sorted({int(j) for d in known if d for j in d[1]})
         self._one = np.eye(2 * model.nv)
         self._upper = np.triu_indices(model.nv, 1)
+        self._stiffness, self._damping = np.zeros((2, model.nv))
+        self._stiffness[model.spring_v], self._damping[model.spring_v] = model.stiffness, model.damping
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,)."""
@@ -103,9 +105,8 @@ class ProcessModel:
         inverse = np.array(self.data.Minv)
         rows, columns = self._upper
         inverse[columns, rows] = inverse[rows, columns]
-        by_q, by_v = self.data.ddq_dq.copy(), self.data.ddq_dv.copy()
-        by_q[:, m.spring_v] -= inverse[:, m.spring_v] * m.stiffness
-        by_v[:, m.spring_v] -= inverse[:, m.spring_v] * m.damping
+        by_q = self.data.ddq_dq - inverse * self._stiffness
+        by_v = self.data.ddq_dv - inverse * self._damping
         a = np.array(self.data.ddq)
         if self._forces:
             dq, dv = self._differences(t, q, v, tau)
