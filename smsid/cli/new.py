@@ -17,10 +17,13 @@ from smsid.errors import SmsidError
 def new_command(
     name: Annotated[str, typer.Argument(help="name of the craft; NAME.toml and NAME_bus.urdf are written")],
     arm: Annotated[
-        list[Path] | None, typer.Option(help="URDF of an arm; may be given more than once")
+        list[str] | None,
+        typer.Option(help="URDF of an arm, or a robot of example-robot-data; may be given more than once"),
     ] = None,
     wheels: Annotated[int, typer.Option(min=0, max=12, help="number of reaction wheels")] = 3,
-    tank: Annotated[bool, typer.Option("--tank", help="with a tank of fuel that sloshes")] = False,
+    tank: Annotated[
+        int, typer.Option("--tank", count=True, help="a tank of fuel that sloshes; repeat it for more")
+    ] = 0,
     panel: Annotated[str | None, typer.Option(help="with a panel of length x width [m], as 6x3")] = None,
     mass: Annotated[float, typer.Option(help="mass of the bus [kg]")] = 200.0,
     size: Annotated[float, typer.Option(help="edge of the bus [m]")] = 1.0,
@@ -28,7 +31,7 @@ def new_command(
     """Write a commented description of a new craft into this folder, with a bus, sensors and limits."""
     from smsid._files import atomic_write
     from smsid.description import load_description
-    from smsid.description.draft import Draft
+    from smsid.description.draft import Draft, draft_arm
     from smsid.model import build_model
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
@@ -41,15 +44,11 @@ def new_command(
         lengths = (float(match[1]), float(match[2])) if match else None
         if lengths is None or not min(lengths) > 0.0:
             raise SmsidError(f"'{panel}' is no size of a panel.", advice="Give length x width [m], as 6x3.")
-    paths = arm or []
-    for path in paths:
-        if not path.is_file():
-            raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path of --arm.")
     files = Path(f"{name}.toml"), Path(f"{name}_bus.urdf")
     for file in files:
         if os.path.lexists(file):
             raise SmsidError(f"'{file}' exists.", advice="Choose another name, or remove it.")
-    draft = Draft(name, tuple(p.as_posix() for p in paths), wheels, tank, lengths, mass, size)
+    draft = Draft(name, tuple(map(draft_arm, arm or ())), wheels, tank, lengths, mass, size)
     atomic_write(files[1], draft.urdf())
     atomic_write(files[0], draft.toml())
     out = console()

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.description import load_description
+from smsid.errors import MissingDependencyError
 from smsid.model import build_model
+from smsid.model.robots import robots_folder
 from smsid.paths import urdf_folder
 
 ARM = str(urdf_folder() / "arm3.urdf")
@@ -27,6 +30,7 @@ def run(*arguments, code=0):
         ([], 0, 3, set()),
         (["--arm", ARM, "--wheels", "4", "--tank", "--panel", "6x3"], 3, 4, {"tank", "panel"}),
         (["--arm", ARM, "--arm", ARM, "--wheels", "0", "--mass", "20", "--size", "0.4"], 6, 0, set()),
+        (["--arm", ARM, "--tank", "--tank", "--panel", "6x3"], 3, 3, {"tank1", "tank2", "panel"}),
     ],
 )
 def test_a_new_craft_is_complete_and_loads(tmp_path, monkeypatch, options, joints, wheels, effects):
@@ -38,6 +42,47 @@ def test_a_new_craft_is_complete_and_loads(tmp_path, monkeypatch, options, joint
     assert model.description.thrust.max_force is not None
     assert run("check", "craft.toml") == {"exit_code": 0, "written": [], "wrong": [], "doubtful": []}
     assert "# GUESS" in (tmp_path / "craft.toml").read_text()
+
+
+def test_an_arm_starts_within_its_limits_and_followers_are_welded(tmp_path, monkeypatch):
+    """Whatever its limits: nothing of what `new` writes is doubtful."""
+    monkeypatch.chdir(tmp_path)
+    text = (urdf_folder() / "arm3.urdf").read_text()
+    first = re.search(r"<limit [^>]*>", text)
+    assert first is not None
+    text = text.replace(first[0], '<limit lower="0.4" upper="1.4" effort="60" velocity="0.5"/>', 1)
+    last = text.index("</joint>", text.index('name="joint3"'))
+    (tmp_path / "my.urdf").write_text(f'{text[:last]}<mimic joint="joint1"/>{text[last:]}')
+    run("new", "craft", "--arm", "my.urdf")
+    description = load_description("craft.toml")
+    assert description.arm[0].home == {"joint1": 0.9} and description.arm[0].fixed == ("joint3",)
+    assert run("check", "craft.toml")["doubtful"] == []
+
+
+def robots():
+    try:
+        robots_folder()
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+
+
+def test_an_arm_may_be_a_robot_by_name(tmp_path, monkeypatch):
+    robots()
+    monkeypatch.chdir(tmp_path)
+    run("new", "craft", "--arm", "panda")
+    assert load_description("craft.toml").arm[0].robot == "panda"
+    assert run("check", "craft.toml")["doubtful"] == []
+
+
+@pytest.mark.parametrize(
+    ("arm", "told"), [("pandda", "panda, panda_collision"), ("no.urdf", "'no.urdf' does not")]
+)
+def test_an_arm_that_is_not_there_is_told_and_nothing_written(tmp_path, monkeypatch, arm, told):
+    robots()
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["new", "craft", "--arm", arm])
+    assert result.exit_code == 1 and told in str(result.exception)
+    assert not list(tmp_path.iterdir())
 
 
 def test_new_replaces_nothing(tmp_path, monkeypatch):
