@@ -13,8 +13,8 @@ __version__ = "0.1.0"
 
 _FROM = {
     "smsid.api": (
-        *("load_spacecraft", "load_recordings", "simulate", "identify", "diagnose", "design_controller"),
-        *("report", "view", "export"),
+        *("load_spacecraft", "load_recordings", "simulate", "identify", "diagnose", "track"),
+        *("design_controller", "report", "view", "export"),
     ),
     "smsid.comparison": ("compare",),
     "smsid.description": ("Description",),
@@ -63,6 +63,7 @@ __all__ = [
     "save_estimate",
     "save_recording",
     "simulate",
+    "track",
     "view",
 ]
 
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
         load_spacecraft,
         report,
         simulate,
+        track,
         view,
     )
     from smsid.comparison import compare

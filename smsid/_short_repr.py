@@ -1,9 +1,12 @@
-"""A text for results that fits a screen: arrays by their shape, long tuples by their length."""
+"""A text for results that fits a screen, and a table for notebooks: arrays by their shape, long tuples by
+their length.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
+from html import escape
 from typing import Any, TypeVar
 
 LINES, WIDTH = 30, 110
@@ -11,17 +14,39 @@ T = TypeVar("T", bound=type)
 
 
 def short_repr(cls: T) -> T:
-    """Give a dataclass a ``repr`` of at most `LINES` lines: a field a line, long values told, not shown."""
+    """Give a dataclass a ``repr`` of at most `LINES` lines: a field a line, long values told, not shown; and
+    the same as a table in notebooks.
+    """
     cls.__repr__ = _text  # type: ignore[method-assign]
+    cls._repr_html_ = lambda self: as_html(type(self).__name__, _rows(self))  # type: ignore[attr-defined]
     return cls
 
 
+def as_text(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Return a title and a line for each row, at most `LINES` lines of at most `WIDTH` characters."""
+    shown = rows if len(rows) < LINES else rows[: LINES - 2]
+    lines = [title, *(f"  {name}: {text}" for name, text in shown)]
+    if len(rows) > len(shown):
+        lines.append(f"  {len(rows) - len(shown)} more fields")
+    return "\n".join(line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..." for line in lines)
+
+
+def as_html(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Return the same as a table of HTML."""
+    left = 'style="text-align:left"'
+    cells = "".join(
+        f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>" for name, text in rows
+    )
+    return f"<p>{escape(title)}</p><table><tbody>{cells}</tbody></table>"
+
+
 def _text(self: Any) -> str:
+    return as_text(type(self).__name__, _rows(self))
+
+
+def _rows(self: Any) -> list[tuple[str, str]]:
     shown = [f for f in fields(self) if f.repr and not f.name.startswith("_")]
-    lines = [f"  {f.name}: {told(getattr(self, f.name))}"[:WIDTH] for f in shown[: LINES - 2]]
-    if len(shown) > len(lines):
-        lines.append(f"  {len(shown) - len(lines)} more fields")
-    return "\n".join([type(self).__name__, *lines])
+    return [(f.name, told(getattr(self, f.name))) for f in shown]
 
 
 def told(value: Any) -> str:

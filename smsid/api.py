@@ -1,4 +1,5 @@
-"""What most users need, in one place: load, simulate, identify, diagnose, design, report, view, export.
+"""What most users need, in one place: load, simulate, identify, diagnose, track, design, report,
+view, export.
 
 Everything here is offered by ``smsid`` itself: ``smsid.identify(spacecraft, recordings)``. Where a function
 shares its name with a subpackage, the subpackage can be called: ``smsid.identify.estimate`` is there as well.
@@ -7,7 +8,7 @@ shares its name with a subpackage, the subpackage can be called: ``smsid.identif
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from smsid.diagnose.diagnose import Diagnosed
     from smsid.experiments import Experiment
     from smsid.export.folder import Export
+    from smsid.tracking.history import TrackHistory
 
 PathLike = str | os.PathLike[str]
 Method = Literal["ml", "filter", "paper"]
@@ -138,6 +140,41 @@ def diagnose(
 
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     return explained(spacecraft, given, estimate=estimate, validation=validation)
+
+
+def track(
+    spacecraft: Description,
+    recordings: Recording | Sequence[Recording],
+    *,
+    estimate: Estimate | None = None,
+    follow: Mapping[str, float | None] | None = None,
+    hold: Sequence[str] = (),
+    changes: bool = False,
+) -> TrackHistory:
+    """Follow parameters through recordings, each as a random walk; ``.estimate()`` is what is known last.
+
+    Args:
+        spacecraft: as described.
+        recordings: in the order they were made.
+        estimate: what is known beforehand.
+        follow: how far each of these wanders, in its unit per square root of a second, by name or pattern
+            (``tank.*``); ``None`` is 1 % of its size in an hour. All unknown parameters if left out.
+        hold: parameters that are not followed.
+        changes: also seek what jumps, with at most one false alarm in ten hours: among ``.events``.
+
+    Raises:
+        RecordingError: no recording, or one that cannot be used.
+        DescriptionError: there is no such parameter.
+        SimulationError: the filter loses the motion.
+    """
+    from smsid.tracking.history import FALSE_ALARMS
+    from smsid.tracking.track_recordings import track_recordings
+
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    alarms = FALSE_ALARMS if changes else None
+    return track_recordings(
+        spacecraft, given, estimate=estimate, follow=follow, hold=hold, false_alarms=alarms
+    )[0]
 
 
 def design_controller(

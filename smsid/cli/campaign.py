@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import ReportPath, ShowAll
-from smsid.cli.output import console, error_console, is_quiet, warn
+from smsid.cli.output import console, error_console, is_quiet, say, warn
 from smsid.cli.places import Writes
 
 
@@ -75,5 +75,5 @@ def campaign_command(
         out.print(part)
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
-    out.print(f"wrote {', '.join(map(str, written))}")
+    say(f"wrote {', '.join(map(str, written))}")
     return Outcome({"summary": json.loads(summary.to_json())}, written)

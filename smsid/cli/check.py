@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
-from smsid.cli.output import console
+from smsid.cli.output import say
 
 
 def check_command(description: DescriptionPath) -> Outcome:
@@ -14,10 +14,9 @@ def check_command(description: DescriptionPath) -> Outcome:
 
     kind_of(description)  # a file that is not there is no description with faults
     found = review_description(description)
-    out = console()
     for label, findings in (("wrong", found.wrong), ("doubtful", found.doubtful)):
         for text in findings:
-            out.print(f"{label}: {text}", markup=False, highlight=False, soft_wrap=True)
-    out.print(f"{len(found.wrong)} wrong, {len(found.doubtful)} doubtful", highlight=False)
+            say(f"{label}: {text}")
+    say(f"{len(found.wrong)} wrong, {len(found.doubtful)} doubtful")
     document = {"wrong": list(found.wrong), "doubtful": list(found.doubtful)}
     return Outcome(document, exit_code=1 if found.wrong else 0)

@@ -11,7 +11,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 
 if TYPE_CHECKING:
     from smsid.comparison import Comparison, Finding
@@ -52,7 +52,7 @@ def compare_command(
     for part in comparison_parts(found, everything=show_all):
         out.print(part, highlight=False)
     written = [output, *([report] if report else [])]
-    out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False, highlight=False)
+    say(f"wrote {', '.join(map(str, written))}")
     return Outcome(json.loads(found.to_json()), written)
 
 

@@ -11,7 +11,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def control_command(
                 study_report(flown, described.name, _origin(described, description, estimate, seed)), report
             )
         written = [output, *([report] if report else [])]
-        console().print(f"wrote {', '.join(map(str, written))}")
+        say(f"wrote {', '.join(map(str, written))}")
         return Outcome({"study": flown}, written)
     if found is None and uncertainty is None:
         raise ControlError(
@@ -118,7 +118,7 @@ def control_command(
     for part in document_parts(document, everything=show_all):
         out.print(part, highlight=False)
     written = [output, *([report] if report else [])]
-    out.print(f"wrote {', '.join(map(str, written))}")
+    say(f"wrote {', '.join(map(str, written))}")
     return Outcome({"controller": document}, written)
 
 

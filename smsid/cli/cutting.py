@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Output, RecordingOutput
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 from smsid.errors import RecordingError
 
@@ -46,7 +46,7 @@ def cut_command(
             save_recording(piece, file)
     for piece in found[:3]:
         out.print(recording_table(piece))
-    out.print(f"wrote {', '.join(map(str, files))}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {', '.join(map(str, files))}")
     spans = [[float(p.time(p.channels[0])[0]), float(p.time(p.channels[0])[-1])] for p in found]
     return Outcome({"pieces": spans}, files)
 
@@ -65,7 +65,7 @@ def resample_command(
         made = load_recording(recording).resampled(rate)
         save_recording(made, output)
     console().print(recording_table(made))
-    console().print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {output}")
     return Outcome({"recording": recording_document(made)}, [output])
 
 
@@ -92,5 +92,5 @@ def convert_command(
         else:
             save_table(log, output)
             atomic_write(mapping, table_mapping(log))
-    console().print(f"wrote {output}, {mapping}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {output}, {mapping}")
     return Outcome({}, [output, mapping])

@@ -13,7 +13,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Seed
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
@@ -49,12 +49,12 @@ def demo_command(
     # the paper's part has a process of its own: neither waits for the other on two cores
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         paper = pool.submit(run_paper, output, seed)
-        out.print(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
+        say(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
         with working("identifying by maximum likelihood"):
             description, estimation, validation, refinement, spent = identify_craft(which)
         save_estimate(refinement.estimate, output / "estimate.json")
         good = sum(p.status == "identifiable" for p in refinement.estimate.parameters)
-        out.print(
+        say(
             f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in "
             f"{spent:.0f} s."
         )
@@ -63,9 +63,9 @@ def demo_command(
         save_diagnosis(found.diagnosis, output / "diagnosis.json")
         extended = write_extended(description, refinement.estimate, found, output)
         words = plain_words(found.diagnosis) or found.diagnosis.sentence
-        out.print(f"3. {words}", markup=False, highlight=False, soft_wrap=True)
+        say(f"3. {words}")
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
-        out.print(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
+        say(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
         craft = CraftRun(description, estimation, validation, refinement, found, extended)
         with working("drawing"):
             picture, drawn = _draw(which, output)
@@ -74,17 +74,17 @@ def demo_command(
     with working("writing the page"):
         page, told = _page(which, craft, done, output, seed, picture)
     for step in told[-1:]:
-        out.print(f"4. {step}", markup=False, highlight=False, soft_wrap=True)
-    out.print("5. The paper's Table 2, from a guess that is off:")
+        say(f"4. {step}")
+    say("5. The paper's Table 2, from a guess that is off:")
     out.print(_table_2(done.estimate))
     names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
     names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
     written += [*(output / n for n in names), *drawn, page]
     for file in drawn:
-        out.print(f"replay: {file}", markup=False, highlight=False, soft_wrap=True)
+        say(f"replay: {file}")
     if not drawn:
-        out.print("no replay: the extra 'view' is not installed (pip install 'smsid[view]')", markup=False)
-    out.print(f"\nOpen in a browser: {page} ({time.perf_counter() - started:.0f} s in all)")
+        say("no replay: the extra 'view' is not installed (pip install 'smsid[view]')")
+    say(f"\nOpen in a browser: {page} ({time.perf_counter() - started:.0f} s in all)")
     document = {
         "estimate": json.loads(refinement.estimate.to_json()),
         "diagnosis": json.loads(found.diagnosis.to_json()),

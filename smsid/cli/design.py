@@ -13,7 +13,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import ReportPath, ShowAll, TomlOutput
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -145,8 +145,8 @@ def design_command(
     for part in _tables(found, show_all):
         out.print(part, highlight=False)
     for line in told(found.notes, everything=show_all):
-        out.print(line, markup=False, highlight=False)
-    out.print(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
+        say(line)
+    say(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
     return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def diagnose_command(
     out = console()
     for part in diagnosis_parts(found.diagnosis, everything=show_all):
         out.print(part, highlight=False)
-    out.print(f"wrote {', '.join(map(str, written))}")
+    say(f"wrote {', '.join(map(str, written))}")
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
     return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.output import console, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 from smsid.errors import OutputError
 
@@ -57,7 +57,7 @@ def export_command(
 
         with working("building the FMU"):
             written.append(write_fmu(described, fmu, known))
-        console().print(f"wrote {fmu}", markup=False, highlight=False, soft_wrap=True)
+        say(f"wrote {fmu}")
     if output is not None:
         written += _write_folder(described, known, output, mujoco, document)
     return Outcome(document, written)
@@ -73,14 +73,13 @@ def _write_linear(
     with working("linearising"):
         plant = linear_plant(described, known, rng=np.random.default_rng(seed))
         save_linear_plant(plant, path)
-    out = console()
     document["notes"] += plant.notes
-    out.print(f"linear plant: {len(plant.states)} states, inputs {', '.join(plant.inputs)}", soft_wrap=True)
+    say(f"linear plant: {len(plant.states)} states, inputs {', '.join(plant.inputs)}")
     if plant.a_sigma is not None:
-        out.print(f"its uncertainty is that of {len(plant.draws)} draws of the estimate")
+        say(f"its uncertainty is that of {len(plant.draws)} draws of the estimate")
     for note in plant.notes:
-        out.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    out.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        say(f"note: {note}")
+    say(f"wrote {path}")
     return path
 
 
@@ -91,16 +90,14 @@ def _write_folder(
 
     with working("exporting"):
         found = export_folder(described, output, known, mujoco=mujoco)
-    out = console()
     document["notes"] += found.notes
     if found.bodies is not None:
         document |= {"combinations": found.bodies.combinations, "misfit": found.bodies.misfit}
-        out.print(
+        say(
             f"bodies agree with {found.bodies.combinations} identified combinations to "
-            f"{found.bodies.misfit:.2f} standard deviations (root mean square)",
-            soft_wrap=True,
+            f"{found.bodies.misfit:.2f} standard deviations (root mean square)"
         )
     for note in dict.fromkeys(found.notes):
-        out.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    out.print(f"wrote {', '.join(found.files)} to {output}", markup=False, highlight=False, soft_wrap=True)
+        say(f"note: {note}")
+    say(f"wrote {', '.join(found.files)} to {output}")
     return [output / name for name in found.files]

@@ -14,6 +14,8 @@ KINDS = (
     "estimate",
     "diagnosis",
     "comparison",
+    "track",
+    "linear_plant",
     "controller",
     "control_study",
     "campaign",
@@ -25,6 +27,7 @@ KINDS = (
 )
 """What `smsid show` shows: whatever a command writes or reads, but pages and pictures."""
 
+TRACK = "smsid.track"  # schema of what `smsid track` writes
 LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".ulg", ".txt")
 PICTURES = {
     ".html": "a page for a browser",
@@ -44,7 +47,7 @@ def kind_of(path: Path) -> str:
         raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
     match path.suffix.lower():
         case ".nc" | ".h5" | ".hdf5":
-            return "recording"
+            return "track" if _schema_of(path) == TRACK else "recording"
         case ".json":
             return _kind_of_json(path)
         case ".jsonl":
@@ -64,6 +67,17 @@ def kind_of(path: Path) -> str:
                 f"'{path}' ends in '{suffix}', which nothing that smsid writes does.",
                 advice="Import a log with `smsid import` first.",
             )
+
+
+def _schema_of(path: Path) -> str:
+    """Return the schema that an HDF5 file states; nothing of one that cannot be opened."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("schema", ""))
+    except OSError:
+        return ""
 
 
 def read_json(path: Path) -> dict[str, Any]:

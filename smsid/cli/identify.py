@@ -11,7 +11,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, JsonOutput, ReportPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.states import StatesPath, check_states, write_states
 from smsid.errors import SmsidError
 
@@ -216,9 +216,9 @@ def identify_command(
         out.print(part, highlight=False)
     beside = linear.estimate.notes if linear is not None else ()
     for line in told((*estimate.notes, *beside), everything=show_all):
-        out.print(line, markup=False, highlight=False)
+        say(line)
     written = [output, *(path for path in (report, states) if path is not None)]
-    out.print(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}", soft_wrap=True)
+    say(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
 
 

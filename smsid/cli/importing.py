@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import RecordingOutput
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 
 
 def import_command(
@@ -42,6 +42,6 @@ def import_command(
     out.print(recording_table(recording))
     if not unchecked:
         for sentence in recording.suspicious():
-            out.print(f"suspicious: {sentence}", style="yellow", markup=False, soft_wrap=True)
-    out.print(f"wrote {output}")
+            say(f"suspicious: {sentence}", style="yellow")
+    say(f"wrote {output}")
     return Outcome({"recording": recording_document(recording)}, [output])

@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -70,9 +70,9 @@ def inspect_command(
         text = f"suspicious: {sentence}"
         out.print(text if show_all else clipped(text), style="yellow", markup=False, highlight=False)
     if len(doubts) > len(shown):
-        out.print(f"{len(doubts) - len(shown)} more suspicions with --all")
+        say(f"{len(doubts) - len(shown)} more suspicions with --all")
     if not doubts:
-        out.print("nothing suspicious")
+        say("nothing suspicious")
     document = {
         "clocks": [asdict(c) for c in report.clocks],
         "columns": [asdict(c) for c in report.columns],
@@ -86,8 +86,8 @@ def inspect_command(
         if show_all or len(lines) <= MAPPING:
             out.print(report.mapping, markup=False, highlight=False)
         else:
-            out.print(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
+            say(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
         return Outcome(document)
     atomic_write(output, report.mapping)
-    out.print(f"wrote {output}")
+    say(f"wrote {output}")
     return Outcome(document, [output])

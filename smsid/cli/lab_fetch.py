@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.output import console, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def fetch(
     from smsid.description import Description, save_description
     from smsid.recording import save_recording
 
-    out, written = console(), []
+    written = []
     with working(f"fetching {name}"):
         parts = _parts(name)
     output.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,7 @@ def fetch(
         else:
             save_recording(part, output / file)
         written.append(output / file)
-        out.print(f"wrote {output / file}", markup=False, highlight=False, soft_wrap=True)
+        say(f"wrote {output / file}")
     return Outcome({"data_set": name}, written)
 
 

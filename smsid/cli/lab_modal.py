@@ -11,7 +11,7 @@ import typer
 from smsid.cli.lab_options import RecordingPath, print_estimate
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.errors import NotIdentifiableError, RecordingError
 
 if TYPE_CHECKING:
@@ -83,22 +83,22 @@ def modal(
     print_estimate(out, estimate)
     for k, mode in enumerate(found.modes, start=1):
         if mode.impulsive:
-            out.print(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
+            say(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
     for f in found.harmonics:
-        out.print(f"{f:.4g} Hz is a harmonic of the excitation, no mode")
+        say(f"{f:.4g} Hz is a harmonic of the excitation, no mode")
     for f in found.faint:
-        out.print(f"{f:.4g} Hz is stable too, but faint: less than a tenth of the covariance")
+        say(f"{f:.4g} Hz is stable too, but faint: less than a tenth of the covariance")
     if not found.modes:
-        out.print("no mode: none is stable over model orders and correlation windows")
+        say("no mode: none is stable over model orders and correlation windows")
     if found.drift > 0.5:
-        out.print(
+        say(
             f"{100 * found.drift:.0f} % of the variance moves fewer than 20 times in the record: a drift, "
             "which hides modes; high-pass it"
         )
     gaps = len(_finite_runs(outputs)) - 1
     if gaps:
-        out.print(f"{gaps} {'gap' if gaps == 1 else 'gaps'} left out; no correlation reaches across")
-    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
+        say(f"{gaps} {'gap' if gaps == 1 else 'gaps'} left out; no correlation reaches across")
+    say(f"wrote {', '.join(map(str, written))}")
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
     told = {"harmonics": harmonics, "faint": faint, "drift": found.drift, "gaps": gaps}
@@ -122,8 +122,8 @@ def _free_decay(
     out = console()
     print_estimate(out, estimate)
     amplitudes = ", ".join(f"{m.amplitude:.3g}" for m in found.modes)
-    out.print(f"free decay; noise {found.noise:.3g}, amplitude {amplitudes}")
-    out.print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+    say(f"free decay; noise {found.noise:.3g}, amplitude {amplitudes}")
+    say(f"wrote {output}")
     return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.output import console
+from smsid.cli.output import console, say
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -43,4 +43,4 @@ def print_estimate(out: Console, estimate: Estimate) -> None:
     for part in estimate_parts(estimate):
         out.print(part, highlight=False)
     for line in told(estimate.notes):
-        out.print(line, markup=False, highlight=False)
+        say(line)

@@ -11,7 +11,7 @@ import typer
 from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 
 
 def oscillator(
@@ -60,13 +60,13 @@ def oscillator(
     save_estimate(found.estimate, output)
     out = console()
     print_estimate(out, found.estimate)
-    out.print(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
+    say(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
     errors = {"simulation": {"recording": log.name, "value": found.rmse, "unit": unit}}
     if validate is not None:
         other = load_recording(validate)
         error = other[answer] - found.oscillator.simulate(other[drive], rate)
         free = float(np.sqrt(np.mean(error**2)))
-        out.print(f"free-running error {free:.5g} {unit} on '{other.name}'")
+        say(f"free-running error {free:.5g} {unit} on '{other.name}'")
         errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
-    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {', '.join(map(str, written))}")
     return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)

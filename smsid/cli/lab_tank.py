@@ -11,7 +11,7 @@ import typer
 from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
 from smsid.cli.manners import Outcome
 from smsid.cli.options import JsonOutput, ReportPath
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ def tank(
     out = console()
     print_estimate(out, best.estimate)
     low, high = test.lag.interval
-    out.print(f"force behind motion by cross-correlation: {test.lag.value:.4g} s [{low:.4g}, {high:.4g}]")
+    say(f"force behind motion by cross-correlation: {test.lag.value:.4g} s [{low:.4g}, {high:.4g}]")
     quiet = best.quiet(test)
     for model, fit in found.fits.items():
         mark = "named" if model == found.named else ""
-        out.print(f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}")
-    out.print(f"before the motion {quiet:.4g} N are left")
+        say(f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}")
+    say(f"before the motion {quiet:.4g} N are left")
     written = [output]
     if diagnose is not None:
         from smsid.lab.tank_diagnosis import tank_diagnosis
@@ -88,7 +88,7 @@ def tank(
 
         inputs = [recording, *([arm] if arm is not None else [])]
         written.append(write_report(tank_report(log.name, test, found, provenance(inputs)), report))
-    out.print(f"wrote {', '.join(map(str, written))}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {', '.join(map(str, written))}")
     left = {
         model: {"ring_down": fit.ring_down, "moving": fit.moving, "unit": "N"}
         for model, fit in found.fits.items()

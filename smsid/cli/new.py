@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.output import console
+from smsid.cli.output import say
 from smsid.errors import SmsidError
 
 
@@ -51,13 +51,10 @@ def new_command(
     draft = Draft(name, tuple(map(draft_arm, arm or ())), wheels, tank, lengths, mass, size)
     atomic_write(files[1], draft.urdf())
     atomic_write(files[0], draft.toml())
-    out = console()
-    out.print(f"wrote {files[0]} and {files[1]}", highlight=False)
+    say(f"wrote {files[0]} and {files[1]}")
     model = build_model(load_description(files[0]))
-    out.print(
+    say(
         f"{model.mass:.4g} kg, {len(model.arm_joints)} arm joints, {len(model.wheels)} wheels. Lines marked "
-        f"GUESS are yours to fill in; then `smsid check {files[0]}`.",
-        highlight=False,
-        soft_wrap=True,
+        f"GUESS are yours to fill in; then `smsid check {files[0]}`."
     )
     return Outcome({"mass": model.mass}, files)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,6 +55,22 @@ def console() -> Console:
 
     wide = Console()
     return Console(width=min(wide.width, WIDTH) if sys.stdout.isatty() else WIDTH)
+
+
+def say(text: str, *, style: str = "") -> None:
+    """Print sentences of a result, wrapped between words; what is longer than a line stays whole: a path."""
+    from rich.text import Text
+
+    out = console()
+    lines = [
+        part
+        for line in text.split("\n")
+        for part in textwrap.wrap(
+            line, out.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+        or [""]
+    ]
+    out.print(Text("\n".join(lines), style=style), soft_wrap=True)
 
 
 def error_console() -> Console:

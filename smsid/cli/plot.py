@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import Output
-from smsid.cli.output import console, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 
 
@@ -39,5 +39,5 @@ def plot_command(
 
     with working("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)
-    console().print(f"wrote {output}")
+    say(f"wrote {output}")
     return Outcome({"figure": what}, [output])

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath
+from smsid.cli.options import DescriptionPath, ShowAll
 from smsid.cli.output import console, working
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from smsid.model.regressor_check import RegressorCheck
+
+NAME = 80  # characters of a combination in the table
 
 
 def regressor_command(
     description: DescriptionPath,
     states: Annotated[int, typer.Option(min=1, help="random states to compare at")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="seed of the states")] = 1,
+    show_all: ShowAll = False,
 ) -> Outcome:
     """Check momentum and torque regressors against Pinocchio, MuJoCo and identities; name base parameters."""
     import numpy as np
@@ -26,22 +35,8 @@ def regressor_command(
     model = build_model(load_description(description))
     with working("comparing"):
         found = check_regressor(model, np.random.default_rng(seed), states=states)
-    out = console()
-    for name, error in found.errors.items():
-        out.print(f"worst relative error, {name}: {error:.1e}", highlight=False)
-    for why in found.not_compared:
-        out.print(f"not compared: {why}", highlight=False)
-    out.print(
-        f"{len(found.base)} base parameters of {found.parameters}; "
-        f"condition number {found.base.condition:.0f}; "
-        + ", ".join(f"{name} {t:.0f} microseconds a state" for name, t in found.microseconds.items()),
-        highlight=False,
-        soft_wrap=True,
-    )
-    for name, unit in zip(found.base.names, found.base.units, strict=True):
-        out.print(f"  {name} [{unit}]", markup=False, highlight=False, soft_wrap=True)
-    if found.base.unseen:
-        out.print(f"not seen: {', '.join(found.base.unseen)}", markup=False, highlight=False, soft_wrap=True)
+    for part in check_parts(found, everything=show_all):
+        console().print(part, highlight=False)
     document = {
         "states": found.states,
         "errors": found.errors,
@@ -54,3 +49,33 @@ def regressor_command(
         "microseconds": found.microseconds,
     }
     return Outcome(document)
+
+
+def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[RenderableType]:
+    """Yield what to print: worst errors, condition, time, and the base parameters by name."""
+    from rich.text import Text
+
+    from smsid.cli.notes import clipped
+    from smsid.cli.tables import ROWS, plain_table
+    from smsid.identify.estimate_text import short_name
+
+    worst = plain_table("compared with", "worst relative error", left=("compared with",))
+    for name, error in found.errors.items():
+        worst.add_row(name, f"{error:.1e}")
+    yield worst
+    yield from (Text(f"not compared: {why}") for why in found.not_compared)
+    times = ", ".join(f"{name} {t:.0f}" for name, t in found.microseconds.items())
+    yield f"{found.states} random states; microseconds a state: {times}"
+    count = f"{len(found.base)} base parameters of {found.parameters}"
+    yield f"{count}, condition number {found.base.condition:.0f}"
+    base = plain_table("base parameter", "unit", left=("base parameter", "unit"))
+    base.columns[0].no_wrap, base.columns[0].overflow = not everything, "fold"
+    shown = list(zip(found.base.names, found.base.units, strict=True))
+    for name, unit in shown if everything else shown[:ROWS]:
+        base.add_row(Text(name if everything else short_name(name, NAME)), unit)
+    yield base
+    if base.row_count < len(shown):
+        yield f"{len(shown) - base.row_count} more base parameters, and names in full, with --all"
+    if found.base.unseen:
+        text = f"not seen: {', '.join(found.base.unseen)}"
+        yield Text(text if everything else clipped(text))

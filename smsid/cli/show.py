@@ -20,8 +20,8 @@ def show_command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="any file a command takes or makes: a recording, estimate, comparison, diagnosis, "
-            "controller, campaign, description, experiment or mapping"
+            help="any file a command takes or makes: a recording, estimate, comparison, track, diagnosis, "
+            "controller, linear plant, campaign, description, experiment or mapping"
         ),
     ],
     show_all: ShowAll = False,
@@ -49,6 +49,11 @@ def file_document(path: Path) -> dict[str, Any]:
             from smsid.recording import load_recording
 
             found: dict[str, Any] = parts.recording_document(load_recording(path))
+        case "track":
+            from smsid.cli.track import document
+            from smsid.tracking.history import load_history
+
+            found = document(load_history(path))
         case "estimate":
             from smsid.identify.estimate import load_estimate
 
@@ -88,6 +93,8 @@ SHOWN: dict[str, Callable[[Path, bool], Iterator[Any]]] = {
     "estimate": parts.estimate,
     "diagnosis": parts.diagnosis,
     "comparison": parts.comparison,
+    "track": parts.track,
+    "linear_plant": parts.linear_plant,
     "controller": parts.controller,
     "control_study": parts.control_study,
     "campaign": parts.campaign,

@@ -106,6 +106,40 @@ def comparison(path: Path, everything: bool) -> Iterator[Any]:
     yield from comparison_parts(load_comparison(path), everything=everything)
 
 
+def track(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield the parameters that were followed, where they began and ended, what jumped, and notes."""
+    from rich.text import Text
+
+    from smsid.cli.notes import clipped
+    from smsid.cli.track import history_parts
+    from smsid.tracking.history import load_history
+
+    found = load_history(path)
+    flights = f"{', '.join(found.recordings)}: {found.time[-1] - found.time[0]:g} s"
+    yield Text(clipped(f"track of '{found.description}' through {flights}"))
+    yield from history_parts(found, everything=everything)
+
+
+def linear_plant(path: Path, everything: bool) -> Iterator[Any]:
+    """Yield states, inputs and poles of a linear plant."""
+    import numpy as np
+    from rich.text import Text
+
+    from smsid.cli.notes import told
+    from smsid.cli.tables import plain_table
+
+    found = read_json(path)
+    yield Text(f"linear plant of '{found['name']}', inputs {', '.join(found['inputs'])}")
+    poles = np.linalg.eigvals(np.array(found["A"]))
+    swinging = np.sort(np.abs(poles[poles.imag > 0.0]))
+    yield Text("oscillates at " + (", ".join(f"{x:.4g}" for x in swinging) or "no frequency") + " rad/s")
+    states = plain_table("state", "unit", left=("state", "unit"))
+    for name, unit in zip(found["states"], found["units"], strict=True):
+        states.add_row(Text(name), unit)
+    yield from _cut([states], everything)
+    yield from (Text(line) for line in told(found["notes"], everything=everything))
+
+
 def controller(path: Path, everything: bool) -> Iterator[Any]:
     """Yield gains, blocks and poles of a controller."""
     from smsid.cli.control import document_parts

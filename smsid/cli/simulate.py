@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
-from smsid.cli.output import console, counting, warn
+from smsid.cli.output import console, counting, say, warn
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -57,7 +57,7 @@ def simulate_command(
     used = sorted(flight.limits, key=lambda u: -(abs(u.value) / u.limit if u.limit else 0.0))
     for part in cut_tables([limits_table(used)], show_all):
         out.print(part, highlight=False)
-    out.print(
+    say(
         f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
         f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"
     )
@@ -72,9 +72,9 @@ def simulate_command(
         times = np.arange(flight.trajectory.start, flight.trajectory.stop, 0.1)
         states = flight.trajectory.states(times)
         condition = momentum_condition(model, states.q, states.v)
-        out.print(f"condition number of the column-scaled momentum regressor: {condition:.0f}")
+        say(f"condition number of the column-scaled momentum regressor: {condition:.0f}")
         document["condition"] = {"value": condition, "unit": "1"}
     for use in flight.exceeded:
         warn(f"{use} exceeded")
-    out.print(f"wrote {output}")
+    say(f"wrote {output}")
     return Outcome(document, written)

@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from smsid.tracking.history import TrackHistory
 
 LONGEST = 44  # characters of a name in the table, unless all is asked for
-FALSE_ALARMS = 0.1  # per hour
 SHOWN = 24  # parameters in the table, unless all are asked for
 
 
@@ -94,7 +93,7 @@ def track_command(
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
     from smsid.recording import load_recording
-    from smsid.tracking.history import save_history
+    from smsid.tracking.history import FALSE_ALARMS, save_history
     from smsid.tracking.track_recordings import track_recordings
     from smsid.tracking.tracker_file import save_tracker
 
@@ -150,7 +149,7 @@ def track_command(
     out = console()
     for part in history_parts(history, everything=show_all):
         out.print(part, highlight=False)
-    out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True)
+    say(f"wrote {', '.join(map(str, written))}")
     return Outcome({"track": document(history)}, written)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
-from smsid.cli.output import console, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -75,11 +75,7 @@ def view_command(
     if live:
         with working("drawing"):
             view = live_main(description, recordings, **chosen, host=host)
-        console().print(
-            f"listening on {host}; open {view.url} in a browser; Ctrl-C ends it",
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"listening on {host}; open {view.url} in a browser; Ctrl-C ends it")
         try:
             while True:
                 time.sleep(1.0)
@@ -89,8 +85,8 @@ def view_command(
     with working("drawing"):
         _, notes = view_main(description, recordings, output, **chosen)
     for note in notes:
-        console().print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    console().print(f"wrote {output}", markup=False, highlight=False, soft_wrap=True)
+        say(f"note: {note}")
+    say(f"wrote {output}")
     return Outcome({"notes": list(notes)}, [output])
 
 

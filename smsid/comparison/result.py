@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from smsid._short_repr import short_repr
+from smsid._short_repr import as_html, as_text
 from smsid._statistics import NORMAL95
+from smsid.errors import require
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LEVEL = 1e-4
 """Probability below which a difference is called a change: one false change in ten thousand pairs of
@@ -101,8 +105,7 @@ class Finding:
         raise KeyError(name)
 
 
-@short_repr
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """What changed from the ``first`` to the ``second`` estimate.
 
@@ -148,6 +151,33 @@ class Comparison:
             jointly = "" if self.statistic is not None else ", each by itself"
             return f"No change beyond chance{jointly} ({told})."
         return f"Something has changed ({told})."
+
+    def __repr__(self) -> str:
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = [("result", self.sentence), *(("finding", f.sentence) for f in self.findings)]
+        for p in sorted(self.parameters, key=lambda p: not p.changed):
+            half = NORMAL95 * p.sigma
+            mark = ", changed" if p.changed else ""
+            rows.append((p.name, f"{p.before:.6g} to {p.after:.6g} {p.unit} (± {half:.2g}{mark})"))
+        return f"comparison of '{self.first}' and '{self.second}'", rows
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the parameters' changes as a table of pandas, by name.
+
+        Columns: before, after, change, sigma, p_value, changed, unit.
+
+        Raises:
+            MissingDependencyError: pandas is not installed (``smsid[pandas]``).
+        """
+        columns = ("before", "after", "change", "sigma", "p_value", "changed", "unit")
+        rows = [[getattr(p, c) for c in columns] for p in self.parameters]
+        names = [p.name for p in self.parameters]
+        return require("pandas", "pandas").DataFrame(rows, columns=list(columns), index=names)
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""

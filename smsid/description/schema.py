@@ -17,6 +17,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from smsid._short_repr import as_html, as_text
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError, SmsidError
@@ -212,6 +213,21 @@ class Description(Table):
                     + did_you_mean(sensor.appendage, names)
                 )
         return self
+
+    def __repr__(self) -> str:
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = [("urdf", self.urdf)]
+        rows += [(f"arm {a.name}", a.robot or a.urdf or "joints of the URDF") for a in self.arm]
+        rows += [("wheels", ", ".join(w.name for w in self.wheel))] if self.wheel else []
+        rows += [("thrusters", ", ".join(t.name for t in self.thruster))] if self.thruster else []
+        rows += [(f"effect {e.name}", e.kind) for e in self.effect]
+        rows += [("sensors", ", ".join(s.name for s in self.sensor))] if self.sensor else []
+        return f"{'spacecraft' if self.root == 'free' else 'fixed machine'} {self.name!r}", rows
 
     def get_effect(self, name: str) -> Effect:
         """Return the effect of that name; raises `DescriptionError`."""

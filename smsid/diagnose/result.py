@@ -7,15 +7,19 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import smsid
 from smsid._files import atomic_write, json_ready
+from smsid._listing import some_of
 from smsid._reading import read_json
-from smsid._short_repr import short_repr
+from smsid._short_repr import as_html, as_text
 from smsid._statistics import NORMAL95
 from smsid.diagnose.gain import Gain
-from smsid.errors import SmsidError
+from smsid.errors import SmsidError, require
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCHEMA_VERSION = 1
 Verdict = Literal["adequate", "explained", "unexplained", "not_evaluated"]
@@ -100,8 +104,7 @@ class Limit:
     unit: str
 
 
-@short_repr
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """What a recording says of a simulation.
 
@@ -125,6 +128,40 @@ class Diagnosis:
     timing: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     tests: Mapping[str, tuple[Remaining, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = [("sentence", self.sentence)]
+        for cause in self.causes:
+            for p in cause.parameters:
+                half = NORMAL95 * p.sigma
+                text = f"{p.name} = {p.value:.6g} ± {half:.2g} {p.unit}"
+                rows.append((f"{cause.label} at {cause.location}", text))
+        if self.gain is not None:
+            share = f"{100 * self.gain.explained:.0f} % of what exceeds the noise"
+            rows.append(("gain", f"{share}, on recordings not used"))
+        return f"diagnosis of '{self.description}' from {some_of(self.recordings)}: {self.verdict}", rows
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the causes' parameters as a table of pandas.
+
+        Columns: cause, location, parameter, value, sigma, low, high (95 %), unit, nominal.
+
+        Raises:
+            MissingDependencyError: pandas is not installed (``smsid[pandas]``).
+        """
+        columns = ("cause", "location", "parameter", "value", "sigma", "low", "high", "unit", "nominal")
+        rows = [
+            (c.label, c.location, p.name, p.value, p.sigma, *p.interval, p.unit, p.nominal)
+            for c in self.causes
+            for p in c.parameters
+        ]
+        return require("pandas", "pandas").DataFrame(rows, columns=list(columns))
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
@@ -173,5 +210,5 @@ def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
     file = Path(path)
     document = read_json(file)
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
-        raise SmsidError(f"'{file}' is no diagnosis.", advice="FilterRun `smsid diagnose` to make one.")
+        raise SmsidError(f"'{file}' is no diagnosis.", advice="Run `smsid diagnose` to make one.")
     return document

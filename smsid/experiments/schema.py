@@ -11,6 +11,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smsid._files import atomic_write
+from smsid._short_repr import as_html, as_text
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
 from smsid.model.spacecraft import SpacecraftModel
@@ -107,6 +108,21 @@ class Experiment(_Table):
     joints: tuple[float, ...] | None = None
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    def __repr__(self) -> str:
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+        stated = {n: getattr(self, n) for n in type(self).model_fields if n not in ("schema_version", "name")}
+        rows = [
+            (name, str(getattr(value, "kind", value)))  # of a profile its kind
+            for name, value in stated.items()
+            if value not in (None, False, "")
+        ]
+        return f"experiment {self.name!r}", rows
 
     def inputs(self) -> Inputs:
         """Return the inputs of a simulation."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smsid._short_repr import as_html, as_text
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
 from smsid.recording._clock import Gap, check_order, find_gaps
@@ -360,12 +361,21 @@ class Recording:
         return (Recording, (self._dataset,))
 
     def __repr__(self) -> str:
-        spans = []
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+        title = f"recording{f' {self.name!r}' if self.name else ''} for {self.role}"
+        rows = []
         for clock in self.clocks:
             times = self._dataset[clock].values
-            spans.append(f"{clock}: {times.size} samples, {times[0]:.6g} to {times[-1]:.6g} s")
-        title = f" {self.name!r}" if self.name else ""
-        return f"<Recording{title} ({self.role}) {', '.join(self.channels)} [{'; '.join(spans)}]>"
+            rows.append((f"{clock} [s]", f"{times.size} samples, {times[0]:.6g} to {times[-1]:.6g}"))
+        for name in self.channels:
+            shape = " x ".join(map(str, self[name].shape))
+            rows.append((name, f"{shape} [{self.unit(name)}]"))
+        return title, rows
 
 
 def _frozen(values: Any) -> FloatArray:

@@ -71,9 +71,9 @@ def diagnose_report(
     sections.append(causes_section(d))
     if shares is None and found.search is not None:
         shares = shares_of(found.search)
-    if shares is not None:
+    if shares is not None and shares.telling:
         sections += share_sections(shares)
-    else:
+    else:  # of a misfit that is mostly noise the shares are all near zero
         sections += map_section(d.tests, LEVEL)
     if found.search is not None:
         sections += search_sections(found.search, asked)
@@ -116,8 +116,7 @@ def share_sections(shares: Shares) -> list[Section]:
     parts = [x for x in (share_map(shares), share_ranking(shares)) if x is not None]
     if not parts:
         return []
-    gist = f"{len(shares.candidates)} candidates, {len(shares.places)} places compared"
-    return [Section("map", "Where it comes from", tuple(parts), gist)]
+    return [Section("map", "Where it comes from", tuple(parts), "by place and by candidate")]
 
 
 def shortened(sentence: str, most: int = 260) -> str:
@@ -167,7 +166,8 @@ def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Sec
     count = [sum(evidence(t, len(some)) > limit for t in some) for some in (before, after)]
     gist = f"{count[0]} of {len(before)} tests significant"
     gist += f" before, {count[1]} after" if changed else ""
-    return [Section("map", "Map of equation by dependence", tuple(m for m in maps if m is not None), gist)]
+    parts = tuple(m for m in maps if m is not None)
+    return [Section("map", "Map of equation by dependence", parts, gist, open=any(count))]
 
 
 def search_sections(search: Search, asked: Asked) -> list[Section]:

@@ -9,11 +9,10 @@ from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import share
 from smsid.report.rows import Bar, Row, RowChart
-from smsid.report.shares import Place, Shares
+from smsid.report.shares import TELLING, Place, Shares
 
 EDGES = (0.02, 0.1, 0.25, 0.45, 0.65, 0.8, 0.95)
 SHOWN = 14
-ONE = 0.05  # share above which the strongest place counts as one
 SCALE = (
     (0, "below 2 %"),
     (1, "2 %"),
@@ -52,7 +51,7 @@ def share_map(found: Shares) -> Figure | None:
     known = [c for c in COLUMNS if any(d == c for _, d in best)]
     columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
     top = found.places[0]
-    place = (row_of(top.where), column_of(top.dependence)) if top.share >= ONE else None
+    place = (row_of(top.where), column_of(top.dependence)) if top.share >= TELLING else None
     cells = tuple(tuple(_cell(best.get((r, c)), (r, c) == place) for c in columns) for r in rows)
     where = (
         f"strongest: {top.where} against {top.dependence}, {percent(top.share)}"

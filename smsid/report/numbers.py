@@ -18,7 +18,7 @@ def number(x: float | None, digits: int = 4) -> str:
         return "–"
     if math.isinf(x):
         return "∞" if x > 0 else "−∞"
-    text = f"{x:.{digits}g}"
+    text = f"{x + 0.0:.{digits}g}"  # not minus zero
     if "e+" in text and abs(x) < PLAIN:
         text = f"{float(text):.0f}"
     elif 0.0 < abs(float(text)) < SMALL:

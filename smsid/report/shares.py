@@ -17,6 +17,7 @@ from smsid.estimation.map_estimate import Fit, Prior, evaluate
 from smsid.estimation.sensitivities import propagate
 
 LOGGER = logging.getLogger(__name__)
+TELLING = 0.05  # share above which the strongest place counts as one
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,11 @@ class Shares:
     places: tuple[Place, ...]
     candidates: tuple[CandidateShare, ...]
     of_causes: bool
+
+    @property
+    def telling(self) -> bool:
+        """Whether a place explains enough of the misfit to be seen."""
+        return any(p.share >= TELLING for p in self.places)
 
 
 def shares_of(search: Search) -> Shares | None:

@@ -5,6 +5,7 @@ Both are a `ParameterTracker`: samples in, parameters and how well each is known
 
 from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import Followed, followed_parameters
+from smsid.tracking.history import TrackHistory, load_history, save_history
 from smsid.tracking.momentum_tracker import MomentumTracker
 from smsid.tracking.parameter_tracker import ParameterTracker
 from smsid.tracking.sample import Sample
@@ -23,10 +24,13 @@ __all__ = [
     "Prediction",
     "Sample",
     "Setting",
+    "TrackHistory",
     "Tracker",
     "Update",
     "followed_parameters",
+    "load_history",
     "load_tracker",
+    "save_history",
     "save_tracker",
     "track_momentum",
     "track_recordings",

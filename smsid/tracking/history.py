@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,16 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smsid._files import atomic_write, check_target
-from smsid.errors import RecordingError
+from smsid._short_repr import short_repr
+from smsid.errors import RecordingError, require
+from smsid.identify.estimate import Estimate, judged
 from smsid.tracking.sample_buffer import Event
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 SCHEMA = "smsid.track"
 VERSION = 1
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class TrackHistory:
     """Tracked quantities at ``time`` (N,) [s], counted on through all recordings.
@@ -66,6 +71,31 @@ class TrackHistory:
             )
         i = self.names.index(name)
         return self.values[:, i], self.sigmas[:, i]
+
+    def estimate(self) -> Estimate:
+        """Return what is known at the end, as an estimate with its covariance."""
+        sigmas = self.sigmas[-1]
+        rows = zip(self.names, self.values[-1], self.units, sigmas, self.described, strict=True)
+        return Estimate(
+            self.description,
+            "tracking",
+            tuple(judged(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in rows),
+            self.recordings,
+            notes=self.notes,
+            covariance=self.covariance,
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the parameters over time [s] as a table of pandas; ``<name> sigma`` beside each.
+
+        Raises:
+            MissingDependencyError: pandas is not installed (``smsid[pandas]``).
+        """
+        pandas = require("pandas", "pandas")
+        columns = {}
+        for i, name in enumerate(self.names):
+            columns |= {name: self.values[:, i], f"{name} sigma": self.sigmas[:, i]}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
     def to_dataset(self) -> xr.Dataset:
         """Return the history as a dataset of xarray."""
@@ -113,3 +143,43 @@ def save_history(history: TrackHistory, path: str | os.PathLike[str]) -> Path:
     check_target(path)
     content = history.to_dataset().to_netcdf(engine="h5netcdf")
     return atomic_write(path, bytes(content))
+
+
+def load_history(path: str | os.PathLike[str]) -> TrackHistory:
+    """Load a history that `save_history` wrote; raises `RecordingError` for a file that holds none."""
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as file:
+            found = file.load()
+    except (OSError, ValueError, KeyError) as error:
+        raise RecordingError(f"'{path}' cannot be read: {error}.", advice="Is it cut short?") from error
+    if found.attrs.get("schema") != SCHEMA:
+        raise RecordingError(f"'{path}' is no track.", advice="Make one with `smsid track`.")
+    words = {
+        key: [str(x) for x in np.atleast_1d(found.attrs[key]) if x]
+        for key in ("recordings", "events", "notes")
+    }
+    arrays = {
+        key: found[key].values for key in ("time", "own_time", "recording", "described", "fit", "covariance")
+    }
+    motion = {k: found[k].values for k in ("position", "position_sigma", "velocity", "velocity_sigma")}
+    return TrackHistory(
+        description=str(found.attrs["description"]),
+        recordings=tuple(words["recordings"]),
+        names=tuple(map(str, found["parameter"].values)),
+        units=tuple(map(str, found["unit"].values)),
+        values=found["value"].values,
+        sigmas=found["sigma"].values,
+        dofs=tuple(map(str, found["dof"].values)),
+        channels=tuple(map(str, found["channel"].values)),
+        events=tuple(map(_event, words["events"])),
+        notes=tuple(words["notes"]),
+        **arrays,
+        **motion,
+    )
+
+
+def _event(text: str) -> Event:
+    time, kind, channel, told = re.fullmatch(r"(\S+) s: ([^:]*): ([^:]*): (.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    return Event(float(time), kind, channel, told)
