@@ -12,12 +12,16 @@ from smsid.effects import Gear
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import save_recording
+from tests.screen import fits, shows
 
 from .mujoco_arm import DAMPING, JOINTS, described, motion, recorded
 
 
 def run(*args):
-    return CliRunner().invoke(app, [str(a) for a in args])
+    done = CliRunner().invoke(app, [str(a) for a in args])
+    if done.exit_code == 0:
+        fits(done.stdout)
+    return done
 
 
 def test_an_arm_is_identified_and_judged(tmp_path):
@@ -36,6 +40,7 @@ def test_an_arm_is_identified_and_judged(tmp_path):
         tmp_path / "e.json",
     )
     assert shown.exit_code == 0, shown.output
+    assert f"friction_{JOINTS[0]}.viscous" in shows(tmp_path / "e.json")
     estimate = load_estimate(tmp_path / "e.json")
     for joint, value in zip(JOINTS, DAMPING, strict=True):
         found = estimate[f"friction_{joint}.viscous"]

@@ -12,6 +12,7 @@ from smsid.cli.app import app
 from smsid.description import Description
 from smsid.errors import DescriptionError, NotIdentifiableError, RecordingError
 from smsid.recording import save_recording
+from tests.screen import fits, shows
 
 from .servo_twin import TRUTH, URDF, recorded
 
@@ -74,7 +75,9 @@ def test_the_command_identifies_servos_of_a_bare_urdf(arm, tmp_path):
     arguments = ["identify", tmp_path / "two.urdf", tmp_path / "log.nc", "-o", tmp_path / "e.json"]
     shown = CliRunner().invoke(app, [str(x) for x in arguments])
     assert shown.exit_code == 0, shown.output
+    fits(shown.stdout)
     assert "servo_j1.stiffness" in shown.output and "back-EMF" in shown.output
+    assert "servo_j1.stiffness" in shows(tmp_path / "e.json")
 
 
 def test_what_cannot_be_told_is_named(arm):

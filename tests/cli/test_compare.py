@@ -10,8 +10,9 @@ import pytest
 
 from smsid.identify.estimate import save_estimate
 from tests.comparison.estimates import CRAFT, craft, estimate, grasped
+from tests.screen import fits
 
-from .test_output import fits, smsid
+from .test_output import smsid
 
 
 @pytest.fixture

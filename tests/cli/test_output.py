@@ -20,8 +20,8 @@ from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
 from smsid.model.robots import robot_urdf
 from smsid.recording import load_recording, save_recording
+from tests.screen import COLUMNS, fits
 
-LINES, COLUMNS = 60, 110
 URDF = Path(__file__).parents[2] / "urdf"
 SHORT = {"exp1": 70.0, "exp2": 30.0}  # [s]
 
@@ -42,12 +42,6 @@ def smsid(*words: str | Path) -> Called:
     finally:
         sys.argv, sys.stdout, sys.stderr, root.handlers, root.level = before
     return code, out.getvalue(), err.getvalue()
-
-
-def fits(text: str) -> None:
-    lines = text.splitlines()
-    assert 0 < len(lines) <= LINES, f"{len(lines)} lines"
-    assert max(map(len, lines)) <= COLUMNS, max(lines, key=len)
 
 
 def panda(folder: Path) -> None:

@@ -12,12 +12,16 @@ from smsid.description import load_description
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import Recording, load_recording, save_recording
+from tests.screen import fits, shows
 
 from . import test_modal, test_oscillator, test_tank
 
 
 def run(*args):
-    return CliRunner().invoke(app, ["lab", *map(str, args)])
+    done = CliRunner().invoke(app, ["lab", *map(str, args)])
+    if done.exit_code == 0:
+        fits(done.stdout)
+    return done
 
 
 def tank_log(path):
@@ -37,6 +41,7 @@ def test_a_tank(tmp_path):
         "--models", "rigid,slosh", "-o", tmp_path / "e.json",
     )  # fmt: skip
     assert shown.exit_code == 0, shown.output
+    assert "tank.slosh_mass" in shows(tmp_path / "e.json")
     found = load_estimate(tmp_path / "e.json")
     assert found["tank.frequency"].value == pytest.approx(test_tank.FREQUENCY, rel=0.01)
     assert found["tank.slosh_mass"].value == pytest.approx(test_tank.MASS, rel=0.05)
@@ -63,6 +68,7 @@ def test_modes(tmp_path):
     save_recording(Recording.from_arrays(times, {"phone.acceleration": y}, name="beam"), tmp_path / "m.nc")
     shown = run("modal", tmp_path / "m.nc", "--highest", 10, "-o", tmp_path / "e.json")
     assert shown.exit_code == 0, shown.output
+    assert "mode1.frequency" in shows(tmp_path / "e.json")
     found = load_estimate(tmp_path / "e.json")
     assert found["mode1.frequency"].value == pytest.approx(7.0, rel=0.01) and "mode2.frequency" not in found
     assert "9 Hz is a harmonic of the excitation" in shown.output
@@ -85,6 +91,7 @@ def test_an_oscillator_is_judged_on_another_record(tmp_path):
         "--validate", tmp_path / "held.nc", "-o", tmp_path / "e.json",
     )  # fmt: skip
     assert shown.exit_code == 0, shown.output
+    assert "oscillator.cubic" in shows(tmp_path / "e.json")
     assert load_estimate(tmp_path / "e.json")["oscillator.cubic"].value == pytest.approx(0.4, rel=0.05)
     size = np.std(load_recording(tmp_path / "held.nc")["extra.output"])
     error = float(shown.output.split("free-running error ")[1].split()[0])
