@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "smsid.track"
 VERSION = 1
+FALSE_ALARMS = 0.1  # per hour, where changes are asked for
 
 
 @short_repr
