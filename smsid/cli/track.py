@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from smsid._statistics import NORMAL95
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
@@ -200,12 +201,12 @@ def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterato
 
     count = len(history.names) if everything else SHOWN
     table = plain_table(
-        *("parameter", "described", "first", "last", "2 sigma", "unit"), left=("parameter", "unit")
+        *("parameter", "described", "first", "last", "± 95 %", "unit"), left=("parameter", "unit")
     )
     for i, full in enumerate(history.names[:count]):
         name = full if everything or len(full) <= LONGEST else f"{full[: LONGEST - 4]} ..."
         x, s = history.values[:, i], history.sigmas[:, i]
-        numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{2.0 * s[-1]:.2g}")
+        numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{NORMAL95 * s[-1]:.2g}")
         table.add_row(name, *numbers, history.units[i])
     yield table
     if len(history.names) > count:

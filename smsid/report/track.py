@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from smsid._statistics import NORMAL95
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number
@@ -88,8 +89,8 @@ def _table(history: TrackHistory) -> Table:
                 Cell(name),
                 Cell(number(float(history.described[i]), 5), float(history.described[i])),
                 Cell(number(x, 5), x),
-                Cell(number(WIDE * s, 2), s),
+                Cell(number(NORMAL95 * s, 2), s),
                 Cell(history.units[i]),
             )
         )
-    return Table("at the end", ("parameter", "described", "last", "2 sigma", "unit"), tuple(rows))
+    return Table("at the end", ("parameter", "described", "last", "± 95 %", "unit"), tuple(rows))

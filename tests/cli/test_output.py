@@ -87,10 +87,22 @@ def flown(request, tmp_path_factory) -> tuple[Path, dict[str, Called]]:
         said["inspect"] = smsid("inspect", "exp2.nc")
         said["draft"] = smsid("inspect", "exp2.nc", "--map", "map.toml")
         said["export"] = smsid("export", "craft.toml", "e.json", "-o", "there")
+        said["linear"] = smsid("export", "craft.toml", "e.json", "--linear", "plant.json")
+        said["check"] = smsid("check", "craft.toml")
+        said["regressor"] = smsid("regressor", "craft.toml", "--states", "5")
+        said["compare"] = smsid("compare", "e.json", "e.json")
+        said["cut"] = smsid("cut", "exp2.nc", "--from", "2", "--to", "4")
+        said["resample"] = smsid("resample", "cut.nc", "--rate", "10")
+        said["convert"] = smsid("convert", "cut.nc", "-o", "cut.csv")
+        followed = ["--estimate", "e.json", "--follow", "tank.mass", "--changes"]
+        said["track"] = smsid("track", "craft.toml", "resampled.nc", *followed)
     return folder, said
 
 
-MADE = ("exp1", "exp2", "identify", "diagnose", "control", "inspect", "draft", "export")
+MADE = (
+    *("exp1", "exp2", "identify", "diagnose", "control", "inspect", "draft", "export", "linear", "check"),
+    *("regressor", "compare", "cut", "resample", "convert", "track"),
+)
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -108,6 +120,9 @@ FILES = {
     "craft.toml": ("description", "slosh mass"),
     "x.toml": ("experiment", "duration"),
     "map.toml": ("mapping", "imu.acceleration"),
+    "comparison.json": ("comparison", "No change beyond chance"),
+    "plant.json": ("linear_plant", "oscillates at"),
+    "track.nc": ("track", "tank.mass"),
 }
 
 
@@ -156,6 +171,15 @@ def calls() -> dict[str, Callable[[str], list[str]]]:
         "control": lambda f: ["control", "craft.toml", f, "-o", "out.json"],
         "export": lambda f: ["export", "craft.toml", f, "-o", "out"],
         "inspect": lambda f: ["inspect", f],
+        "check": lambda f: ["check", f],
+        "regressor": lambda f: ["regressor", f, "--states", "2"],
+        "compare": lambda f: ["compare", "e.json", f, "-o", "again.json"],
+        "track": lambda f: ["track", "craft.toml", f, "-o", "out.nc"],
+        "cut": lambda f: ["cut", f, "--to", "3", "-o", "out.nc"],
+        "resample": lambda f: ["resample", f, "--rate", "10", "-o", "out.nc"],
+        "convert": lambda f: ["convert", f, "-o", "out.csv"],
+        "design": lambda f: ["design", f, "--for", "mass", "-o", "out.toml"],
+        "import": lambda f: ["import", "cut.csv", "--map", f, "-o", "out.nc"],
         "plot recording": lambda f: ["plot", "recording", f, "-o", "p.png"],
         "plot estimate": lambda f: ["plot", "estimate", f, "-o", "p.png"],
         "plot diagnosis": lambda f: ["plot", "diagnosis", f, "-o", "p.png"],
@@ -165,6 +189,15 @@ def calls() -> dict[str, Callable[[str], list[str]]]:
 TAKES = {
     "view": {"exp2.nc"},
     "inspect": {"exp2.nc"},
+    "check": {"craft.toml"},
+    "regressor": {"craft.toml"},
+    "compare": {"e.json"},
+    "track": {"exp2.nc"},
+    "cut": {"exp2.nc"},
+    "resample": {"exp2.nc"},
+    "convert": {"exp2.nc"},
+    "design": {"craft.toml"},
+    "import": {"map.toml"},
     "export": {"e.json"},
     "plot recording": {"exp2.nc"},
     "plot estimate": {"e.json"},
@@ -174,7 +207,16 @@ TAKES = {
     "simulate": {"x.toml"},
     "control": {"e.json"},
 }
-HEAVY = {"identify", "diagnose", "simulate", "control"}  # made by the fixture
+HEAVY = {
+    "identify",
+    "diagnose",
+    "simulate",
+    "control",
+    "track",
+    "design",
+    "regressor",
+    "import",
+}  # made by the fixture
 EXTRAS = {
     "view": "meshcat",
     "plot recording": "matplotlib",

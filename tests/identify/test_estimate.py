@@ -11,6 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from smsid.errors import EstimateError, MissingDependencyError, SmsidError
 from smsid.identify.estimate import (
@@ -21,6 +23,7 @@ from smsid.identify.estimate import (
     judged,
     load_estimate,
     save_estimate,
+    with_distinct_names,
 )
 
 
@@ -318,3 +321,35 @@ def test_dataframe_without_pandas_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(MissingDependencyError, match=r"smsid\[pandas\]"):
         example().to_dataframe()
+
+
+NAMES = st.lists(
+    st.tuples(st.sampled_from(["a.m", "a.mx", "b.m", "b.m (2)"]), st.sampled_from(["one", "two", "three"])),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(NAMES)
+def test_whatever_groups_share_a_name_every_lookup_finds_its_own(tmp_path_factory, pairs):
+    """By name, in the table, in the file, in the correlation: the parameter of that place."""
+    rows = [judged(name, float(k), "kg", 1.0 + k, group) for k, (name, group) in enumerate(pairs)]
+    if len({name for name, _ in pairs}) < len(pairs):
+        with pytest.raises(EstimateError, match="parameters of the estimate are called"):
+            Estimate("d", "ml", tuple(rows))
+    own = with_distinct_names(rows)
+    assert with_distinct_names(own) == own and [p.group for p in own] == [group for _, group in pairs]
+    covariance = np.diag([p.sigma**2 for p in own])
+    if len(own) > 1:
+        covariance[0, -1] = covariance[-1, 0] = 0.5
+    estimate = Estimate("d", "ml", own, covariance=covariance)
+    file = tmp_path_factory.mktemp("names") / "e.json"
+    save_estimate(estimate, file)
+    again = load_estimate(file)
+    table = estimate.to_dataframe()
+    for k, p in enumerate(own):
+        assert estimate[p.name] is p and again[p.name].value == float(k)
+        assert table.loc[p.name, "value"] == float(k) and table.loc[p.name, "group"] == p.group
+    if len(own) > 1:
+        expected = 0.5 / (own[0].sigma * own[-1].sigma)
+        assert estimate.correlation(own[0].name, own[-1].name) == pytest.approx(expected)
