@@ -6,16 +6,21 @@ import dataclasses
 import importlib
 import inspect
 import pkgutil
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import smsid
-from smsid._short_repr import LINES, WIDTH, short_repr, told
+from smsid._short_repr import LINES, WIDTH, as_html, short_repr, told
+from smsid.datasets import demonstration
+from smsid.diagnose import Diagnosis
+from smsid.diagnose.result import FoundCause, Value
+from smsid.experiments import named_experiment
 from smsid.identify.estimate import Estimate, judged
 
 HEAVY = ("ndarray", "SpacecraftModel", "Regression", "TankFit", "Scene", "Estimate", "Trace,")
-OWN = {"Estimate"}  # of its own kind, see tests/identify/test_estimate.py
+OWN = {"Estimate", "Diagnosis", "Comparison"}  # of their own kind, see below
 
 
 def public() -> list[type]:
@@ -62,6 +67,55 @@ def test_arrays_are_told_by_shape_and_long_things_by_number():
     assert "2 of Estimate" in repr(thing) and "100 entries: key 0" in repr(thing)
     assert "estimate of 'demo'" in repr(thing)
     assert told((1, 2)) == "(1, 2)" and told(None) == "None"
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, object]:
+    """What the functions of `smsid` return, as far as it is cheap to have."""
+    craft = smsid.load_spacecraft("paper_sms")
+    parameters = tuple(judged(f"bus.part{k}", 1.0 + k, "kg", 0.01, "g") for k in range(100))
+    estimate = Estimate("demo", "ml", parameters, covariance=1e-4 * np.eye(100))
+    cause = FoundCause(
+        "joint_friction", "joint2", "friction", "viscous",
+        (Value("friction_joint2.viscous", 1.5, 0.0002, "N m s/rad"),), (), {},
+    )  # fmt: skip
+    return {
+        "spacecraft": craft,
+        "experiment": named_experiment("exp1", smsid.build_model(craft)),
+        "recording": smsid.load_recording(demonstration().estimation),
+        "estimate": estimate,
+        "diagnosis": Diagnosis(
+            "demo", ("flight",), "explained", "The simulation lacks friction.", causes=(cause,) * 40
+        ),
+        "comparison": smsid.compare(estimate, estimate),
+    }
+
+
+@pytest.mark.parametrize(
+    "name", ["spacecraft", "experiment", "recording", "estimate", "diagnosis", "comparison"]
+)
+def test_what_functions_return_has_a_text_and_a_table(name, results):
+    found = results[name]
+    lines = repr(found).splitlines()
+    assert 1 < len(lines) <= LINES and max(map(len, lines)) <= WIDTH
+    page = found._repr_html_()
+    assert (
+        page.count("<tr>") == page.count("</tr>") >= 4
+        and ElementTree.fromstring(f"<div>{page}</div>") is not None
+    )
+
+
+def test_tables_of_pandas_have_a_row_for_each(results):
+    pytest.importorskip("pandas")
+    assert results["estimate"].to_dataframe().loc["bus.part3", "value"] == 4.0
+    assert len(results["comparison"].to_dataframe()) == 100
+    table = results["diagnosis"].to_dataframe()
+    assert list(table["location"]) == ["joint2"] * 40 and table["low"][0] < 1.5 < table["high"][0]
+
+
+def test_html_is_escaped():
+    page = as_html("a < b", [("<name>", "x & y")])
+    assert "a &lt; b" in page and "&lt;name&gt;" in page and "x &amp; y" in page
 
 
 def test_many_fields_are_cut():

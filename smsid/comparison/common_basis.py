@@ -104,6 +104,9 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
         row = _Row(own.names[k], own.units[k], *pair, own.factors[k], derived=True)
         if _is_new(row, rows):
             rows.append(row)
+    for which, estimate in (("first", first), ("second", second)):
+        unbounded = [p.name for p in estimate.parameters if p.sigma == np.inf]
+        refused.extend(NotComparable(name, which, "its interval has no end") for name in unbounded)
     left = np.array([r.left for r in rows]).reshape(len(rows), len(a.names))
     right = np.array([r.right for r in rows]).reshape(len(rows), len(b.names))
     return Common(
@@ -131,7 +134,7 @@ def _terms(estimate: Estimate) -> dict[str, dict[str, float]]:
     out = {}
     for p in estimate.parameters:
         by_product = p.group in BY_PRODUCT_GROUPS or p.status in ("by_product", "known")
-        if by_product or not np.isfinite(p.value) or not p.sigma > 0.0:
+        if by_product or not np.isfinite(p.value) or not 0.0 < p.sigma < np.inf:
             continue
         found = parse_combination(p.name)
         linear = found is not None and all(inertial_element(n) for n in found)

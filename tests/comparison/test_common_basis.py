@@ -73,3 +73,18 @@ def test_bases_lumped_towards_the_tips_and_towards_the_bus_compare_alike(seed):
     assert [(f.kind, f.subject) for f in grasp.findings] == [("body_grasped", "link3")]
     mass = grasp.findings[0]["mass"]
     assert abs(mass.value - 60.0) < 4.0 * mass.sigma
+
+
+def test_a_parameter_without_bound_hides_no_change():
+    """Infinite intervals stand on the diagonal where an estimate has no covariance."""
+    sigmas = {"a.m": 0.1, "b.m": 0.2, "c.m": np.inf}
+    before, after = (
+        Estimate(
+            "d", "paper", tuple(judged(n, x if n == "a.m" else 1.0, "kg", s, "g") for n, s in sigmas.items())
+        )
+        for x in (1.0, 5.0)
+    )
+    found = compare(before, after)
+    assert found["a.m"].changed and found["a.m"].sigma == pytest.approx(0.1 * np.sqrt(2.0))
+    assert not found["b.m"].changed and found.changed
+    assert {n.name for n in found.not_comparable} == {"c.m"}
