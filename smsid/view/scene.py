@@ -148,7 +148,7 @@ def build_scene(
         found = momenta(model, motion)
         parts += sign_parts(model, paths, motion, found, scene.radius)
         words = [
-            w for w, told in zip(("momentum", "angular momentum"), found.telling, strict=True) if not told
+            w for w, told in zip(("linear momentum", "angular momentum"), found.telling, strict=True) if not told
         ]
         if words and model.free:
             remark = f"{' and '.join(words)}: no more than the sensors' noise, not drawn"
