@@ -92,10 +92,10 @@ def estimate(path: Path, everything: bool) -> Iterator[Any]:
 
 def diagnosis(path: Path, everything: bool) -> Iterator[Any]:
     """Yield verdict, causes and what remains of a diagnosis."""
-    from smsid.cli.diagnose import document_parts
+    from smsid.cli.diagnose import diagnosis_parts
     from smsid.diagnose.result import load_diagnosis
 
-    yield from document_parts(load_diagnosis(path), everything=everything)
+    yield from diagnosis_parts(load_diagnosis(path), everything=everything)
 
 
 def comparison(path: Path, everything: bool) -> Iterator[Any]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import smsid
 from smsid._files import atomic_write, json_ready
@@ -15,13 +15,15 @@ from smsid._listing import some_of
 from smsid._reading import read_json
 from smsid._short_repr import as_html, as_text
 from smsid._statistics import NORMAL95
-from smsid.diagnose.gain import Gain
+from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.errors import SmsidError, require
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 SCHEMA_VERSION = 1
+T = TypeVar("T")
 Verdict = Literal["adequate", "explained", "unexplained", "not_evaluated"]
 
 
@@ -163,6 +165,17 @@ class Diagnosis:
         ]
         return require("pandas", "pandas").DataFrame(rows, columns=list(columns))
 
+    def plot(self) -> Figure:
+        """Return a figure: the maps of equation by dependence, before any cause and with the causes.
+
+        Raises:
+            MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
+            SmsidError: nothing was tested.
+        """
+        from smsid.report.papers.diagnosis import diagnosis_figure
+
+        return diagnosis_figure(self)
+
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
         document = {
@@ -205,10 +218,51 @@ def save_diagnosis(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
     atomic_write(Path(path), diagnosis.to_json())
 
 
-def load_diagnosis(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Load a diagnosis as the plain document it is; raises `SmsidError` for what is none."""
+def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
+    """Load a diagnosis that `save_diagnosis` wrote; raises `SmsidError` saying what is wrong with it."""
     file = Path(path)
     document = read_json(file)
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
         raise SmsidError(f"'{file}' is no diagnosis.", advice="Run `smsid diagnose` to make one.")
-    return document
+    try:
+        return _diagnosis(document)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise SmsidError(
+            f"'{file}' is a diagnosis, but not whole: {error}.", advice="Run `smsid diagnose` again."
+        ) from error
+
+
+def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
+    gain = document["gain"]
+    channels = tuple(_made(ChannelGain, c) for c in gain.get("channels", ()))
+    tests = document.get("tests") or {}
+    return _made(
+        Diagnosis,
+        document,
+        recordings=tuple(document["recordings"]),
+        causes=tuple(map(_cause, document["causes"])),
+        partial=tuple(map(_cause, document.get("partial", ()))),
+        gain=_made(Gain, gain, channels=channels) if gain["status"] == "evaluated" else None,
+        gain_reason=gain.get("reason", ""),
+        remaining=tuple(_made(Remaining, r) for r in document["remaining"]),
+        limits=tuple(_made(Limit, x) for x in document["limits"]),
+        notes=tuple(document["notes"]),
+        tests={k: tuple(_made(Remaining, t) for t in found) for k, found in tests.items()},
+        **{k: {n: x["value"] for n, x in document[k].items()} for k in ("noise", "whitened_rms", "timing")},
+    )
+
+
+def _cause(table: Mapping[str, Any]) -> FoundCause:
+    values = tuple(_made(Value, p) for p in table["parameters"])
+    aliases = tuple(_made(Alias, a) for a in table["aliases"])
+    return _made(FoundCause, table, parameters=values, aliases=aliases)
+
+
+def _made(kind: type[T], table: Mapping[str, Any], **own: Any) -> T:
+    """Return a dataclass from a table of JSON, where numbers that are not finite are null."""
+    found = {
+        f.name: float("nan") if table[f.name] is None and f.type == "float" else table[f.name]
+        for f in fields(kind)  # type: ignore[arg-type]
+        if f.name in table
+    }
+    return kind(**{**found, **own})

@@ -147,9 +147,8 @@ def build_scene(
     elif look.arrows and motion is not still:
         found = momenta(model, motion)
         parts += sign_parts(model, paths, motion, found, scene.radius)
-        words = [
-            w for w, told in zip(("linear momentum", "angular momentum"), found.telling, strict=True) if not told
-        ]
+        kinds = ("linear momentum", "angular momentum")
+        words = [w for w, told in zip(kinds, found.telling, strict=True) if not told]
         if words and model.free:
             remark = f"{' and '.join(words)}: no more than the sensors' noise, not drawn"
             scene = replace(scene, notes=(*scene.notes, remark))

@@ -62,8 +62,7 @@ def test_the_command_writes_the_reason_and_its_exit_code(
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 4
-    document = load_diagnosis(tmp_path / "d.json")
-    assert document["verdict"] == "not_evaluated"
+    assert load_diagnosis(tmp_path / "d.json").verdict == "not_evaluated"
     assert not (tmp_path / "extended.toml").exists()
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smsid.diagnose.result import Remaining
+from smsid.diagnose.result import Diagnosis
 from smsid.errors import SmsidError
 from smsid.report.diagnosis_map import EDGES, LEVEL, diagnosis_map
 from smsid.report.heat import STEPS, HeatMap
@@ -19,12 +18,12 @@ if TYPE_CHECKING:
 SHADES = ("#eeeeea", "#e0e3e0", "#cfd6d6", "#f6d9a6", "#eda95c", "#d96f32", "#ad3b34", "#661f45")
 
 
-def diagnosis_figure(document: Mapping[str, Any], title: str = "") -> Figure:
-    """Return the maps of a diagnosis's document; raises `SmsidError` for one that holds no tests."""
-    tests = {k: [Remaining(**t) for t in found] for k, found in (document.get("tests") or {}).items()}
+def diagnosis_figure(diagnosis: Diagnosis, title: str = "") -> Figure:
+    """Return the maps of a diagnosis; raises `SmsidError` for one that holds no tests."""
+    tests = dict(diagnosis.tests)
     names = {"nominal": "before any cause", "extended": "with the causes"}
     if tests.get("nominal") == tests.get("extended"):
-        tests, names = {"nominal": tests.get("nominal", [])}, {"nominal": "nominal parameters refitted"}
+        tests, names = {"nominal": tests.get("nominal", ())}, {"nominal": "nominal parameters refitted"}
     maps: list[tuple[str, HeatMap]] = []
     for key, name in names.items():
         figure = diagnosis_map(key, name, tests.get(key, ()))
@@ -32,7 +31,7 @@ def diagnosis_figure(document: Mapping[str, Any], title: str = "") -> Figure:
             maps.append((name, figure.body))
     if not maps:
         raise SmsidError(
-            f"The diagnosis holds no tests: {document.get('sentence', '')}",
+            f"The diagnosis holds no tests: {diagnosis.sentence}",
             advice="Make it again with `smsid diagnose`; one that is not evaluated has no map.",
         )
     rows = max(len(m.rows) for _, m in maps)
