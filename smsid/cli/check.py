@@ -5,6 +5,7 @@ from __future__ import annotations
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say
+from smsid.errors import SmsidError
 
 
 def check_command(description: DescriptionPath) -> Outcome:
@@ -12,7 +13,14 @@ def check_command(description: DescriptionPath) -> Outcome:
     from smsid.cli.file_kind import kind_of
     from smsid.description.review import review_description
 
-    kind_of(description)  # a file that is not there is no description with faults
+    kind = kind_of(
+        description
+    )  # a file that is not there is no description with faults, another kind neither
+    if kind != "description":
+        raise SmsidError(
+            f"'{description}' is of the kind '{kind.replace('_', ' ')}', no description.",
+            advice="Give the TOML or URDF of the spacecraft.",
+        )
     found = review_description(description)
     for label, findings in (("wrong", found.wrong), ("doubtful", found.doubtful)):
         for text in findings:

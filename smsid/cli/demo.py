@@ -46,9 +46,9 @@ def demo_command(
     output.mkdir(parents=True, exist_ok=True)
     which = demonstration()
     written: list[Path] = []
-    # the paper's part has a process of its own: neither waits for the other on two cores
+    # the paper's part and the replay have a process of their own: neither waits for the other on two cores
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        paper = pool.submit(run_paper, output, seed)
+        paper, replay = pool.submit(run_paper, output, seed), pool.submit(_draw, which, output)
         say(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
         with working("identifying by maximum likelihood"):
             description, estimation, validation, refinement, spent = identify_craft(which)
@@ -67,10 +67,9 @@ def demo_command(
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
         say(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
         craft = CraftRun(description, estimation, validation, refinement, found, extended)
-        with working("drawing"):
-            picture, drawn = _draw(which, output)
         with working("flying and identifying the paper's experiments"):
             done = paper.result()
+            picture, drawn = replay.result()
     with working("writing the page"):
         page, told = _page(which, craft, done, output, seed, picture)
     for step in told[-1:]:

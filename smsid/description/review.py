@@ -39,20 +39,24 @@ def review_description(path: str | os.PathLike[str]) -> Review:
         d = load_description(path)
     except SmsidError as error:
         return Review((str(error),), ())
-    files = [(d.folder / d.urdf, d.inertias == "trusted", "the TOML (before its tables)", d.arguments)]
+    packages = [d.folder / p for p in d.package_dirs]
+    bus = d.folder / d.urdf
+    files = [
+        (bus, [bus.parent, d.folder, *packages], d.inertias, "the TOML (before its tables)", d.arguments)
+    ]
     for arm in d.arm:
+        where = f"[[arm]] '{arm.name}'"
         try:
             if arm.robot is not None:
-                files.append(
-                    (robot_urdf(arm.robot)[0], arm.inertias == "trusted", f"[[arm]] '{arm.name}'", {})
-                )
+                file, folders = robot_urdf(arm.robot)
+                files.append((file, folders, arm.inertias, where, {}))
         except SmsidError as error:
-            wrong.append(f"[[arm]] '{arm.name}': {error}")
+            wrong.append(f"{where}: {error}")
         if arm.urdf is not None:
-            where = f"[[arm]] '{arm.name}'"
-            files.append((d.folder / arm.urdf, arm.inertias == "trusted", where, arm.arguments))
-    for file, trusted, where, arguments in files:
-        wrong += _wrong_in_urdf(d, file, trusted, where, arguments)
+            file = d.folder / arm.urdf
+            files.append((file, [file.parent, d.folder, *packages], arm.inertias, where, arm.arguments))
+    for file, folders, inertias, where, arguments in files:
+        wrong += _wrong_in_urdf(d, file, folders, inertias == "trusted", where, arguments)
     with _warnings() as told:
         try:
             build_model(d)
@@ -65,9 +69,8 @@ def review_description(path: str | os.PathLike[str]) -> Review:
 
 
 def _wrong_in_urdf(
-    d: Description, file: Path, trusted: bool, where: str, arguments: Mapping[str, str]
+    d: Description, file: Path, folders: list[Path], trusted: bool, where: str, arguments: Mapping[str, str]
 ) -> list[str]:
-    folders = [file.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
     try:
         text = read_urdf(file, arguments, folders)
         reading = parse_urdf(text, str(file))

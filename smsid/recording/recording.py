@@ -236,7 +236,7 @@ class Recording:
         return [*(s.sentence for s in told), *(f"{f.sentence} {f.mend}" for f in more)]
 
     def window(self, t0: float, t1: float) -> Recording:
-        """Cut out ``t0 <= t <= t1`` [s] on every clock.
+        """Cut out ``t0 <= t <= t1`` [s] on every clock; an end may be infinite.
 
         Raises:
             RecordingError: a clock does not increase, or has no sample in the window.
@@ -256,7 +256,8 @@ class Recording:
                     end=float(times[-1]),
                 )
             cut = cut.isel({clock: slice(int(inside[0]), int(inside[-1]) + 1)})
-        return Recording(cut)._noted({"window": [float(t0), float(t1)]})
+        ends = [float(t) if np.isfinite(t) else None for t in (t0, t1)]
+        return Recording(cut)._noted({"window": ends})
 
     def resampled(self, rate_or_times: float | ArrayLike) -> Recording:
         """Bring all channels to one clock, linearly between samples, quaternions by slerp.

@@ -176,8 +176,8 @@ def load_history(path: str | os.PathLike[str]) -> TrackHistory:
         channels=tuple(map(str, found["channel"].values)),
         events=tuple(map(_event, words["events"])),
         notes=tuple(words["notes"]),
-        **arrays,
-        **motion,
+        **arrays,  # type: ignore[arg-type]
+        **motion,  # type: ignore[arg-type]
     )
 
 

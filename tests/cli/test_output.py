@@ -188,7 +188,7 @@ def calls() -> dict[str, Callable[[str], list[str]]]:
 
 TAKES = {
     "view": {"exp2.nc"},
-    "inspect": {"exp2.nc"},
+    "inspect": {"exp2.nc", "track.nc"},
     "check": {"craft.toml"},
     "regressor": {"craft.toml"},
     "compare": {"e.json"},
@@ -244,7 +244,29 @@ def test_every_command_takes_what_is_meant_for_it_and_refuses_the_rest_in_a_line
 
 
 @pytest.mark.parametrize(
-    "words", [("show", "e.json"), ("inspect", "exp2.nc"), ("export", "craft.toml", "-o", "q")]
+    "words",
+    [
+        ("show", "e.json"),
+        ("inspect", "exp2.nc"),
+        ("export", "craft.toml", "-o", "q"),
+        ("check", "craft.toml"),
+        ("compare", "e.json", "e.json", "-o", "quiet.json"),
+        ("cut", "cut.nc", "--to", "3", "-o", "quiet.nc"),
+        ("resample", "cut.nc", "--rate", "5", "-o", "quiet_5.nc"),
+        ("convert", "cut.nc", "-o", "quiet.csv"),
+        ("new", "another"),
+        (
+            "track",
+            "craft.toml",
+            "resampled.nc",
+            "--estimate",
+            "e.json",
+            "--follow",
+            "tank.mass",
+            "-o",
+            "quiet_t.nc",
+        ),
+    ],
 )
 def test_quiet_is_quiet(flown, words, monkeypatch):
     monkeypatch.chdir(flown[0])

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from smsid.errors import RecordingError
-from smsid.recording import Recording
+from smsid.recording import Recording, load_recording, save_recording
 
 from .samples import LABELS, motion, recording
 
@@ -189,6 +189,12 @@ def test_window_cuts_every_clock_with_both_ends():
 def test_a_window_without_samples_is_refused_with_the_span():
     with pytest.raises(RecordingError, match="runs from 0 to 20 s"):
         recording().window(30.0, 40.0)
+
+
+def test_a_window_with_one_end_can_be_saved(tmp_path):
+    cut = recording().window(0.1, float("inf"))
+    save_recording(cut, tmp_path / "cut.nc")
+    assert load_recording(tmp_path / "cut.nc").provenance["steps"] == [{"window": [0.1, None]}]
 
 
 def test_with_channels_replaces_on_the_clock_the_source_has():
