@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -47,7 +48,7 @@ def demo_command(
     which = demonstration()
     written: list[Path] = []
     # the paper's part and the replay have a process of their own: neither waits for the other on two cores
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_silent) as pool:
         paper, replay = pool.submit(run_paper, output, seed), pool.submit(_draw, which, output)
         say(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
         with working("identifying by maximum likelihood"):
@@ -90,6 +91,11 @@ def demo_command(
         "paper_estimate": json.loads(done.estimate.to_json()),
     }
     return Outcome(document, written)
+
+
+def _silent() -> None:
+    """Keep what the library logs in another process off the terminal."""
+    logging.getLogger("smsid").addHandler(logging.NullHandler())
 
 
 def _table_2(estimate: Estimate) -> Table:

@@ -20,6 +20,10 @@ _KINDS = (
     ),
     (re.compile(r"^(?P<item>.+?): .* left out: (?P<rest>.*)$"), "samples left out in {items}: --all"),
     (
+        re.compile(r"^'(?P<item>[^']+)' contradicts the other recordings .*$", re.DOTALL),
+        "{items} contradict each other: were they flown with the same spacecraft? In what, with --all",
+    ),
+    (
         re.compile(r"^(?P<item>\S+) stands? still .*$"),
         "stand still, their own parameters stay as described: {items}",
     ),

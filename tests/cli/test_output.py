@@ -296,6 +296,9 @@ def test_notes_of_one_kind_are_one_line():
     assert "18 channels of exp1, exp2" in lines[0] and "9 sets" in lines[1] and "link1.m" in lines[1]
     assert lines[2] == "note: something else"
     assert len(told([*notes, *sets], everything=True)) == 27
+    both = [f"'exp{k}' contradicts the other recordings (p = 1e-9): bus.m 1 against 2" for k in (1, 2)]
+    assert told(both)[0].startswith("note: exp1, exp2 contradict each other")
+    assert told(both[:1])[0] == f"note: {both[0]}"
     many = told(f"note {k}" for k in range(30))
     assert len(many) == 6 and many[-1] == "note: 25 more with --all"
     assert len(clipped("x" * 500)) <= COLUMNS
