@@ -21,8 +21,17 @@ From the docstrings. SI units and radians throughout, arrays with the samples fi
 order of states are those of [the design](../design.md). Every error smsid raises is a
 {py:obj}`smsid.errors.SmsidError`.
 
+## What `import smsid` offers
+
+Light to import; a name is loaded when it is used. Everything else stands in the subpackages below.
+
+%library%
+
+## Subpackages
+
 ```{toctree}
 """
+LIBRARY = "%library%"
 
 
 def write(path: Path, text: str) -> None:
@@ -58,6 +67,17 @@ def public(package: str = "smsid") -> list[str]:
     return sorted(f"{package}.{m.name}" for m in found if not m.name.startswith("_") and m.name not in HIDDEN)
 
 
+def library() -> str:
+    """Return a table of the names that `smsid` itself offers, each with the first line of its docstring."""
+    package = importlib.import_module("smsid")
+    rows = []
+    for name, module in sorted(package._MODULES.items(), key=lambda item: (item[0][0].isupper(), item[0])):
+        place = ".".join(module.split(".")[:2])
+        first = (getattr(importlib.import_module(module), name).__doc__ or "").strip().splitlines()[0]
+        rows.append(f"| {{py:obj}}`{name} <{place}.{name}>` | {literal_bars(first)} |")
+    return "\n".join(["| | |", "|---|---|", *rows])
+
+
 def generate(app: Sphinx) -> None:
     """Write the pages into the folder ``api`` of the sources, and remove those of modules that are gone."""
     folder = Path(app.srcdir) / "api"
@@ -65,7 +85,7 @@ def generate(app: Sphinx) -> None:
     names = public()
     for name in names:
         write(folder / f"{name}.md", page(name))
-    write(folder / "index.md", HEAD + "\n".join(names) + "\n```\n")
+    write(folder / "index.md", HEAD.replace(LIBRARY, library()) + "\n".join(names) + "\n```\n")
     for old in folder.glob("*.md"):
         if old.stem not in (*names, "index"):
             old.unlink()
