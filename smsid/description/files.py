@@ -45,7 +45,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
         if not file.is_file():
             raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         name = file.stem.removesuffix(".urdf")
-        return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent))
+        return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent, meshes="optional"))
     tables = read_toml(file)
     if "folder" in tables:
         raise DescriptionError(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from smsid.description.files import load_description
 from smsid.description.schema import Description
-from smsid.description.urdf_check import check_inertias, check_meshes, read_urdf
+from smsid.description.urdf_check import check_inertias, check_meshes, package_folders, read_urdf
 from smsid.description.urdf_reading import parse_urdf
 from smsid.errors import DescriptionError, SmsidError
 
@@ -83,7 +83,7 @@ def _wrong_in_urdf(
         found.append(str(error))
     if d.meshes == "required":
         try:
-            check_meshes(text, str(file), folders)
+            check_meshes(text, str(file), [*folders, *package_folders(text, file)])
         except DescriptionError as error:
             found.append(str(error))
     return found

@@ -173,7 +173,7 @@ class Description(Table):
     urdf: str
     root: Literal["free", "fixed"] = "free"
     gravity: Vector3 = (0.0, 0.0, 0.0)  # [m/s^2], inertial frame
-    meshes: Literal["required", "ignored"] = "required"
+    meshes: Literal["required", "optional", "ignored"] = "required"
     inertias: Inertias = "checked"
     package_dirs: tuple[str, ...] = ()
     arguments: dict[str, str] = Field(default_factory=dict)  # of the URDF, if it is a xacro

@@ -140,6 +140,13 @@ def without_meshes(text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def package_folders(text: str, path: Path) -> list[Path]:
+    """Return the folders above a URDF that hold a package its meshes are named in (``package://NAME/...``)."""
+    names = [mesh.get("filename", "") for mesh in ElementTree.fromstring(text).iter("mesh")]
+    packages = {n.removeprefix("package://").partition("/")[0] for n in names if n.startswith("package://")}
+    return [place for place in path.resolve().parents if any((place / p).is_dir() for p in packages if p)]
+
+
 def check_meshes(text: str, source: str, folders: Iterable[Path]) -> None:
     """Raise `DescriptionError` if a mesh the URDF names is in none of the folders."""
     places = list(folders)

@@ -14,7 +14,14 @@ import pinocchio as pin
 
 from smsid._listing import some_of
 from smsid.description.schema import Arm, Description, did_you_mean
-from smsid.description.urdf_check import check_inertias, check_meshes, normalised, read_urdf, without_meshes
+from smsid.description.urdf_check import (
+    check_inertias,
+    check_meshes,
+    normalised,
+    package_folders,
+    read_urdf,
+    without_meshes,
+)
 from smsid.description.urdf_reading import UrdfReading, parse_urdf
 from smsid.errors import DescriptionError
 from smsid.model.assembly import find_frame
@@ -141,8 +148,17 @@ def _load(
     text = read_urdf(path, arguments, folders)
     reading = parse_urdf(text, str(path))
     check_inertias(reading, trusted=trusted, where=where)
-    if d.meshes == "required":
-        check_meshes(text, str(path), folders)
+    folders = [*folders, *package_folders(text, path)]
+    meshless = d.meshes == "ignored"
+    if not meshless:
+        try:
+            check_meshes(text, str(path), folders)
+        except DescriptionError as error:
+            if d.meshes == "required":
+                raise
+            meshless = True
+            if visuals:
+                logger.warning("%s Drawn without meshes.", error.message)
     _tell_unused(reading, fixed)
     text = normalised(text)
     empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
@@ -170,7 +186,7 @@ def _load(
     if not visuals:
         return _welded(Loaded(model, None, losses), empty, pin.neutral(model))
     places = [str(f) for f in folders]
-    shown = without_meshes(text) if d.meshes == "ignored" else text
+    shown = without_meshes(text) if meshless else text
     try:
         visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
     except (ValueError, RuntimeError) as error:
