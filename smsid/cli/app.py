@@ -12,7 +12,7 @@ import typer
 from smsid._xacro_arguments import xacro_arguments
 from smsid.cli.lazy import Entry, lazy_group, register
 from smsid.cli.manners import error_document, print_json
-from smsid.cli.output import error_console
+from smsid.cli.output import WIDTH, error_console, wrapped
 from smsid.errors import SmsidError
 
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
@@ -75,6 +75,13 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
+class _Wrapped(logging.Formatter):
+    """Lines of at most `WIDTH` characters, broken between words."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        return wrapped(super().formatMessage(record), WIDTH)
+
+
 @app.callback()
 def _common(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False,
@@ -82,7 +89,9 @@ def _common(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
     ] = False,
 ) -> None:
-    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
+    own = logging.StreamHandler()
+    own.setFormatter(_Wrapped("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(handlers=[own])  # unless there are some
     for handler in logging.getLogger().handlers:
         handler.setLevel(logging.INFO if verbose else logging.WARNING)
     logging.getLogger().setLevel(logging.INFO if verbose else logging.WARNING)

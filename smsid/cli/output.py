@@ -62,15 +62,20 @@ def say(text: str, *, style: str = "") -> None:
     from rich.text import Text
 
     out = console()
+    out.print(Text(wrapped(text, out.width), style=style), soft_wrap=True)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Return a text in lines of at most ``width`` characters, broken between words."""
     lines = [
         part
         for line in text.split("\n")
         for part in textwrap.wrap(
-            line, out.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+            line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
         or [""]
     ]
-    out.print(Text("\n".join(lines), style=style), soft_wrap=True)
+    return "\n".join(lines)
 
 
 def error_console() -> Console:

@@ -23,6 +23,7 @@ def regressor_command(
     description: DescriptionPath,
     states: Annotated[int, typer.Option(min=1, help="random states to compare at")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="seed of the states")] = 1,
+    fixed: Annotated[bool, typer.Option("--fixed", help="the root link stands on the ground")] = False,
     show_all: ShowAll = False,
 ) -> Outcome:
     """Check momentum and torque regressors against Pinocchio, MuJoCo and identities; name base parameters."""
@@ -32,7 +33,10 @@ def regressor_command(
     from smsid.model import build_model
     from smsid.model.regressor_check import check_regressor
 
-    model = build_model(load_description(description))
+    described = load_description(description)
+    if fixed:
+        described = described.model_copy(update={"root": "fixed"})
+    model = build_model(described)
     with working("comparing"):
         found = check_regressor(model, np.random.default_rng(seed), states=states)
     for part in check_parts(found, everything=show_all):

@@ -21,6 +21,8 @@ from smsid.model.spacecraft import SpacecraftModel
 WRITTEN = (JointFriction, MotorCoupling, TorqueOffset)
 """Effects with nonlinear forces that have a counterpart."""
 
+GROUND = "world"  # the name that MuJoCo keeps for what nothing moves
+
 
 def write_mjcf(model: SpacecraftModel) -> str:
     """Return the model as MJCF text.
@@ -45,6 +47,10 @@ def write_mjcf(model: SpacecraftModel) -> str:
     dry = dry_friction(model)
     links = body_names(p)
     names = links if len(set(links)) == len(links) else tuple(list(p.names)[1:])
+    own = "world_link"
+    while own in names:
+        own += "_"
+    names = tuple(own if n == GROUND else n for n in names)
     children: dict[int, list[int]] = {j: [] for j in range(p.njoints)}
     for j in range(1, p.njoints):
         children[p.parents[j]].append(j)

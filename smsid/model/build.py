@@ -289,7 +289,9 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
     """Raise `DescriptionError` if some motion moves no mass: the accelerations would be undefined."""
     if free and model.inertias[1].mass <= 0.0:
         raise DescriptionError(
-            "The bus (root link of the URDF) has no mass.", advice="Give it an <inertial>."
+            "The bus (root link of the URDF) has no mass.",
+            advice='Give it an <inertial>; of a machine on the ground say root = "fixed" in its TOML (of '
+            "`smsid regressor`: --fixed).",
         )
     if model.nv == 0:
         raise DescriptionError("Nothing can move.", advice='Give the spacecraft joints, or `root = "free"`.')

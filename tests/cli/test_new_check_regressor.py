@@ -116,3 +116,19 @@ def test_regressors_of_the_bundled_craft_are_exact():
     assert {"torque, Pinocchio rnea", "momentum, Pinocchio centroidal"} <= found["errors"].keys()
     assert max(found["errors"].values()) < 1e-13
     assert len(found["base_parameters"]) == 68 and found["condition"] > 1.0
+
+
+def test_a_root_link_called_world_is_no_ground(tmp_path):
+    """As of UR arms: MuJoCo keeps that name for what nothing moves."""
+    pytest.importorskip("mujoco")
+    text = (urdf_folder() / "paper_sms.urdf").read_text()
+    (tmp_path / "r.urdf").write_text(text.replace('"bus"', '"world"').replace('"link2"', '"world_link"'))
+    found = run("regressor", str(tmp_path / "r.urdf"), "--states", "3")
+    assert found["not_compared"] == [] and found["errors"]["torque, MuJoCo inverse"] < 1e-10
+
+
+def test_an_arm_on_the_ground_has_torques_alone():
+    result = CliRunner().invoke(app, ["regressor", ARM, "--states", "3"])
+    assert result.exit_code == 1 and "--fixed" in str(result.exception)
+    found = run("regressor", ARM, "--fixed", "--states", "3")
+    assert max(found["errors"].values()) < 1e-10 and "momentum, Pinocchio centroidal" not in found["errors"]
