@@ -134,7 +134,12 @@ def _table_2(estimate: Estimate) -> Table:
         "parameter", "#truth", "#paper", "#its error", "#guess", "#here", "#95 % interval", "#error",
         "truth inside",
     )  # fmt: skip
-    return Table("Table 2: mass, slosh and panel", columns, tuple(out), "- and >> are as the paper prints them: it gives no value of b_s.")
+    return Table(
+        "Table 2: mass, slosh and panel",
+        columns,
+        tuple(out),
+        "- and >> are as the paper prints them: it gives no value of b_s.",
+    )
 
 
 def _table_3(paper: Found, shown: int = 3) -> Table:
