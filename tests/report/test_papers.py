@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 
+from smsid.diagnose import Diagnosis, save_diagnosis
+from smsid.diagnose.result import Remaining
 from smsid.errors import MissingDependencyError, NotIdentifiableError, SmsidError
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording, save_recording
@@ -68,14 +68,14 @@ def test_bars_of_an_estimate_are_its_intervals():
     np.testing.assert_allclose(dots.get_xdata(), [1 / 49.0 * 49.0 / 50.0, 0.01 / 0.03, 0.1 / 10.1], rtol=1e-9)
 
 
-def test_the_map_is_drawn_from_the_document(tmp_path):
-    tests = [t.__dict__ for t in TESTS]
-    document = {"kind": "diagnosis", "tests": {"nominal": tests, "extended": tests[1:3]}}
-    (tmp_path / "d.json").write_text(json.dumps(document))
+def test_the_map_is_drawn_from_the_file(tmp_path):
+    tests = tuple(Remaining(t.where, t.dependence, t.ratio, t.freedom, t.p_value) for t in TESTS)
+    made = Diagnosis("craft", (), "explained", "It is.", tests={"nominal": tests, "extended": tests[1:3]})
+    save_diagnosis(made, tmp_path / "d.json")
     path = draw("diagnosis", Request(tmp_path / "d.json"), tmp_path / "map.svg")
     text = path.read_text(encoding="utf-8")
     assert "torque of joint10" in text and "with the causes" in text
-    (tmp_path / "d.json").write_text(json.dumps({"kind": "diagnosis", "tests": {}, "sentence": "no command"}))
+    save_diagnosis(Diagnosis("craft", (), "not_evaluated", "no command"), tmp_path / "d.json")
     with pytest.raises(SmsidError, match="no command"):
         draw("diagnosis", Request(tmp_path / "d.json"), tmp_path / "map.svg")
 
