@@ -19,8 +19,9 @@ from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor
+from smsid.simulate.chart_derivative import ChartDerivative
 from smsid.simulate.fixed_step import simulate_closed_loop
-from smsid.simulate.integrate import ChartDerivative, initial_state
+from smsid.simulate.integrate import initial_state
 from smsid.simulate.truth import rotations
 
 logger = logging.getLogger(__name__)

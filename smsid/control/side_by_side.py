@@ -17,7 +17,7 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.sensed import SensedState
 from smsid.errors import ControlError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.fixed_step import runge_kutta_step
+from smsid.simulate.held_step import held_step
 from smsid.simulate.truth import rotations
 
 
@@ -73,7 +73,7 @@ def track_side_by_side(
         pending.append(_applied(model, actuators, torques, v[:, wheels], period))
         tau = path_tau[i] = pending.pop(0)
         for k in range(count):
-            q[k], v[k] = runge_kutta_step(model, t, period, q[k], v[k], tau[k])
+            q[k], v[k], _ = held_step(model, t, period, q[k], v[k], tau[k])
         if not np.isfinite(v).all():
             raise SimulationError(f"A closed loop blew up at t = {t + period:.6g} s.", time=t)
         path_q[i + 1], path_v[i + 1] = q, v

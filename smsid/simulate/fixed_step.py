@@ -1,8 +1,4 @@
-"""Fixed-step integration for closed loops: fourth-order Runge-Kutta on the configuration manifold.
-
-Every step runs in its own chart q = q_n (+) xi (Munthe-Kaas), so the stages are combined in the tangent
-space and quaternions stay unit. The controller is called at its own rate and held in between.
-"""
+"""Fixed-step integration for closed loops: the controller is called at its own rate and held in between."""
 
 from __future__ import annotations
 
@@ -10,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.integrate import ChartDerivative, initial_state
-from smsid.simulate.trajectory import Audit, closing_audit, external_rates
+from smsid.simulate.held_step import held_step
+from smsid.simulate.integrate import initial_state
+from smsid.simulate.trajectory import Audit, closing_audit
 
 Controller = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """Called with (t, q (nq,), v (nv,)); returns the applied generalised forces tau (nv,)."""
@@ -77,7 +73,7 @@ def simulate_closed_loop(
                 tau[i] = pending.pop(0)
             else:
                 tau[i] = tau[i - 1]
-            q[i + 1], v[i + 1], gain = _step(model, time[i], dt, q[i], v[i], tau[i], audit)
+            q[i + 1], v[i + 1], gain = held_step(model, time[i], dt, q[i], v[i], tau[i], audit)
             gained[i + 1] = gained[i] + gain
             if not np.isfinite(v[i + 1]).all():
                 raise SimulationError(
@@ -90,55 +86,6 @@ def simulate_closed_loop(
                 )
     tau[-1] = tau[-2]
     return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained) if audit else None)
-
-
-def runge_kutta_step(
-    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return q (nq,), v (nv,) after a step of ``h`` [s] under held generalised forces tau (nv,).
-
-    A step of `simulate_closed_loop`, without what its audit needs.
-    """
-    m, free, integrate = model.pin, model.free, pin.integrate
-
-    def slope(at: float, xi: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        moved = rate
-        if free:
-            moved = rate.copy()
-            moved[:6] = pin.Jlog6(pin.exp6(xi[:6])) @ rate[:6]
-        return moved, model.acceleration(at, integrate(m, q, xi), rate, tau)
-
-    a1 = model.acceleration(t, q, v, tau)
-    v2 = v + (h / 2) * a1
-    x2, a2 = slope(t + h / 2, (h / 2) * v, v2)
-    v3 = v + (h / 2) * a2
-    x3, a3 = slope(t + h / 2, (h / 2) * x2, v3)
-    v4 = v + h * a3
-    x4, a4 = slope(t + h, h * x3, v4)
-    return integrate(m, q, h / 6 * (v + 2 * (x2 + x3) + x4)), v + h / 6 * (a1 + 2 * (a2 + a3) + a4)
-
-
-def _step(
-    model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, audit: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return q, v after a step, and by how much momentum and energy should have changed (7,), or zeros."""
-    nv = model.nv
-    rates: list[np.ndarray] = []
-
-    def acceleration(at: float, x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        if audit:
-            rates.append(external_rates(model, at, x, rate, tau))
-        return model.acceleration(at, x, rate, tau)
-
-    derivative = ChartDerivative(model, acceleration, q)
-    y, k = np.concatenate([np.zeros(nv), v]), np.empty((4, 2 * nv))
-    k1 = derivative(t, y, k[0])
-    k2 = derivative(t + h / 2, y + h / 2 * k1, k[1])
-    k3 = derivative(t + h / 2, y + h / 2 * k2, k[2])
-    k4 = derivative(t + h, y + h * k3, k[3])
-    y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    gain = h / 6 * (rates[0] + 2 * rates[1] + 2 * rates[2] + rates[3]) if audit else np.zeros(7)
-    return pin.integrate(model.pin, q, y[:nv]), y[nv:], gain
 
 
 def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:

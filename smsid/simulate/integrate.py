@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +20,11 @@ from scipy.integrate import DOP853, DenseOutput
 
 from smsid.errors import SimulationError
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate.chart_derivative import ChartDerivative, Enforce
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.inputs import Inputs
 from smsid.simulate.short_step import ShortPiece, short_step
-from smsid.simulate.stiff_steps import Stiffness, StiffSteps
+from smsid.simulate.stiff_steps import Stiffness, StiffSteps, failed
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
@@ -71,11 +73,12 @@ def simulate(
     stop = start + duration
     edges = [start, *(b for b in dynamics.breakpoints if start < b < stop), stop]
     charts: list[Chart] = []
+    enforce = dynamics.enforce if dynamics.prescribed else None
     step: float | None = None
     stiffness = Stiffness()
     for t0, t1 in itertools.pairwise(edges):
         while t0 < t1:
-            chart, y = _run_chart(dynamics, q, v, t0, t1, step, tol, max_step, stiffness, progress)
+            chart, y = run_chart(dynamics, q, v, t0, t1, step, tol, max_step, stiffness, progress, enforce)
             charts.append(chart)
             step = chart.last_step
             t0 = chart.stop
@@ -110,8 +113,21 @@ def initial_state(
     return normal, v
 
 
-def _run_chart(
-    dynamics: Dynamics,
+class RightHandSide(Protocol):
+    """What is integrated."""
+
+    @property
+    def model(self) -> SpacecraftModel:
+        """The spacecraft."""
+        ...
+
+    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return vdot (nv,)."""
+        ...
+
+
+def run_chart(
+    dynamics: RightHandSide,
     q_ref: np.ndarray,
     v: np.ndarray,
     t0: float,
@@ -121,11 +137,11 @@ def _run_chart(
     max_step: float,
     stiffness: Stiffness,
     progress: Callable[[float], None] | None,
+    enforce: Enforce | None = None,
 ) -> tuple[Chart, np.ndarray]:
     """Integrate until t1 or until the chart has turned too far; return the stretch and (xi, v) at its end."""
     nv, free = dynamics.model.nv, dynamics.model.free
     before_end = float(np.nextafter(t1, t0))  # an input that jumps at t1 is taken from the left
-    enforce = dynamics.enforce if dynamics.prescribed else None
     derivative = ChartDerivative(dynamics.model, dynamics.acceleration, q_ref, before_end, enforce)
     t, y = t0, np.concatenate([np.zeros(nv), v])
     with np.errstate(over="ignore", invalid="ignore"):
@@ -144,8 +160,6 @@ def _run_chart(
                     implicit = StiffSteps(derivative, piece.t, piece.y, t1, step, tol.relative, tol.absolute)
             else:
                 piece = implicit.step(longest)
-                if isinstance(piece, str):
-                    raise _failed(t, y, piece)
             t, y, rate = piece.t, piece.y, piece.end_rate
             times.append(t)
             pieces.append(piece)
@@ -154,41 +168,6 @@ def _run_chart(
             if free and np.abs(y[3:6]).max() > RECENTRE_ANGLE:
                 break
     return Chart(dynamics.model.pin, q_ref, np.array(times), tuple(pieces), step), y
-
-
-class ChartDerivative:
-    """Right-hand side in the chart q = q_ref (+) xi: the rate of y = (xi, v) for vdot = acceleration(t, q,
-    v).
-
-    Called with t, y (2 nv,) and ``out`` (2 nv,) to write into. Times beyond ``latest`` are taken as
-    ``latest``; ``enforce`` first puts q and v on what is prescribed.
-    """
-
-    def __init__(
-        self,
-        model: SpacecraftModel,
-        acceleration: Callable[[float, np.ndarray, np.ndarray], np.ndarray],
-        q_ref: np.ndarray,
-        latest: float = np.inf,
-        enforce: Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
-    ) -> None:
-        self.pin, self.nv, self.free = model.pin, model.nv, model.free
-        self.acceleration, self.q_ref, self.latest, self.enforce = acceleration, q_ref, latest, enforce
-
-    def __call__(self, t: float, y: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Write the rate of y at t into ``out`` and return it."""
-        nv = self.nv
-        if t > self.latest:
-            t = self.latest
-        xi, v = y[:nv], y[nv:]
-        q = pin.integrate(self.pin, self.q_ref, xi)
-        if self.enforce is not None:
-            q, v = self.enforce(t, q, v)
-        out[:nv] = v
-        if self.free:
-            np.dot(pin.Jlog6(pin.exp6(xi[:6])), v[:6], out=out[:6])
-        out[nv:] = self.acceleration(t, q, v)
-        return out
 
 
 class _Piece(DenseOutput):
@@ -251,9 +230,7 @@ def _step(
     known = [k[:s] for s in range(STAGES + 1)]
     while True:
         if not h >= smallest:
-            raise _failed(
-                t, y, "the step size collapsed" if np.isfinite(error) else "the state is not finite"
-            )
+            raise failed(t, y, "the step size collapsed" if np.isfinite(error) else "the state is not finite")
         new = t_end if t + h >= t_end else t + h
         taken = new - t
         for s, (a, c) in enumerate(zip(STAGE_ROWS, STAGE_TIMES, strict=True), start=1):
@@ -270,7 +247,7 @@ def _step(
             piece.t, piece.t_max, piece.h, piece.y = new, new, taken, y_new
             derivative(new, y_new, k[STAGES])
             if not np.isfinite(k[STAGES]).all():
-                raise _failed(new, y_new, "the state is not finite")
+                raise failed(new, y_new, "the state is not finite")
             apart = float(np.linalg.norm(y_new - at))
             if apart > 0.0:
                 piece.stretch = taken * float(np.linalg.norm(k[STAGES] - k[STAGES - 1])) / apart
@@ -303,12 +280,3 @@ def _first_step(
     curve = float(np.linalg.norm((ahead - rate) / scale)) / h
     steepest = max(slope, curve)
     return float(min(100.0 * h, (0.01 / steepest) ** 0.125 if steepest > 1e-15 else max(1e-6, 1e-3 * h)))
-
-
-def _failed(t: float, y: np.ndarray, reason: str) -> SimulationError:
-    return SimulationError(
-        f"The simulation failed at t = {t:.6g} s: {reason}.",
-        advice="Are the inputs bounded and the inertias right? A stiff effect may need smaller steps.",
-        time=t,
-        state=y,
-    )

@@ -13,6 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import DenseOutput, Radau
 
+from smsid.errors import SimulationError
+
 BOUNDARY = 6.1  # step times eigenvalue at which the method of order eight is about to lose stability
 SURE, CALM = 15, 6  # steps at the boundary that make a stretch stiff; steps within that end the suspicion
 
@@ -79,18 +81,30 @@ class StiffSteps:
             atol=absolute,
         )
 
-    def step(self, longest: float) -> StiffPiece | str:
-        """Return the next step, of ``longest`` [s] at most, or why there is none."""
-        self.solver.max_step = longest
+    def step(self, longest: float) -> StiffPiece:
+        """Return the next step, of ``longest`` [s] at most. Raises `SimulationError` when there is none."""
+        solver = self.solver
+        solver.max_step = longest
+        t, y = solver.t, solver.y
         try:
-            message = self.solver.step()
+            message = solver.step()
         except (ValueError, np.linalg.LinAlgError) as error:
-            return f"the implicit method failed ({error})"
-        if self.solver.status == "failed":
-            return message or "no step of the implicit method holds the tolerance"
-        if not np.isfinite(self.solver.f).all():
-            return "the state is not finite"
-        return StiffPiece(self.solver)
+            raise failed(t, y, f"the implicit method failed ({error})") from error
+        if solver.status == "failed":
+            raise failed(t, y, message or "no step of the implicit method holds the tolerance")
+        if not np.isfinite(solver.f).all():
+            raise failed(t, y, "the state is not finite")
+        return StiffPiece(solver)
+
+
+def failed(t: float, y: np.ndarray, reason: str) -> SimulationError:
+    """Return the error of an integration that cannot go on from y (n,) at t [s]."""
+    return SimulationError(
+        f"The simulation failed at t = {t:.6g} s: {reason}.",
+        advice="Are the inputs bounded and the inertias right? A stiff effect may need smaller steps.",
+        time=t,
+        state=y,
+    )
 
 
 def _jacobian(rate: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray) -> np.ndarray:
