@@ -192,24 +192,28 @@ def participates(joints: AppendageJoints, axis: int) -> bool:
 def _mode_parameters(name: str, seen: SeenModes, described: tuple[Mode, ...]) -> list[ParameterEstimate]:
     """Frequencies and damping; their variance adds sensor noise and the spread over model orders."""
     out = []
-    for k, j in sorted(match_modes(seen.modes.clamped, described).items()):
-        mode, noise, nominal = seen.modes.clamped[j], seen.clamped_sigma[j], described[k]
+    numbers = {j: k + 1 for k, j in match_modes(seen.modes.clamped, described).items()}
+    for j, number in sorted(numbers.items(), key=lambda pair: pair[1]):
+        mode, noise, nominal = seen.modes.clamped[j], seen.clamped_sigma[j], described[number - 1]
         for what, unit, spread in (
             ("frequency", "Hz", np.hypot(mode.frequency_order_spread, noise.frequency)),
             ("damping", "1", np.hypot(mode.damping_order_spread, noise.damping)),
         ):
-            value, was = float(getattr(mode, what)), float(getattr(nominal, what))
-            out.append(judged(f"{name}.mode{k + 1}.{what}", value, unit, float(spread), "modes", nominal=was))
-    for k, (mode, noise) in enumerate(zip(seen.modes.coupled, seen.coupled_sigma, strict=True), start=1):
+            key, value = f"{name}.mode{number}.{what}", float(getattr(mode, what))
+            was = float(getattr(nominal, what))
+            out.append(judged(key, value, unit, float(spread), "modes", nominal=was))
+    partners = {i: numbers[j] for j, i in seen.modes.partners().items() if j in numbers}
+    others = 0
+    for i, (mode, noise) in enumerate(zip(seen.modes.coupled, seen.coupled_sigma, strict=True)):
+        if i in partners:
+            key, note = f"coupled{partners[i]}", "coupled to the spacecraft"
+        else:
+            others += 1
+            key, note = f"seen{others}", "seen on the panel, no bending mode of it: slosh, or control"
+        spread = float(np.hypot(mode.frequency_order_spread, noise.frequency))
         out.append(
             ParameterEstimate(
-                f"{name}.coupled{k}.frequency",
-                mode.frequency,
-                "Hz",
-                float(np.hypot(mode.frequency_order_spread, noise.frequency)),
-                "by_product",
-                "modes",
-                note="coupled to the spacecraft",
+                f"{name}.{key}.frequency", mode.frequency, "Hz", spread, "by_product", "modes", note=note
             )
         )
     return out

@@ -19,6 +19,7 @@ FEWEST_ROWS = 30
 MOST_ROWS = 60
 MODE_SHARE = 0.2
 ORDERS = tuple(range(2, 22, 2))
+BELOW = 0.005  # share of its frequency by which a coupled mode may be found below its clamped one
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,28 @@ class PanelModes:
     clamped: tuple[Mode, ...]
     coupled: tuple[Mode, ...]
     status: str
+
+    def partners(self) -> dict[int, int]:
+        """Return which coupled mode (value) is which clamped one (key) with its root free.
+
+        Letting the root go raises a mode's frequency, but not to that of the next (Rayleigh's interlacing
+        theorem); of several in between, fuel slosh among them, it is that which bends the panel most.
+        """
+        found = {}
+        for k, mode in enumerate(self.clamped):
+            low = (1.0 - BELOW) * mode.frequency
+            high = self.clamped[k + 1].frequency if k + 1 < len(self.clamped) else np.inf
+            between = [i for i, m in enumerate(self.coupled) if low <= m.frequency < (1.0 - BELOW) * high]
+            if between:
+                found[k] = max(between, key=lambda i: _bends(self.coupled[i], mode))
+        return found
+
+
+def _bends(coupled: Mode, clamped: Mode) -> float:
+    """Return the share of a coupled shape that is a clamped one's bending, the rest moving as the root."""
+    basis = np.column_stack([clamped.shape / np.linalg.norm(clamped.shape), np.ones(len(clamped.shape))])
+    bending, rigid = np.abs(np.linalg.lstsq(basis, coupled.shape, rcond=None)[0])
+    return float(bending / (bending + rigid * np.sqrt(len(clamped.shape))))
 
 
 def panel_modes(

@@ -1,6 +1,7 @@
 """Clamped and coupled modes of a panel, on the equations of motion and on MuJoCo recordings."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,23 @@ def test_clamped_and_coupled_without_noise():
     for mode, shape in zip(modes.clamped, SHAPES, strict=True):
         assert mac(mode.shape, shape)[0, 0] > 0.9999
     assert "clamped" in modes.status and "after 40 s" in modes.status
+
+
+def test_a_coupled_mode_is_named_after_its_clamped_one():
+    """Whether the slosh, below all of them, was found or not."""
+    modes = panel_modes(*experiment_one(), free_from=40.0)
+    assert len(modes.coupled) == 4
+    for seen in (modes, replace(modes, coupled=modes.coupled[1:])):
+        found = [seen.coupled[i].frequency for i in map(seen.partners().get, range(3))]
+        np.testing.assert_allclose(found, coupled_frequencies()[1:], rtol=2e-4)
+
+
+def test_slosh_between_two_bending_modes_is_no_mode_of_the_panel():
+    modes = panel_modes(*experiment_one(), free_from=40.0)
+    slosh, first = modes.coupled[:2]
+    between = replace(slosh, frequency=1.02 * first.frequency)  # as if the tank were stiffer
+    seen = replace(modes, coupled=(first, between, *modes.coupled[2:]))
+    assert seen.partners() == {0: 0, 1: 2, 2: 3}
 
 
 def test_noise_and_constant_bias():
