@@ -30,6 +30,8 @@ COMMANDS = {
     "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
     "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
     "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),
+    "stream": Entry("smsid.cli.stream:stream_command", "Follow telemetry as it comes, in JSON lines."),
+    "play": Entry("smsid.cli.stream:play_command", "Play a recording as JSON lines."),
     "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
     "compare": Entry("smsid.cli.compare:compare_command", "Tell what changed between two estimates."),
     "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),

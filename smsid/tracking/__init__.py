@@ -10,6 +10,7 @@ from smsid.tracking.momentum_tracker import MomentumTracker
 from smsid.tracking.parameter_tracker import ParameterTracker
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
+from smsid.tracking.stream import Stream
 from smsid.tracking.track_momentum import track_momentum
 from smsid.tracking.track_recordings import track_recordings
 from smsid.tracking.tracker import Prediction, Tracker, Update
@@ -24,6 +25,7 @@ __all__ = [
     "Prediction",
     "Sample",
     "Setting",
+    "Stream",
     "TrackHistory",
     "Tracker",
     "Update",

@@ -1,17 +1,22 @@
-"""Samples as JSON lines, in and out: a stream or a growing file of telemetry, and what it tells."""
+"""Samples as JSON lines, in and out: of a recording, of a stream, of a file that grows."""
 
 from __future__ import annotations
 
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from smsid._files import json_ready
 from smsid.errors import RecordingError
-from smsid.tracking.sample import Sample
-from smsid.tracking.tracker import Tracker, Update
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.recording.column_order import order_columns
+from smsid.tracking.sample import Sample, samples_of
 
 LONGEST_LINE = 1_000_000  # characters
 PAUSE = 0.1  # [s] between looks at a file that grows
@@ -22,56 +27,83 @@ def parse_sample(line: str) -> Sample:
 
     Raises `RecordingError` when it is no such thing.
     """
+    table = _table(line)
+    if "time" not in table:
+        raise RecordingError("A line has no time.", advice='Give {"time": seconds, "channel": [numbers]}.')
+    return Sample.of(table.pop("time"), table)
+
+
+def _table(line: str) -> dict[str, Any]:
     if len(line) > LONGEST_LINE:
         raise RecordingError(f"A line has {len(line)} characters.", advice="Give one sample a line.")
     try:
         table = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"A line is no JSON: {error}.", advice="Give one JSON object a line.") from error
-    if not isinstance(table, dict) or "time" not in table:
-        raise RecordingError("A line has no time.", advice='Give {"time": seconds, "channel": [numbers]}.')
-    return Sample.of(table.pop("time"), table)
+    if not isinstance(table, dict):
+        raise RecordingError("A line is no JSON object.", advice="Give one JSON object a line.")
+    return table
 
 
-def follow_lines(tracker: Tracker, lines: Iterable[str], *, every: float = 0.0) -> Iterator[str]:
-    """Feed lines of samples to a tracker and yield lines of what it believes, and of what went wrong.
+def lines_of(recording: Recording) -> Iterator[tuple[float, str]]:
+    """Yield the times [s] and lines of a recording's samples; before them, a line with the columns' labels.
 
-    A line that cannot be used is told as ``{"event": "rejected", ...}`` and the stream goes on. ``every`` is
-    the least time between results [s]. Raises `SimulationError` when the filter has lost the motion.
+    The line of the labels, ``{"labels": {"wheel": ["rw1", "rw2"]}}``, has the time of the first sample.
     """
-    told, last = 0, -float("inf")
-    updates: tuple[Update, ...]
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        try:
-            updates = tracker.update(parse_sample(line))
-        except RecordingError as error:
-            yield json.dumps({"event": "rejected", "line": number, "text": str(error)})
-            continue
-        count = sum(tracker.log.counts.values())
-        recent = list(tracker.log.last)[-min(count - told, len(tracker.log.last)) :] if count > told else []
-        told = count
-        for e in recent:
-            table = {"event": e.kind, "time": e.time, "channel": e.channel, "text": e.text}
-            yield json.dumps(json_ready(table))
-        for update in updates:
-            if update.time >= last + every:
-                last = update.time
-                yield result_line(tracker, update)
-    for update in tracker.flush()[-1:]:
-        yield result_line(tracker, update)
+    labels = {k: list(v) for k, v in recording.labels.items()}
+    for k, sample in enumerate(samples_of(recording)):
+        if k == 0 and labels:
+            yield sample.time, json.dumps({"labels": labels})
+        channels = {name: x.tolist() for name, x in sample.channels.items()}
+        yield sample.time, json.dumps(json_ready({"time": sample.time, **channels}))
 
 
-def result_line(tracker: Tracker, update: Update) -> str:
-    """Return a line: time, parameters with standard deviations, mean square of the normalised innovations."""
-    table = {
-        "time": update.time,
-        "parameters": dict(zip(tracker.names, update.values.tolist(), strict=True)),
-        "sigmas": dict(zip(tracker.names, update.sigmas.tolist(), strict=True)),
-        "fit": float((update.innovations**2).mean()) if len(update.innovations) else None,
-    }
-    return json.dumps(json_ready(table))
+class Columns:
+    """Brings the columns of samples into the spacecraft's order, by labels told once, as of a recording."""
+
+    def __init__(self, model: SpacecraftModel) -> None:
+        self.model = model
+        self.labels: dict[str, tuple[str, ...]] = {}
+        self._orders: dict[tuple[str, int], np.ndarray] = {}
+
+    def told(self, line: str) -> bool:
+        """Take in a line, and return whether it was one of labels: ``{"labels": {"joint": [names]}}``.
+
+        Raises `RecordingError` for labels that are no names.
+        """
+        if '"labels"' not in line[:LONGEST_LINE]:
+            return False
+        table = _table(line)
+        if "labels" not in table:
+            return False
+        labels = table["labels"]
+        rows = labels.values() if isinstance(labels, dict) else [None]
+        if not all(isinstance(x, list) and all(isinstance(n, str) for n in x) for x in rows):
+            raise RecordingError(
+                "Labels are no lists of names.", advice='Give {"labels": {"wheel": ["rw1", "rw2"]}}.'
+            )
+        self.labels, self._orders = {k: tuple(v) for k, v in labels.items()}, {}
+        return True
+
+    def ordered(self, sample: Sample) -> Sample:
+        """Return the sample in the spacecraft's order. Raises `RecordingError` for unknown labels."""
+        if not self.labels:
+            return sample
+        channels = {name: x[self._order(name, len(x))] for name, x in sample.channels.items()}
+        return Sample(sample.time, channels)
+
+    def _order(self, channel: str, width: int) -> np.ndarray:
+        """Return where the columns (width,) of a channel are: a recording of their numbers, ordered."""
+        if (channel, width) not in self._orders:
+            numbers = np.arange(width, dtype=float)[None]
+            try:
+                of = Recording.from_arrays(np.zeros(1), {channel: numbers}, labels=self.labels)
+            except RecordingError:  # no channel of a recording; the tracker says so
+                self._orders[channel, width] = np.arange(width)
+            else:
+                found = np.asarray(order_columns(of, self.model)[channel], dtype=float).ravel()
+                self._orders[channel, width] = np.round(found).astype(int)
+        return self._orders[channel, width]
 
 
 def growing_lines(

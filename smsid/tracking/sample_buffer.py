@@ -37,6 +37,11 @@ class EventLog:
         self.last.append(Event(time, kind, channel, text))
         self.counts[kind] = self.counts.get(kind, 0) + 1
 
+    @property
+    def total(self) -> int:
+        """Number of events there were."""
+        return sum(self.counts.values())
+
 
 @dataclass(frozen=True, eq=False)
 class Entry:

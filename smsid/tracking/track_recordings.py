@@ -23,6 +23,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
 from smsid.tracking.change_detection import ChangeDetector
+from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
 from smsid.tracking.sample import samples_of
@@ -107,9 +108,10 @@ def _track(
     if seen:
         LOGGER.info("first read in a later recording: %s", ", ".join(sorted(seen)))
     total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
-    rows = _Rows(described.base, every if every is not None else total / MOST_ROWS)
     detector = None if false_alarms is None else ChangeDetector(tracker, false_alarms)
     changes: list[Event] = []
+    watch = FitWatch()
+    rows = _Rows(described.base, every if every is not None else total / MOST_ROWS, watch)
     shift, ended = 0.0, None
     notes = list(tracker.start.notes)
     if estimate is None and warm_up > 0.0:
@@ -133,6 +135,7 @@ def _track(
             changes += [Event(c.alarm + shift, "change", c.group, c.sentence) for c in found]
         ended = tracker.time + shift
         notes += [f"{flight.label}: {n}" for n in flight.notes]
+    notes[:0] = [watch.sentence] if watch.sentence else []
     history = TrackHistory(
         description.name,
         *rows.arrays(labels),
@@ -148,10 +151,14 @@ def _track(
         rows.stack("velocity_sigma"),
         tuple(channels),
         rows.fits(tuple(channels)),
-        tracker.parameter_covariance,
+        tracker.parameter_covariance * watch.widening**2,
         (*changes, *(e for e in tracker.log.last if e.kind != "begun")),
         tuple(notes),
-        {"samples": float(tracker.samples), "rebuilt": float(tracker.filter.rebuilt)},
+        {
+            "samples": float(tracker.samples),
+            "rebuilt": float(tracker.filter.rebuilt),
+            "widening": watch.widening,
+        },
     )
     return history, tracker
 
@@ -222,11 +229,13 @@ class _Rows:
 
     model: SpacecraftModel
     every: float
+    watch: FitWatch
     table: dict[str, list] = field(default_factory=dict)
     fit: list[dict[str, float]] = field(default_factory=list)
     sums: dict[str, tuple[float, int]] = field(default_factory=dict)
 
     def hear(self, update: Update) -> None:
+        self.watch.hear(update)
         for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
             channel = name.partition("[")[0]
             total, count = self.sums.get(channel, (0.0, 0))
@@ -255,7 +264,7 @@ class _Rows:
             "own_time": tracker.time,
             "recording": number,
             "values": f.values.copy(),
-            "sigmas": f.sigmas(),
+            "sigmas": f.sigmas() * self.watch.widening,
             "position": place,
             "position_sigma": sigma[: model.nv],
             "velocity": f.v.copy(),

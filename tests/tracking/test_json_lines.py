@@ -1,46 +1,24 @@
-"""Telemetry as lines: what is told, what is refused, and a file that grows."""
+"""Samples as lines of JSON: of a recording and back, what is refused, and a file that grows."""
 
 import json
 
+import numpy as np
 import pytest
 
 from smsid.errors import RecordingError
-from smsid.tracking import Tracker
-from smsid.tracking.json_lines import follow_lines, growing_lines, parse_sample
-from smsid.tracking.sample import samples_of
-from smsid.tracking.setting import Setting
+from smsid.tracking.json_lines import growing_lines, lines_of, parse_sample
 
-from .craft import INERTIA, craft, flight
-
-CHANNELS = ("st.attitude", "gyro.angular_rate", "tacho.wheel_rate")
+from .craft import flight
 
 
-@pytest.fixture
-def tracker(tmp_path):
-    description = craft(tmp_path / "craft")
-    first = Tracker(description, follow={"bus.I*": 0.0})
-    setting = Setting.of(first.description, first.origin.base, channels=CHANNELS, hold="linear")
-    return Tracker(description, follow={"bus.I*": 0.0}, setting=setting)
-
-
-def lines_of(seconds):
-    return [
-        json.dumps({"time": s.time, **{c: x.tolist() for c, x in s.channels.items()}}) + "\n"
-        for s in samples_of(flight(seconds))
-    ]
-
-
-def test_results_come_line_by_line_and_bad_lines_are_told(tracker):
-    lines = lines_of(3.0)
-    lines[5:5] = ["no JSON\n", '{"gyro.angular_rate": [0, 0, 0]}\n', lines[2]]
-    found = [json.loads(x) for x in follow_lines(tracker, lines, every=1.0)]
-    rejected = [x["line"] for x in found if x.get("event") == "rejected"]
-    assert rejected == [6, 7]
-    assert sum(x.get("event") == "late" for x in found) > 0
-    results = [x for x in found if "parameters" in x]
-    assert [round(x["time"], 6) for x in results] == [0.0, 1.0, 2.0, 3.0]
-    assert list(results[-1]["parameters"]) == INERTIA
-    assert results[-1]["sigmas"]["bus.Izz"] < results[0]["sigmas"]["bus.Izz"]
+def test_a_recording_as_lines_and_back():
+    flown = flight(1.0)
+    (_, labels), *lines = lines_of(flown)
+    assert json.loads(labels) == {"labels": {"wheel": list(flown.labels["wheel"])}}
+    samples = [parse_sample(line) for _, line in lines]
+    np.testing.assert_array_equal([s.time for s in samples], flown.time())
+    for channel in flown.channels:
+        np.testing.assert_array_equal([s.channels[channel] for s in samples], flown[channel])
 
 
 def test_a_growing_file_is_read_in_whole_lines(tmp_path):

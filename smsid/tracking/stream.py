@@ -1,0 +1,216 @@
+"""Follow telemetry as it comes: its first seconds say how it is taken, then it is sample in, belief out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from smsid._files import json_ready
+from smsid.description.schema import Description
+from smsid.errors import RecordingError
+from smsid.identify.estimate import Estimate
+from smsid.likelihood.prior import Cad
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.tracking.change_detection import Change, ChangeDetector
+from smsid.tracking.fit_watch import FitWatch
+from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.json_lines import Columns, parse_sample
+from smsid.tracking.sample import Sample
+from smsid.tracking.track_recordings import track_recordings
+from smsid.tracking.tracker import Tracker, Update
+
+BEGIN = 30.0  # [s]
+
+Told = dict[str, Any]
+"""What there is to say: a result, ``{"time", "parameters", "sigmas", "explained", "fit"}``, or an event with
+a ``text``: ``rejected``, ``not explained``, ``change``, or one of the tracker's log."""
+
+
+class Stream:
+    """A `Tracker` fed as telemetry comes, and what there is to say of it.
+
+    The first ``begin`` seconds are kept and taken as a recording: they tell how commands act between samples,
+    what drives the joints, and without an estimate where to linearise (`track_recordings`). Once the model
+    does not explain the telemetry, that is told, and standard deviations are wider from then on
+    (`FitWatch`). Not to be shared between threads.
+
+    Args:
+        description: the spacecraft.
+        tracker: one to go on with; it follows what it followed.
+        follow: as in `track_recordings`, like ``hold``, ``estimate``, ``cad``.
+        begin: how much is looked at first [s].
+        every: least time between results, of the telemetry [s].
+        false_alarms: tell what changed (`ChangeDetector`), with so many false alarms per hour.
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        *,
+        tracker: Tracker | None = None,
+        follow: Mapping[str, float | None] | None = None,
+        hold: Sequence[str] = (),
+        estimate: Estimate | None = None,
+        cad: Cad | None = UNCERTAIN,
+        begin: float = BEGIN,
+        every: float = 0.0,
+        false_alarms: float | None = None,
+    ) -> None:
+        self.description, self.tracker, self.watch = description, tracker, FitWatch()
+        self.columns = Columns(build_model(description) if tracker is None else tracker.origin.base)
+        self.begin, self.every, self.false_alarms = begin, every, false_alarms
+        self._asked = {"follow": follow, "hold": hold, "estimate": estimate, "cad": cad}
+        self._first: list[Sample] = []
+        self._detector: ChangeDetector | None = None
+        self._lines, self._changes, self._explained = 0, 0, True
+        self._last, self._untold = -np.inf, None
+        if tracker is not None:
+            self._watch(tracker)
+
+    def hear(self, sample: Sample) -> list[Told]:
+        """Take in a sample, columns in the spacecraft's order, and return what there is to say.
+
+        Raises `RecordingError` for a sample that cannot be used, `SimulationError` when the motion is lost.
+        """
+        if self.tracker is None:
+            self._first.append(sample)
+            return self._start() if sample.time >= self._first[0].time + self.begin else []
+        return self._said(self.tracker.update(sample))
+
+    def hear_line(self, line: str) -> list[Told]:
+        """Take in a line of JSON, a sample or labels (`Columns`); one that cannot be used is an event."""
+        self._lines += 1
+        try:
+            if not line.strip() or self.columns.told(line):
+                return []
+            sample = self.columns.ordered(parse_sample(line))
+            if self.tracker is not None:
+                return self.hear(sample)
+        except RecordingError as error:
+            return [{"event": "rejected", "line": self._lines, "text": str(error)}]
+        return self.hear(sample)  # a beginning that is of no use is no matter of one line
+
+    def end(self) -> list[Told]:
+        """Take in what waits, and return what is left to say, the last result in any case.
+
+        Raises `RecordingError` when no sample has come that could be used.
+        """
+        if self.tracker is None and not self._first:
+            raise RecordingError("No sample came.", advice='Send {"time": seconds, "channel": [numbers]}.')
+        out = self._start() if self.tracker is None else []
+        assert self.tracker is not None
+        out += self._said(self.tracker.flush())
+        if self._untold is not None:
+            out.append(self._result(self._untold))
+            self._untold = None
+        return out
+
+    def follow(self, lines: Iterable[str]) -> Iterator[str]:
+        """Take in lines until there are none left, and yield lines of JSON of what there is to say."""
+        refused = ""
+        for line in lines:
+            for told in self.hear_line(line):
+                refused = told["text"] if told.get("event") == "rejected" else refused
+                yield json.dumps(json_ready(told))
+        try:
+            rest = self.end()
+        except RecordingError as error:
+            raise RecordingError(f"{error.message} {refused}".strip(), advice=error.advice) from error
+        yield from (json.dumps(json_ready(told)) for told in rest)
+
+    def _start(self) -> list[Told]:
+        """Make the tracker of what came first."""
+        first = _recorded(self._first)
+        heard: list[Update] = []
+
+        def hear(update: Update) -> None:
+            self.watch.hear(update)
+            heard[:] = [update]
+
+        _, self.tracker = track_recordings(
+            self.description, [first], warm_up=self.begin, hear=hear, **self._asked
+        )
+        self._first = []
+        self._watch(self.tracker)
+        return self._said(heard, watched=True)
+
+    def _watch(self, tracker: Tracker) -> None:
+        self._events = tracker.log.total
+        if self.false_alarms is not None:
+            self._detector = ChangeDetector.watch(tracker, false_alarms=self.false_alarms)
+
+    def _said(self, updates: Iterable[Update], *, watched: bool = False) -> list[Told]:
+        assert self.tracker is not None
+        log, out = self.tracker.log, []
+        fresh = min(log.total - self._events, len(log.last))
+        for e in list(log.last)[len(log.last) - fresh :]:
+            out.append({"event": e.kind, "time": e.time, "channel": e.channel, "text": e.text})
+        self._events = log.total
+        for update in updates:
+            if not watched:
+                self.watch.hear(update)
+            if self._explained and not self.watch.explained:
+                self._explained = False
+                out.append({"event": "not explained", "time": update.time, "text": self.watch.sentence})
+            self._untold = update
+            if update.time >= self._last + self.every:
+                self._last, self._untold = update.time, None
+                out.append(self._result(update))
+        if self._detector is not None:
+            out += [_change(c) for c in self._detector.changes[self._changes :]]
+            self._changes = len(self._detector.changes)
+        return out
+
+    def _result(self, update: Update) -> Told:
+        """Return what is believed; ``fit`` is the mean square of this moment's normalised innovations."""
+        assert self.tracker is not None
+        names, sigmas = self.tracker.names, self.watch.widening * update.sigmas
+        return {
+            "time": update.time,
+            "parameters": dict(zip(names, update.values.tolist(), strict=True)),
+            "sigmas": dict(zip(names, sigmas.tolist(), strict=True)),
+            "explained": self.watch.explained,
+            "fit": float((update.innovations**2).mean()) if len(update.innovations) else None,
+        }
+
+
+def _change(change: Change) -> Told:
+    """Return what changed, when, and by how much with standard deviations."""
+    return {
+        "event": "change",
+        "time": change.alarm,
+        "began": change.began,
+        "grid": change.grid,
+        "group": change.group,
+        "jumps": dict(zip(change.names, change.jumps.tolist(), strict=True)),
+        "sigmas": dict(zip(change.names, change.sigmas.tolist(), strict=True)),
+        "text": change.sentence,
+    }
+
+
+def _recorded(samples: Sequence[Sample]) -> Recording:
+    """Return the recording of samples: a clock a source, what it did not read then is missing."""
+    sources: dict[str, dict[float, dict[str, np.ndarray]]] = {}
+    widths: dict[str, int] = {}
+    for sample in samples:
+        for name, x in sample.channels.items():
+            if widths.setdefault(name, len(x)) != len(x):
+                raise RecordingError(
+                    f"'{name}' has {widths[name]} components in one line and {len(x)} in another.",
+                    advice="Give all of them, always; null where one is missing.",
+                    channel=name,
+                )
+            sources.setdefault(name.partition(".")[0], {}).setdefault(sample.time, {}).setdefault(name, x)
+    channels = {}
+    for name, width in widths.items():
+        read = sources[name.partition(".")[0]]
+        times, nothing = sorted(read), np.full(width, np.nan)
+        values = np.array([read[t].get(name, nothing) for t in times])
+        if name.endswith(".acceleration") and width > 3:  # stations of a panel
+            values = values.reshape(len(times), -1, 3)
+        channels[name] = np.array(times), values
+    return Recording.from_arrays(None, channels, name="stream")
