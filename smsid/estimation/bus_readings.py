@@ -16,7 +16,7 @@ _CROSS[[2, 1, 0], [3, 6, 7]] = 1.0, -1.0, 1.0
 class Bus:
     """The bus at one instant: q (nq,), v (nv,), a (nv,) of a free-flyer, gravity (3,) [m/s^2].
 
-    Methods write predictions into ``rows`` of h, and derivatives into the first six columns of cq, cv, ca.
+    Methods write predictions into ``rows`` of h, and derivatives into the first six columns of others.
     """
 
     def __init__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray) -> None:
@@ -36,13 +36,13 @@ class Bus:
         return cross_matrices(self.alpha) + self.spin @ self.spin
 
     def position(self, rows: slice, r: np.ndarray, h: np.ndarray, cq: np.ndarray) -> None:
-        """Of a point r (3,) fixed in the bus, world axes."""
+        """Write the place of a point r (3,) fixed in the bus, world axes: h (m,), cq (m, nv)."""
         h[rows] = self.origin + self.rotation @ r
         cq[rows, 0:3] = self.rotation
         cq[rows, 3:6] = -self.rotation @ cross_matrices(r)
 
     def velocity(self, rows: slice, r: np.ndarray, h: np.ndarray, cq: np.ndarray, cv: np.ndarray) -> None:
-        """Of a point r (3,) fixed in the bus, world axes."""
+        """Write the velocity of a point r (3,) fixed in the bus, world axes: h (m,), cq, cv (m, nv)."""
         u = self.linear + self.spin @ r
         h[rows] = self.rotation @ u
         cq[rows, 3:6] = -self.rotation @ cross_matrices(u)
@@ -52,8 +52,10 @@ class Bus:
     def force(
         self, rows: slice, places: np.ndarray, h: np.ndarray, cq: np.ndarray, cv: np.ndarray, ca: np.ndarray
     ) -> None:
-        """Specific forces at places (n, 3) fixed in the bus, bus axes; by the bus's own acceleration they
-        have the unit matrix, which is left to the caller."""
+        """Write specific forces at ``places`` (n, 3) fixed in the bus, bus axes: h (m,), cq, cv, ca (m, nv).
+
+        By the bus's own acceleration they have the unit matrix, which is left to the caller.
+        """
         n = len(places)
         arms = cross_matrices(places)
         h[rows] = (self.a + self.spin @ self.linear + places @ self.turning.T).ravel()

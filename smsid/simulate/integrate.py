@@ -139,7 +139,10 @@ def run_chart(
     progress: Callable[[float], None] | None,
     enforce: Enforce | None = None,
 ) -> tuple[Chart, np.ndarray]:
-    """Integrate until t1 or until the chart has turned too far; return the stretch and (xi, v) at its end."""
+    """Integrate from q_ref (nq,), v (nv,) until t1 [s] or until the chart has turned too far.
+
+    Returns the stretch and (xi, v) at its end (2 nv,). Raises `SimulationError` where it cannot go on.
+    """
     nv, free = dynamics.model.nv, dynamics.model.free
     before_end = float(np.nextafter(t1, t0))  # an input that jumps at t1 is taken from the left
     derivative = ChartDerivative(dynamics.model, dynamics.acceleration, q_ref, before_end, enforce)

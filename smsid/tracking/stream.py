@@ -110,7 +110,10 @@ class Stream:
         return out
 
     def follow(self, lines: Iterable[str]) -> Iterator[str]:
-        """Take in lines until there are none left, and yield lines of JSON of what there is to say."""
+        """Take in lines until there are none left, and yield lines of JSON of what there is to say.
+
+        Raises `RecordingError` when none of them was a sample that could be used.
+        """
         refused = ""
         for line in lines:
             for told in self.hear_line(line):
