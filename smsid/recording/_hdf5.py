@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
+from smsid.recording._matlab_objects import BUILT_IN, MatlabObject
 from smsid.recording.storage import check_hdf5, refuse_other_files
 
 
@@ -27,8 +28,8 @@ def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
 def read_matlab_hdf5(path: Path) -> dict[str, Any]:
     """Read a MATLAB 7.3 file as nested dictionaries, with MATLAB's axes.
 
-    Structures are dictionaries, arrays of structures and cells lists, characters text. Objects such as
-    timeseries are left out.
+    Structures are dictionaries, arrays of structures and cells lists, characters text; objects such as
+    timeseries are `MatlabObject`.
 
     Raises:
         RecordingError: cut short or damaged.
@@ -59,6 +60,8 @@ def _matlab(node: Any, file: Any) -> Any:
         return fields
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    if "MATLAB_object_decode" in node.attrs or kind not in BUILT_IN:
+        return MatlabObject("", kind)
     if h5py.check_ref_dtype(node.dtype) is not None:
         found = [_matlab(file[r], file) for r in np.ravel(node[()].T) if r]
         return None if any(x is None for x in found) else found

@@ -7,6 +7,7 @@ nobody maps do no harm.
 from __future__ import annotations
 
 import csv
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -16,10 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smsid._listing import some_of
 from smsid.errors import RecordingError
 from smsid.recording._bags import is_bag_folder, read_bag
 from smsid.recording._csv import CsvFormat, parse_number, read_csv, unreadable
 from smsid.recording._hdf5 import read_hdf5, read_matlab_hdf5
+from smsid.recording._matlab_objects import MatlabObject, mend, opaque_class
 from smsid.recording._parquet import read_parquet
 from smsid.recording._times import read_times
 from smsid.recording._ulog import read_ulog
@@ -35,6 +38,8 @@ __all__ = [
     "read_mat",
     "read_npz",
 ]
+
+logger = logging.getLogger(__name__)
 
 Reader = Callable[[Path, CsvFormat], dict[str, NDArray[Any]]]
 
@@ -81,8 +86,10 @@ def read_mat(path: Path, csv_format: CsvFormat) -> Columns:
     Elements of arrays of structures are counted from 1, as in ``data.2.acc``. Logs of Simulink (structure
     with time) and other structures with ``signals`` are called by the label of the signal.
 
+    Objects such as timeseries are left out, with a warning that says how to write them.
+
     Raises:
-        RecordingError: no MATLAB file, cut short, or holding objects only, such as timeseries.
+        RecordingError: no MATLAB file, cut short, or holding objects only.
     """
     from scipy.io import loadmat
 
@@ -93,14 +100,19 @@ def read_mat(path: Path, csv_format: CsvFormat) -> Columns:
     except Exception as error:  # MatReadError, ValueError, TypeError, zlib.error, ...
         raise unreadable(path, "MATLAB", error) from error
     kept = {name: value for name, value in tree.items() if not name.startswith("__")}
-    columns = Columns(dict(_leaves("", kept)))
+    objects: list[MatlabObject] = []
+    columns = Columns(dict(_leaves("", kept, objects)))
+    listed = some_of([str(one) for one in objects])
     if not columns:
+        holds = f"objects only, which are not written in a public form: {listed}" if objects else "no arrays"
         raise RecordingError(
-            f"{path} holds no arrays of numbers; objects such as timeseries and datasets are not written in "
-            "a public form.",
-            advice="In MATLAB: log = struct('time', x.Time, 'data', x.Data); save('log.mat', 'log').",
+            f"{path} holds {holds}.",
+            advice=mend(objects) if objects else "Save the arrays of numbers.",
             path=str(path),
+            objects=tuple(objects),
         )
+    if objects:
+        logger.warning("%s: objects are left out: %s. %s", path, listed, mend(objects))
     return columns
 
 
@@ -125,18 +137,25 @@ READERS: MappingProxyType[str, Reader] = MappingProxyType(
 """Readers by suffix."""
 
 
-def _leaves(prefix: str, tree: dict[str, Any]) -> list[tuple[str, NDArray[Any]]]:
+def _leaves(prefix: str, tree: dict[str, Any], objects: list[MatlabObject]) -> list[tuple[str, NDArray[Any]]]:
+    """Give the arrays of a tree by dotted name; objects in it are added to ``objects``."""
     found: list[tuple[str, NDArray[Any]]] = []
     for key, value in tree.items():
         name = f"{prefix}{key}"
+        if isinstance(value, MatlabObject):
+            objects.append(MatlabObject(name, value.kind))
+            continue
+        if opaque := opaque_class(value):
+            objects.append(MatlabObject(opaque[0] or name, opaque[1]))
+            continue
         if isinstance(value, dict) and "signals" in value and "time" in value:
             value = _simulink(value)
         if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
             rows = list(np.ravel(np.asarray(value, dtype=object)))
-            if any(isinstance(row, dict | np.ndarray) for row in rows):
+            if any(isinstance(row, dict | np.ndarray | MatlabObject) for row in rows):
                 value = {str(k): row for k, row in enumerate(rows, start=1)}
         if isinstance(value, dict):
-            found += _leaves(f"{name}.", value)
+            found += _leaves(f"{name}.", value, objects)
         elif not isinstance(value, np.void) and np.asarray(value).dtype.kind in "fiubUS":
             found.append((name, np.asarray(value)))
     return found
