@@ -6,28 +6,20 @@ factors are the single-point constraint forces over -w^2, whatever the program p
 
 from __future__ import annotations
 
-import csv
-import json
-import logging
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field, ValidationError
 
+from smsid.description.modal_tables import read_modal_csv, read_modal_json
+from smsid.description.nastran_reading import NastranMode, read_f06, read_op2, read_punch, read_weights
 from smsid.effects.base import Vector3
 from smsid.effects.table import Table
-from smsid.errors import DescriptionError, MissingDependencyError
-
-logger = logging.getLogger(__name__)
+from smsid.errors import DescriptionError
 
 KEY = "finite_elements"
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?"
-ROW = re.compile(rf"\s*(\d+)\s+G\s+({NUMBER}(?:\s+{NUMBER}){{5}})\s*")
 LARGEST_SPC = 1e-9
 """Constraint forces below this share of the largest are those of a node that holds nothing."""
 
@@ -46,16 +38,6 @@ class FiniteElements(Table):
     positions: dict[int, Vector3] = Field(default_factory=dict)
     damping: float | tuple[float, ...] | None = None
     modes: int | None = Field(default=None, ge=1)
-
-
-@dataclass
-class NastranMode:
-    """A mode as printed: eigenvalue [1/s^2], generalised mass, motion and constraint forces (6,) by node."""
-
-    eigenvalue: float
-    mass: float = 1.0
-    shape: dict[int, np.ndarray] = field(default_factory=dict)
-    forces: dict[int, np.ndarray] = field(default_factory=dict)
 
 
 def with_finite_elements(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -99,16 +81,16 @@ def modal_data(path: Path, asked: FiniteElements) -> dict[str, Any]:
         raise DescriptionError(f"There is no file '{path}' of finite elements.", advice="Check the path.")
     match path.suffix.lower():
         case ".json":
-            found = _from_json(path)
+            found = read_modal_json(path)
         case ".csv":
-            found = _from_csv(path)
+            found = read_modal_csv(path)
         case ".f06":
             text = path.read_text(errors="replace")
-            found = {**_rigid(text), "mode": _modes(path, read_f06(text), asked)}
+            found = {**read_weights(text), "mode": _modes(path, read_f06(text), asked)}
         case ".pch":
             found = {"mode": _modes(path, read_punch(path.read_text(errors="replace")), asked)}
         case ".op2":
-            found = {"mode": _modes(path, _read_op2(path), asked)}
+            found = {"mode": _modes(path, read_op2(path), asked)}
         case suffix:
             raise DescriptionError(
                 f"'{path}' ends in '{suffix}': no file of finite elements that is known.",
@@ -130,99 +112,6 @@ def modal_data(path: Path, asked: FiniteElements) -> dict[str, Any]:
             f"'{path}' says nothing of damping.", advice=f"State it: {KEY} = {{ ..., damping = 0.005 }}."
         )
     return {**found, "mode": modes}
-
-
-def read_f06(text: str) -> list[NastranMode]:
-    """Return the modes of an .f06: tables of eigenvalues, eigenvectors and constraint forces."""
-    modes: list[NastranMode] = []
-    table, current = "", 0.0
-    for line in text.splitlines():
-        squeezed = line.replace(" ", "").upper()
-        if "REALEIGENVALUES" in squeezed:
-            table = "values"
-        elif "REALEIGENVECTORNO" in squeezed:
-            table = "shape"
-        elif "SINGLE-POINTCONSTRAINT" in squeezed:
-            table = "forces"
-        elif "GRIDPOINTWEIGHT" in squeezed or "MULTI-POINTCONSTRAINT" in squeezed or "LOADVECTOR" in squeezed:
-            table = ""
-        if match := re.search(rf"EIGENVALUE =\s*({NUMBER})", line):
-            current = _float(match.group(1))
-        if table == "values":
-            row = line.split()
-            if len(row) == 7 and row[0].isdigit() and row[1].isdigit():
-                modes.append(NastranMode(_float(row[2]), _float(row[5])))
-        elif table and (match := ROW.fullmatch(line)):
-            into = getattr(_nearest(modes, current), table)
-            into[int(match.group(1))] = np.array([_float(x) for x in match.group(2).split()])
-    return modes
-
-
-def read_punch(text: str) -> list[NastranMode]:
-    """Return the modes of a .pch, which are taken as mass-normalised, Nastran's default."""
-    modes: list[NastranMode] = []
-    table, numbers, node = "", [], 0
-    current: NastranMode | None = None
-    for line in text.splitlines():
-        if line.startswith("$"):
-            word = line[1:].split("=")[0].strip().upper()
-            if word.startswith(("EIGENVECTOR", "DISPLACEMENT", "SPCF", "ELEMENT", "MPCF", "OLOAD")):
-                motion = word.startswith(("EIGENVECTOR", "DISPLACEMENT"))
-                table = "forces" if word.startswith("SPCF") else "shape" if motion else ""
-            if match := re.match(rf"\$EIGENVALUE\s*=\s*({NUMBER})", line):
-                value = _float(match.group(1))
-                known = [m for m in modes if abs(m.eigenvalue - value) <= 1e-6 * abs(value)]
-                current = known[0] if known else NastranMode(value)
-                modes += [] if known else [current]
-            continue
-        cells = line[:72]
-        if cells.startswith("-CONT-"):
-            numbers += [_float(x) for x in cells[6:].split()]
-        elif match := re.match(r"\s*(\d+)\s+G\s", cells):
-            node, numbers = int(match.group(1)), [_float(x) for x in cells[match.end() :].split()]
-        if len(numbers) == 6 and table and current is not None:
-            getattr(current, table)[node] = np.array(numbers)
-            numbers = []
-    return modes
-
-
-def _read_op2(path: Path) -> list[NastranMode]:
-    """Return the modes of an .op2."""
-    try:
-        OP2 = import_module("pyNastran.op2.op2").OP2
-    except (ImportError, AttributeError) as error:  # it takes names of numpy that newer ones do not have
-        raise MissingDependencyError(
-            f"pyNastran cannot be loaded: {error}.",
-            advice="Install it with: pip install 'smsid[nastran]' 'numpy<2.4', or give the .f06 or .pch.",
-            module="pyNastran",
-        ) from error
-    model = OP2(debug=False, log=logger)
-    try:
-        model.read_op2(str(path), build_dataframe=False)
-    except Exception as error:  # pyNastran raises its own errors, struct.error, ... depending on the place
-        raise DescriptionError(
-            f"'{path}' cannot be read as OP2: {error}.", advice="Is it cut short?"
-        ) from error
-    modes: list[NastranMode] = []
-    for table in model.eigenvalues.values():
-        pairs = zip(table.eigenvalues, table.generalized_mass, strict=True)
-        modes += [NastranMode(float(x), float(m)) for x, m in pairs]
-    if not modes:
-        logger.warning("%s has no table of eigenvalues: its modes are taken as mass-normalised.", path)
-        modes = [NastranMode(float(x)) for result in model.eigenvectors.values() for x in result.eigns]
-    for kind, results in (("shape", model.eigenvectors), ("forces", model.spc_forces)):
-        for result in results.values():
-            for k, value in enumerate(result.eigns):
-                into = getattr(_nearest(modes, float(value)), kind)
-                rows = zip(result.node_gridtype[:, 0], result.data[k], strict=True)
-                into.update({int(n): np.array(row, dtype=float) for n, row in rows})
-    return modes
-
-
-def _nearest(modes: list[NastranMode], value: float) -> NastranMode:
-    if not modes:
-        raise DescriptionError("Eigenvectors come before any eigenvalues.", advice="Is the file cut?")
-    return min(modes, key=lambda m: abs(m.eigenvalue - value))
 
 
 def _modes(path: Path, modes: list[NastranMode], asked: FiniteElements) -> list[dict[str, Any]]:
@@ -266,85 +155,3 @@ def _modes(path: Path, modes: list[NastranMode], asked: FiniteElements) -> list[
             }
         )
     return out
-
-
-def _rigid(text: str) -> dict[str, Any]:
-    """Return mass, centre and inertia about the reference point of an .f06's grid point weight generator."""
-    start = re.search(r"W E I G H T\s+G E N E R A T O R", text)
-    if start is None:
-        return {}
-    rows: list[list[float]] = []
-    for line in text[start.end() :].splitlines():
-        cells = [x for x in line.replace("*", " ").split() if re.fullmatch(NUMBER, x)]
-        if "*" in line and len(cells) == 6:
-            rows.append([_float(x) for x in cells])
-        if len(rows) == 6:
-            break
-    if len(rows) < 6:
-        return {}
-    about = np.array(rows)
-    mass, s, inertia = about[0, 0], about[3:, :3], about[3:, 3:]
-    centre = np.array([s[2, 1], s[0, 2], s[1, 0]]) / mass  # s = m [c]x
-    return {
-        "mass": float(mass),
-        "center_of_mass": tuple(centre.tolist()),
-        "inertia": tuple(float(inertia[i]) for i in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
-    }
-
-
-def _from_json(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DescriptionError(f"'{path}' is no JSON: {error}.", advice="Mend it.") from error
-    known = {"mass", "center_of_mass", "inertia", "stations", "mode"}
-    if not isinstance(found, dict) or set(found) - known:
-        extra = sorted(set(found) - known) if isinstance(found, dict) else ["no table"]
-        raise DescriptionError(
-            f"'{path}' has {', '.join(extra)}.", advice=f"Keys: {', '.join(sorted(known))}."
-        )
-    return found
-
-
-def _from_csv(path: Path) -> dict[str, Any]:
-    """Read a mode a row: frequency, damping, tx ty tz, rx ry rz, and of each station s1x s1y s1z, ..."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        rows = [{k.strip(): v for k, v in row.items() if k} for row in csv.DictReader(stream)]
-    names = list(rows[0]) if rows else []
-    stations = sum(1 for name in names if re.fullmatch(r"s\d+x", name))
-    wanted = ["frequency", *(f"{k}{a}" for k in "tr" for a in "xyz")]
-    wanted += [f"s{k}{a}" for k in range(1, stations + 1) for a in "xyz"]
-    missing = [name for name in wanted if name not in names]
-    unknown = [name for name in names if name not in (*wanted, "damping")]
-    if missing or unknown:
-        raise DescriptionError(
-            f"'{path}' has {f'no column {missing}' if missing else f'the unknown column {unknown}'}.",
-            advice="Columns: frequency [Hz], damping, tx ty tz [kg^.5], rx ry rz [kg^.5 m], s1x s1y s1z ... "
-            "[kg^-.5].",
-        )
-    try:
-        numbers = [{k: float(v) for k, v in row.items()} for row in rows]
-    except (TypeError, ValueError) as error:
-        raise DescriptionError(
-            f"'{path}' holds a cell that is no number: {error}.", advice="Mend it."
-        ) from error
-    return {
-        "mode": [
-            {
-                "frequency": row["frequency"],
-                **({"damping": row["damping"]} if "damping" in row else {}),
-                "translation": _vector(row, "t"),
-                "rotation": _vector(row, "r"),
-                "shape": tuple(_vector(row, f"s{k}") for k in range(1, stations + 1)),
-            }
-            for row in numbers
-        ]
-    }
-
-
-def _vector(row: Mapping[str, float], what: str) -> tuple[float, ...]:
-    return tuple(row[f"{what}{axis}"] for axis in "xyz")
-
-
-def _float(text: str) -> float:
-    return float(text.upper().replace("D", "E"))

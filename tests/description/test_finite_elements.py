@@ -106,6 +106,10 @@ def punch():
     return "\n".join(out)
 
 
+def _printed(x):
+    return np.vectorize(lambda one: float(f"{one:13.6E}"))(x)
+
+
 RIGID = """mass = 12.0
 center_of_mass = [2.0, 0.0, 0.0]
 inertia = [0.0, 0.0, 64.0, 0.0, 0.0, 64.0]
@@ -139,6 +143,11 @@ def test_an_f06_with_its_weights(scale, tmp_path):
     (tmp_path / "p.f06").write_text(f06(scale))
     panel = described(tmp_path, "p.f06", f", root = 1, nodes = [{ELEMENTS + 1}], damping = 0.005", rigid="")
     check(panel, 3e-6)  # seven digits are printed
+    for mode, (_, value, _, force) in zip(panel.mode, tables(), strict=True):  # by hand, with those digits
+        value, pull, mass = (_printed(x) for x in (value, scale * force[1], scale**2))
+        assert mode.frequency == pytest.approx(np.sqrt(value) / 2 / np.pi, rel=1e-12)
+        assert mode.translation == pytest.approx(-pull[:3] / value / np.sqrt(mass), abs=1e-12)
+        assert mode.rotation == pytest.approx(-pull[3:] / value / np.sqrt(mass), abs=1e-12)
     assert panel.mass == 12.0 and panel.center_of_mass == (2.0, 0.0, 0.0)
     assert panel.inertia == (0.0, 0.0, 64.0, 0.0, 0.0, 64.0)
     first = np.sqrt(STIFFNESS / DENSITY) * (1.8751040687 / LENGTH) ** 2 / 2 / np.pi
@@ -179,6 +188,45 @@ def test_what_is_missing_is_named(tmp_path):
     (tmp_path / "q.f06").write_text(f06(1.0).split("F O R C E S")[0])
     with pytest.raises(DescriptionError, match="SPCFORCES"):
         described(tmp_path, "q.f06", ", nodes = [17], damping = 0.01")
+
+
+def written_op2(path):
+    """Write the modes with pyNastran: an OP2 of four-byte numbers, as Nastran's own by default."""
+    op2 = pytest.importorskip("pyNastran.op2.op2", reason="pyNastran does not load",
+                              exc_type=(ImportError, AttributeError))  # fmt: skip
+    from pyNastran.op2.tables.lama_eigenvalues.lama_objects import RealEigenvalues
+    from pyNastran.op2.tables.oqg_constraintForces.oqg_spc_forces import RealSPCForcesArray
+    from pyNastran.op2.tables.oug.oug_eigenvectors import RealEigenvectorArray
+
+    modes = list(tables())
+    values = np.array([m[1] for m in modes])
+    cycles = np.sqrt(values) / 2 / np.pi
+    model = op2.OP2(debug=False)
+    found = RealEigenvalues("", "LAMA", nmodes=len(modes))
+    found.mode, found.extraction_order = np.array([m[0] for m in modes]), np.array([m[0] for m in modes])
+    found.eigenvalues, found.radians, found.cycles = values, np.sqrt(values), cycles
+    found.generalized_mass, found.generalized_stiffness = np.ones(len(modes)), values
+    model.eigenvalues[""] = found
+    for kind, table, index, into in (
+        (RealEigenvectorArray, "OUGV1", 2, model.eigenvectors),
+        (RealSPCForcesArray, "OQG1", 3, model.spc_forces),
+    ):
+        nodes = np.array([(n, 1) for n in modes[0][index]])
+        data = np.array([list(m[index].values()) for m in modes], dtype="float32")
+        into[1] = kind.add_modal_case(table, nodes, data, 1, found.mode, values, cycles)
+    model.write_op2(str(path))
+
+
+def test_an_op2(tmp_path):
+    written_op2(tmp_path / "p.op2")
+    panel = described(tmp_path, "p.op2", f", root = 1, nodes = [{ELEMENTS + 1}], damping = 0.005")
+    check(panel, 2e-7)  # 24 bits are written
+    for mode, (_, value, motion, force) in zip(panel.mode, tables(), strict=True):
+        value, tip, pull = (np.float32(x).astype(float) for x in (value, motion[ELEMENTS + 1][:3], force[1]))
+        assert mode.frequency == pytest.approx(np.sqrt(value) / 2 / np.pi, rel=1e-12)
+        assert mode.translation == pytest.approx(-pull[:3] / value, abs=1e-12)
+        assert mode.rotation == pytest.approx(-pull[3:] / value, abs=1e-12)
+        assert mode.shape[0] == pytest.approx(tip, rel=1e-12)
 
 
 def test_an_op2_without_pynastran_says_what_to_do(tmp_path, monkeypatch):
