@@ -47,10 +47,21 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
                 channel=name,
             )
     try:
-        return order_columns(recording, model)
+        ordered = order_columns(recording, model)
     except RecordingError as error:
         lacking = error.evidence.get("lacking", ())
         if not lacking:
             raise
         held = f"Hold joints that were not measured: --hold {' --hold '.join(shortened(lacking))}."
         raise RecordingError(error.message, advice=f"{error.advice} {held}", **error.evidence) from error
+    if model.followers is not None:
+        led = ", ".join(
+            f"'{n}' ('{k}')" for n, k in zip(model.followers.names, model.followers.leaders, strict=True)
+        )
+        raise DescriptionError(
+            f"Joints follow others: {led}. One torque drives both; torques are not shared out among them.",
+            advice="Hold the leaders (--hold), or list them in the arm's `fixed`; a free-floating recording "
+            "identifies all of them.",
+            joints=model.followers.names,
+        )
+    return ordered

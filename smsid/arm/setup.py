@@ -11,7 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description import Description
+from smsid.description.urdf_reading import Mimic
 from smsid.errors import DescriptionError
+from smsid.model.followers import Followers
 from smsid.model.robots import robot_urdf
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, set_group_angles
 from smsid.recording import Recording
@@ -81,7 +83,7 @@ def held_joints(joints: Sequence[str], patterns: Sequence[str]) -> dict[str, flo
 
 
 def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> SpacecraftModel:
-    """Return the model of an arm with joints welded at their positions [rad | m].
+    """Return the model of an arm with joints welded at their positions [rad | m], and what follows them.
 
     Raises:
         DescriptionError: a joint does not exist, or all are held.
@@ -89,6 +91,14 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
     if not held:
         return model
     unknown = [n for n in held if not model.pin.existJointName(n)]
+    held, mimics = dict(held), {}
+    if model.followers is not None and not unknown:
+        f = model.followers
+        for name, leader, ratio, offset in zip(f.names, f.leaders, f.ratio, f.offset, strict=True):
+            if leader in held:
+                held.setdefault(name, float(ratio * held[leader] + offset))
+            elif name not in held:
+                mimics[name] = Mimic(leader, float(ratio), float(offset))
     if unknown or len(held) >= len(model.arm_joints):
         raise DescriptionError(
             f"Cannot hold {', '.join(unknown or held)}: "
@@ -117,4 +127,5 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
         arm_joints=every,
         home=home,
         source=None,
+        followers=Followers.of(reduced, mimics),
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from smsid.description.urdf_reading import Mimic
 from smsid.description.urdf_writing import UrdfTree
 from smsid.errors import DescriptionError, require
 
@@ -42,11 +43,12 @@ def mjcf_to_urdf(path: Path) -> bytes:
     jointed = m.body_jntnum[top] and m.jnt_type[m.body_jntadr[top]] != FREE
     if jointed:
         tree.link("world")
+    mimics = _mimics(m)
     for b in range(top, m.nbody):
         if int(m.body_rootid[b]) != int(m.body_rootid[top]):
             continue
         name[b] = m.body(b).name or f"body{b}"
-        _add_body(m, b, name, tree, str(path), is_root=b == top and not jointed)
+        _add_body(m, b, name, tree, str(path), mimics, is_root=b == top and not jointed)
     for what in lost:
         logger.warning("%s: not in the URDF made of it: %s.", path, what)
     return tree.text()
@@ -66,7 +68,30 @@ def _root(m: Any, source: str) -> tuple[int, list[str]]:
     return chosen[0], [m.body(b).name or f"body{b}" for b in tops if b != chosen[0]]
 
 
-def _add_body(m: Any, b: int, name: dict[int, str], tree: UrdfTree, source: str, *, is_root: bool) -> None:
+def _mimics(m: Any) -> dict[int, Mimic]:
+    """Return joints that an equality constraint makes follow another in a straight line, by number."""
+    import mujoco
+
+    found = {}
+    for k in range(m.neq):
+        follower, leader = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+        straight = m.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and leader >= 0 and not m.eq_data[k, 2:5].any()
+        if straight and m.eq_active0[k]:
+            offset, ratio = (float(x) for x in m.eq_data[k, :2])
+            found[follower] = Mimic(m.joint(leader).name, ratio, offset)
+    return found
+
+
+def _add_body(
+    m: Any,
+    b: int,
+    name: dict[int, str],
+    tree: UrdfTree,
+    source: str,
+    mimics: dict[int, Mimic],
+    *,
+    is_root: bool,
+) -> None:
     rotation = _matrix(m.body_iquat[b])
     inertia = rotation @ np.diag(m.body_inertia[b]) @ rotation.T
     tree.link(name[b], float(m.body_mass[b]), np.array(m.body_ipos[b]), inertia)
@@ -102,6 +127,7 @@ def _add_body(m: Any, b: int, name: dict[int, str], tree: UrdfTree, source: str,
             own, types[kind], parent, child, offset, turn if k == first else np.eye(3),
             axis=np.array(m.jnt_axis[k]), lower=low if limited else -1e9, upper=high if limited else 1e9,
             damping=float(np.ravel(m.dof_damping[dof])[0]), friction=float(m.dof_frictionloss[dof]),
+            mimic=mimics.get(k),
         )  # fmt: skip
         parent, anchor = child, at
         if child != name[b]:
@@ -133,7 +159,7 @@ def _lost(m: Any) -> list[str]:
     if moved:
         found.append(f"`ref` of {_few(moved)}, whose angle is counted from the pose drawn")
     for count, what in (
-        (m.neq, "equality constraints (closed loops are left open)"),
+        (m.neq - len(_mimics(m)), "equality constraints (closed loops are left open)"),
         (m.ntendon, "tendons"),
         (m.nu, "actuators"),
         (m.nsensor, "sensors"),

@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pinocchio as pin
 
+from smsid.description.urdf_reading import Mimic
 from smsid.description.urdf_writing import UrdfTree
 from smsid.errors import DescriptionError
 
@@ -106,7 +107,7 @@ def _add_joint(joint: ElementTree.Element, frames: _Frames, tree: UrdfTree, sour
     loss = [float(axis.findtext(f"dynamics/{key}", "0")) for key in ("damping", "friction")]
     tree.joint(
         name, kind, parent, target, place.translation, place.rotation, axis=along, lower=low, upper=high,
-        effort=force, velocity=rate, damping=loss[0], friction=loss[1],
+        effort=force, velocity=rate, damping=loss[0], friction=loss[1], mimic=_mimic(axis),
     )  # fmt: skip
 
 
@@ -194,6 +195,18 @@ def _numbers(text: str, count: int, where: str) -> np.ndarray:
     return found
 
 
+def _mimic(axis: ElementTree.Element) -> Mimic | None:
+    """Return what an axis follows: ``multiplier (leader - reference) + offset``."""
+    tag = axis.find("mimic")
+    if tag is None:
+        return None
+    ratio, offset, reference = (
+        float(tag.findtext(key, default))
+        for key, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
+    )
+    return Mimic(tag.get("joint", ""), ratio, offset - ratio * reference)
+
+
 def _limit(axis: ElementTree.Element, key: str, sign: float) -> float:
     """Return a limit; those that are not given, negative where they cannot be, or infinite are far away."""
     value = float(axis.findtext(f"limit/{key}", "inf"))
@@ -217,7 +230,6 @@ def _lost(model: ElementTree.Element, root: ElementTree.Element) -> list[str]:
         ("link/collision", "collision shapes"),
         (".//sensor", "sensors"),
         (".//plugin", "plugins"),
-        ("joint/axis/mimic", "mimic joints, each moves on its own"),
         ("gripper", "grippers"),
     ):
         count = len(model.findall(path))

@@ -24,6 +24,15 @@ class LinkReading:
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """Where a joint is, by that of another: ``ratio`` times it, plus ``offset`` [rad | m]."""
+
+    joint: str
+    ratio: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
 class JointReading:
     """A joint: ``position`` (3,) [m] and ``rotation`` (3, 3) of its frame in the parent link's, ``axis`` (3,)
     of unit length, limits (None: not stated) [rad | m], [N m | N], [rad/s | m/s], and ``<dynamics>``.
@@ -42,7 +51,7 @@ class JointReading:
     velocity: float | None
     damping: float
     friction: float
-    mimic: str | None
+    mimic: Mimic | None
 
 
 @dataclass(frozen=True)
@@ -164,8 +173,13 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
         **read,
         damping=losses[0],
         friction=losses[1],
-        mimic=None if mimic is None else mimic.get("joint", ""),
+        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic, place),
     )
+
+
+def _mimic(tag: ElementTree.Element, place: str) -> Mimic:
+    ratio = _number(tag, "multiplier", f"<mimic> of {place}", "1")
+    return Mimic(tag.get("joint", ""), ratio, _number(tag, "offset", f"<mimic> of {place}", "0"))
 
 
 def _unused(root: ElementTree.Element) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from smsid.description.urdf_reading import Mimic
+
 INERTIA = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
@@ -48,6 +50,7 @@ class UrdfTree:
         velocity: float = 1e9,
         damping: float = 0.0,
         friction: float = 0.0,
+        mimic: Mimic | None = None,
     ) -> None:
         """Add a joint: ``position`` (3,) [m] and ``rotation`` (3, 3) of its frame in the parent link's.
 
@@ -67,6 +70,9 @@ class UrdfTree:
         ElementTree.SubElement(joint, "limit", limit)
         if damping or friction:
             ElementTree.SubElement(joint, "dynamics", damping=repr(damping), friction=repr(friction))
+        if mimic is not None:
+            line = {"multiplier": repr(float(mimic.ratio)), "offset": repr(float(mimic.offset))}
+            ElementTree.SubElement(joint, "mimic", {"joint": mimic.joint, **line})
 
     def text(self) -> bytes:
         """Return the file."""

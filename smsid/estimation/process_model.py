@@ -39,7 +39,8 @@ class ProcessModel:
             bodies = [x for x in terms if isinstance(x, ExtraInertia)]  # faster as part of the body
             self._growing = [(x, dynamic_parameters(self.pin.inertias[x.joint])) for x in bodies]
             rest = [x for x in terms if not isinstance(x, ExtraInertia)]
-            held = InertialForces(self.pin, rest) if rest else None
+            bound = bool(rest) or model.followers is not None
+            held = InertialForces(self.pin, rest, model.followers) if bound else None
             forces = model.forces[:-1] if held is None else (*model.forces[:-1], held)
             self.model = replace(model, forces=forces, inertial=held)
         self.data = self.pin.createData()
@@ -122,6 +123,11 @@ class ProcessModel:
                 np.linalg.solve(whole, by_v + inverse @ dv),
             )
             inverse = np.linalg.solve(whole, inverse)
+        if m.followers is not None:  # C da = 0: a force between followers and leaders sees to it
+            rows = m.followers.rows
+            held = np.linalg.solve(rows @ inverse @ rows.T, rows @ inverse).T
+            by_q, by_v = by_q - held @ (rows @ by_q), by_v - held @ (rows @ by_v)
+            inverse = inverse - held @ (rows @ inverse)
         return Linear(a, by_q, by_v, inverse)
 
     def moving(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:

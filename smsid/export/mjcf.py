@@ -29,7 +29,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
 
     Springs, dampers and rotor inertias are exact; Coulomb friction becomes MuJoCo's dry friction, which has
     no smoothing, and other laws what comes closest to them, as comments in the text say (`dry_friction`); a
-    motor of several joints is a tendon, a torque offset an actuator of constant torque.
+    motor of several joints is a tendon, a joint that follows another an equality constraint, a torque offset
+    an actuator of constant torque.
     Limits of wheels, joints and thrust bound the controls. MuJoCo's free joint has linear velocity in
     inertial and angular velocity in body axes. A keyframe ``home`` holds the description's arm angles.
 
@@ -120,6 +121,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             *body,
             "  </worldbody>",
             *_tendons(model),
+            *_followers(model),
             "  <actuator>",
             *_actuators(model),
             "  </actuator>",
@@ -174,6 +176,19 @@ def _tendons(model: SpacecraftModel) -> list[str]:
             ]
             lines.append("    </fixed>")
     return ["  <tendon>", *lines, "  </tendon>"] if lines else []
+
+
+def _followers(model: SpacecraftModel) -> list[str]:
+    """Joints that follow another, as equality constraints: MuJoCo's are soft, these as stiff as it takes."""
+    if model.followers is None:
+        return []
+    f = model.followers
+    lines = [
+        f"    <joint joint1={quoteattr(name)} joint2={quoteattr(leader)} "
+        f'polycoef="{numbers([offset, ratio, 0.0, 0.0, 0.0])}" solref="0.01 1" solimp="0.9999 0.9999 0.001"/>'
+        for name, leader, ratio, offset in zip(f.names, f.leaders, f.ratio, f.offset, strict=True)
+    ]
+    return ["  <equality>", *lines, "  </equality>"]
 
 
 def _sites(model: SpacecraftModel) -> dict[int, list[str]]:

@@ -14,6 +14,7 @@ from scipy.linalg import lapack
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.errors import DescriptionError
 from smsid.model.assembly import Assembly
+from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
 from smsid.model.joint_limits import outside_limits
 from smsid.model.load import load_bus, mount_arm
@@ -49,7 +50,11 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
             with _placed("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
-    model = _assembled(d, Source(loaded.model, own_joints, mounted, losses=loaded.losses), loaded.visual)
+    model = _assembled(
+        d,
+        Source(loaded.model, own_joints, mounted, losses=loaded.losses, mimics=loaded.mimics),
+        loaded.visual,
+    )
     _tell_home(model.pin, d, model.arm_joints, model.home)
     return model
 
@@ -101,9 +106,12 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     arms = _arms(assembly, d, source)
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])
     _check_roles(model, all_joints, wheels)
-    home = _home(model, d, arms)
+    followers = Followers.of(model, source.mimics)
+    _check_followers(followers, all_joints, wheels)
+    home = _home(model, d, arms, followers)
     _check_masses(model, free, home)
-    inertial = InertialForces(model, assembly.inertias) if assembly.inertias else None
+    bound = bool(assembly.inertias) or followers is not None
+    inertial = InertialForces(model, assembly.inertias, followers) if bound else None
     return SpacecraftModel(
         description=d,
         pin=model,
@@ -132,6 +140,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
             if int(j) in assembly.twists
         ),
         source=source,
+        followers=followers,
     )
 
 
@@ -236,7 +245,9 @@ def _springs(assembly: Assembly) -> dict[str, np.ndarray]:
     }
 
 
-def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.ndarray:
+def _home(
+    model: pin.Model, d: Description, arms: dict[str, JointGroup], followers: Followers | None
+) -> np.ndarray:
     q = pin.neutral(model)
     for arm in d.arm:
         if not arm.home:
@@ -253,7 +264,39 @@ def _home(model: pin.Model, d: Description, arms: dict[str, JointGroup]) -> np.n
                 )
             one = JointGroup.of(model, [model.getJointId(prefix + name)])
             q = set_group_angles(model, one, q, np.array([angle]))
-    return q
+    return q if followers is None else _with_followers(model, d, followers, q)
+
+
+def _check_followers(followers: Followers | None, arm_joints: JointGroup, wheels: list[int]) -> None:
+    """Raise `DescriptionError` for a follower and a leader of unlike roles: one prescribed, the other not."""
+    if followers is None:
+        return
+    arms = {int(j) for j in arm_joints.joints}
+    for name, leader, j, k in zip(
+        followers.names, followers.leaders, followers.joints, followers.leading, strict=True
+    ):
+        if (int(j) in arms) != (int(k) in arms) or {int(j), int(k)} & set(wheels):
+            raise DescriptionError(
+                f"Joint '{name}' mimics '{leader}': both have to be joints of an arm, or neither.",
+                advice="Name both in the arm's `joints`, or take the <mimic> away.",
+                joint=name,
+            )
+
+
+def _with_followers(model: pin.Model, d: Description, followers: Followers, q: np.ndarray) -> np.ndarray:
+    """Return q (nq,) with followers where their leaders put them; raise if a home says something else."""
+    placed = followers.placed(model, q)
+    group = JointGroup.of(model, followers.joints.tolist())
+    found, given = group_angles(model, group, placed), group_angles(model, group, q)
+    stated = {f"{a.name}/{n}" if a.mounted else n for a in d.arm for n in a.home}
+    for name, leader, at, said in zip(followers.names, followers.leaders, found, given, strict=True):
+        if name in stated and abs(said - at) > 1e-6:
+            raise DescriptionError(
+                f"`home` puts joint '{name}' at {said:.6g}; it mimics '{leader}', which puts it at {at:.6g}.",
+                advice=f"Leave '{name}' out of `home`.",
+                joint=name,
+            )
+    return placed
 
 
 def _tell_home(model: pin.Model, d: Description, group: JointGroup, home: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Inertia beyond the bodies of the model, as a generalised force that gives the same accelerations."""
+"""Inertia beyond the model's bodies, and joints that follow others, as a force of the same effect."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ from scipy.linalg import lapack
 
 from smsid.effects.base import InertiaTerm
 from smsid.errors import SimulationError
+from smsid.model.followers import Followers
 
 PROBE = 1e-7  # step of a difference [rad, m, rad/s, m/s]
 
 
 class InertialForces:
-    """A `ForceTerm`, to be called last: with it, the model moves as if it had the inertia of ``terms``.
+    """A `ForceTerm`, to be called last: the model moves as if it had the inertia of ``terms``, and its
+    ``followers`` move with their leaders.
 
     With M' and b' what the terms add to mass matrix M and nonlinear effects b, the accelerations solve
     ``(M + M') a = tau - b - b'``; the force ``-M' a - b'`` added to tau gives the model, which has M and b,
-    the same a. This holds when no motion is prescribed; `mass_and_bias` is for where it is.
+    the same a. With rows C of followers, ``C a = 0`` and a force C' f between followers and leaders, which
+    does no work, are part of the same solution. This holds when no motion is prescribed; `mass_and_bias` is
+    for where it is.
     """
 
-    def __init__(self, model: pin.Model, terms: Sequence[InertiaTerm]) -> None:
-        self.pin, self.terms = model, tuple(terms)
+    def __init__(
+        self, model: pin.Model, terms: Sequence[InertiaTerm], followers: Followers | None = None
+    ) -> None:
+        self.pin, self.terms, self.followers = model, tuple(terms), followers
         self._data: pin.Data | None = None
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
@@ -36,7 +42,13 @@ class InertialForces:
         mass = pin.crba(self.pin, self._data, q)  # its upper triangle
         bias = pin.nonLinearEffects(self.pin, self._data, q, v)
         more, extra = self.mass_and_bias(t, q, v)
-        _, a, info = lapack.dposv(mass + more, tau - bias - extra)
+        factor, a, info = lapack.dposv(mass + more, tau - bias - extra)
+        if info == 0 and self.followers is not None:
+            rows = self.followers.rows
+            held = lapack.dpotrs(factor, rows.T)[0]
+            force = np.linalg.solve(rows @ held, rows @ a)
+            a -= held @ force
+            tau -= rows.T @ force
         if info != 0:
             raise SimulationError(
                 f"At t = {t:.6g} s effects take more inertia away than there is.",

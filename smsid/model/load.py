@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,11 @@ from smsid.description.urdf_check import (
     read_urdf,
     without_meshes,
 )
-from smsid.description.urdf_reading import UrdfReading, parse_urdf
+from smsid.description.urdf_reading import Mimic, UrdfReading, parse_urdf
 from smsid.errors import DescriptionError
 from smsid.model.assembly import find_frame
 from smsid.model.built_check import check_built
+from smsid.model.followers import Followers, mimics_of
 from smsid.model.robots import robot_urdf
 from smsid.model.spacecraft import JointGroup, set_group_angles
 
@@ -37,12 +38,13 @@ class Loaded:
     """A Pinocchio model with its visuals, if asked for; joint 0 is the universe.
 
     ``losses``: viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] of the URDFs' ``<dynamics>``, by
-    joint.
+    joint; ``mimics``: its joints that follow another.
     """
 
     model: pin.Model
     visual: pin.GeometryModel | None
     losses: dict[str, tuple[float, float]] = field(default_factory=dict)
+    mimics: dict[str, Mimic] = field(default_factory=dict)
 
 
 def load_bus(d: Description, visuals: bool) -> Loaded:
@@ -91,17 +93,20 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
         child.model.frames[k].name = f"{name}.joint" if name in taken else name
         taken.add(name)
     losses = {**bus.losses, **{f"{arm.name}/{n}": x for n, x in child.losses.items()}}
+    mimics = dict(bus.mimics)
+    for name, mimic in child.mimics.items():
+        mimics[f"{arm.name}/{name}"] = replace(mimic, joint=f"{arm.name}/{mimic.joint}")
     if arm.mount.frame is not None:
         frame = find_frame(bus.model, arm.mount.frame)
     else:
         frame = bus.model.getFrameId(bus.model.names[1], pin.JOINT) if d.root == "free" else 0
     placement = pin.SE3(pin.rpy.rpyToMatrix(*arm.mount.rpy), np.asarray(arm.mount.xyz))
     if bus.visual is None or child.visual is None:
-        return Loaded(pin.appendModel(bus.model, child.model, frame, placement), None, losses), names
+        return Loaded(pin.appendModel(bus.model, child.model, frame, placement), None, losses, mimics), names
     for geometry in child.visual.geometryObjects:
         geometry.name = f"{arm.name}/{geometry.name}"
     model, visual = pin.appendModel(bus.model, child.model, bus.visual, child.visual, frame, placement)
-    return Loaded(model, visual, losses), names
+    return Loaded(model, visual, losses, mimics), names
 
 
 def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
@@ -122,15 +127,22 @@ def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
 
 
 def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
-    """Return a model with joints welded at the configuration q (nq,)."""
+    """Return a model with joints welded at the configuration q (nq,), those that follow them with them."""
     if not names:
         return loaded
+    mimics = {n: m for n, m in loaded.mimics.items() if n not in names}
+    led = {n: m for n, m in mimics.items() if m.joint in names}
+    if led:
+        following = Followers.of(loaded.model, led)
+        assert following is not None
+        q, names = following.placed(loaded.model, q), [*names, *led]
     joints = [loaded.model.getJointId(name) for name in names]
     losses = {n: x for n, x in loaded.losses.items() if n not in names}
+    mimics = {n: m for n, m in mimics.items() if n not in led}
     if loaded.visual is None:
-        return Loaded(pin.buildReducedModel(loaded.model, joints, q), None, losses)
+        return Loaded(pin.buildReducedModel(loaded.model, joints, q), None, losses, mimics)
     reduced, visual = pin.buildReducedModel(loaded.model, loaded.visual, joints, q)
-    return Loaded(reduced, visual, losses)
+    return Loaded(reduced, visual, losses, mimics)
 
 
 def _load(
@@ -159,9 +171,13 @@ def _load(
             meshless = True
             if visuals:
                 logger.warning("%s Drawn without meshes.", error.message)
-    _tell_unused(reading, fixed)
+    for what in reading.unused:
+        logger.warning("%s: not used: %s.", reading.source, what)
     text = normalised(text)
+    mimics = mimics_of(reading)
     empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
+    leading = {m.joint for n, m in mimics.items() if n not in empty}
+    empty = [j for j in empty if j not in leading]
     if empty:
         logger.warning(
             "%s: welded, as only frames without mass or shape lie beyond: joints %s. Name one in `joints`, "
@@ -183,8 +199,15 @@ def _load(
         for j in reading.joints.values()
         if (j.damping or j.friction) and j.kind in ("revolute", "continuous", "prismatic")
     }
+    rest = pin.neutral(model)
+    still = {n: m for n, m in mimics.items() if reading.joints[m.joint].kind == "fixed"}
+    for name, mimic in still.items():  # what follows a joint that does not move stands at the offset
+        one = JointGroup.of(model, [model.getJointId(name)])
+        rest = set_group_angles(model, one, rest, np.array([mimic.offset]))
+    empty += [n for n in still if n not in empty]
+    mimics = {n: m for n, m in mimics.items() if n not in still}
     if not visuals:
-        return _welded(Loaded(model, None, losses), empty, pin.neutral(model))
+        return _welded(Loaded(model, None, losses, mimics), empty, rest)
     places = [str(f) for f in folders]
     shown = without_meshes(text) if meshless else text
     try:
@@ -193,7 +216,7 @@ def _load(
         raise DescriptionError(
             f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
         ) from error
-    return _welded(Loaded(model, visual, losses), empty, pin.neutral(model))
+    return _welded(Loaded(model, visual, losses, mimics), empty, rest)
 
 
 def mentioned(d: Description) -> set[str]:
@@ -238,17 +261,3 @@ def frame_joints(reading: UrdfReading, text: str) -> list[str]:
     moving = [j for j in reading.joints.values() if j.kind != "fixed"]
     found = [j.name for j in moving if not is_body(j.child)]
     return found if len(found) < len(moving) else []
-
-
-def _tell_unused(reading: UrdfReading, fixed: tuple[str, ...]) -> None:
-    """Log what of the file has a physical meaning and is not used."""
-    followers = [j.name for j in reading.joints.values() if j.mimic is not None and j.name not in fixed]
-    if followers:
-        logger.warning(
-            "%s: joints %s mimic another; here each moves on its own. To lock them: fixed = [%s].",
-            reading.source,
-            some_of(followers),
-            some_of([f'"{name}"' for name in followers]),
-        )
-    for what in reading.unused:
-        logger.warning("%s: not used: %s.", reading.source, what)

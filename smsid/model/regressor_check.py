@@ -122,7 +122,8 @@ def _energy_error(p: pin.Model, rows: np.ndarray, q: np.ndarray, v: np.ndarray) 
 def mujoco_torques(
     model: SpacecraftModel, xml: str, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> np.ndarray:
-    """Return MuJoCo's inverse dynamics (N, nv) of an exported model, without friction, springs and limits.
+    """Return MuJoCo's inverse dynamics (N, nv) of an exported model, without friction, springs, limits and
+    forces that keep followers with their leaders.
 
     Args:
         model: with Pinocchio's order and axes.
@@ -136,7 +137,8 @@ def mujoco_torques(
     engine = mujoco.MjModel.from_xml_string(xml)
     engine.dof_damping[:], engine.dof_frictionloss[:], engine.jnt_stiffness[:] = 0.0, 0.0, 0.0
     engine.jnt_limited[:] = 0
-    engine.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    off = mujoco.mjtDisableBit
+    engine.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_EQUALITY)
     state = mujoco.MjData(engine)
     p = model.pin
     out = np.empty_like(v)

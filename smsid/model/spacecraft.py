@@ -11,8 +11,10 @@ from scipy.linalg import lapack
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
+from smsid.description.urdf_reading import Mimic
 from smsid.effects.base import ForceTerm, InertiaTerm, Twist
 from smsid.model.assembly import AppendageJoints
+from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
 
 
@@ -60,7 +62,7 @@ class Source:
     """What was loaded for a model, before effects: for `smsid.model.rebuild`.
 
     ``wheeled`` is ``pin`` with the wheels of the description; ``losses`` are viscous and Coulomb friction by
-    joint, as the URDFs have them.
+    joint, ``mimics`` the joints that follow another, as the URDFs have them.
     """
 
     pin: pin.Model
@@ -69,6 +71,7 @@ class Source:
     wheeled: pin.Model | None = None
     wheels: tuple[int, ...] = ()
     losses: dict[str, tuple[float, float]] = field(default_factory=dict)
+    mimics: dict[str, Mimic] = field(default_factory=dict)
 
 
 @short_repr
@@ -79,7 +82,8 @@ class SpacecraftModel:
     ``pin`` is the Pinocchio model; q = (p, quaternion xyzw, joints), v = (v_body, omega_body, joint rates) of
     the bus frame. Springs and dampers act on the degrees of freedom ``spring_v`` with ``stiffness`` and
     ``damping``; ``loads`` are forces that depend on the applied ones and come first, ``forces`` all other
-    nonlinear ones, the last of them ``inertial`` if there is any; at ``breakpoints`` [s] a force jumps.
+    nonlinear ones, the last of them ``inertial`` if there is any, which also keeps ``followers`` with their
+    leaders; at ``breakpoints`` [s] a force jumps.
     ``owned`` are the terms of ``loads``, ``forces`` and ``inertial``, each with the name of the effect it is
     of. What an encoder reads is `encoder_angles`. Not safe to share between threads: ``data`` is scratch
     space.
@@ -111,6 +115,7 @@ class SpacecraftModel:
     motors: tuple[tuple[int, int, int], ...] = ()  # index of the arm joint, q and v of what its encoder adds
     twists: tuple[tuple[int, int, Twist], ...] = ()  # index of the arm joint, its v, what its encoder adds
     source: Source | None = None
+    followers: Followers | None = None
 
     @property
     def further_modes(self) -> JointGroup:

@@ -9,6 +9,7 @@ import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.recording.channels import split_channel
+from smsid.recording.follower_columns import with_followers
 from smsid.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -34,11 +35,13 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
     arm's name where that is unique, modes also by their number from 1. Stations are labelled by their
     distance from the appendage's root (``4 m``) or by their index, as in a sensor's ``stations``. Columns
     without labels are in the model's order already. Channels of sources that the description does not know
-    stay as they are. A recording that is in order is given back as it is.
+    stay as they are. A joint that follows another may be missing (`with_followers`). A recording that is
+    in order is given back as it is.
 
     Raises:
         RecordingError: a label is unknown to the model, or one of the model's is missing.
     """
+    recording = with_followers(recording, model)
     labels = recording.labels
     if not labels:
         return recording

@@ -79,6 +79,10 @@ class Dynamics:
         _, x, info = lapack.dposv(mass[np.ix_(free, free)], rhs[free])
         if info != 0:
             x = np.linalg.solve(mass[np.ix_(free, free)], rhs[free])
+        if m.followers is not None:
+            rows = m.followers.rows[~np.isin(m.followers.v, given)][:, free]
+            held = np.linalg.solve(mass[np.ix_(free, free)], rows.T)
+            x -= held @ np.linalg.solve(rows @ held, rows @ x)
         a[free] = x
         reaction = np.zeros(m.nv)
         reaction[given] = mass[np.ix_(given, free)] @ x - rhs[given]

@@ -154,7 +154,7 @@ class Prescribed:
 
     @classmethod
     def of(cls, model: SpacecraftModel, inputs: Inputs) -> Prescribed:
-        """Return what the inputs prescribe."""
+        """Return what the inputs prescribe; what is said of joints that follow another does not count."""
         index: list[int] = []
         if inputs.hold_attitude:
             index += [3, 4, 5]
@@ -164,7 +164,15 @@ class Prescribed:
             index += [int(i) for i in model.arm_joints.v]
         chosen = np.array(sorted(index), dtype=int)
         free = np.setdiff1d(np.arange(model.nv), chosen)
-        return cls(chosen, free, model.arm_joints.v, inputs.joint_motion, model.home)
+        motion = inputs.joint_motion
+        if motion is not None and model.followers is not None:
+            turn, shift = model.followers.among(model.arm_joints.joints)
+            motion = JointMotion(
+                merge([motion.position.mapped(turn), Constant(shift)]),
+                motion.velocity.mapped(turn),
+                motion.acceleration.mapped(turn),
+            )
+        return cls(chosen, free, model.arm_joints.v, motion, model.home)
 
     def __bool__(self) -> bool:
         return len(self.index) > 0

@@ -91,8 +91,9 @@ def initial_state(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return copies of q0 (nq,) and v0 (nv,), by default the description's home at rest.
 
-    Raises `SimulationError` for another shape, a number that is not finite, or coordinates off the
-    configuration manifold (a quaternion whose norm is not one to 1e-6).
+    Joints that follow another are put where it puts them. Raises `SimulationError` for another shape, a
+    number that is not finite, or coordinates off the configuration manifold (a quaternion whose
+    norm is not one to 1e-6).
     """
     q = np.array(model.home if q0 is None else q0, dtype=float)
     v = np.zeros(model.nv) if v0 is None else np.array(v0, dtype=float)
@@ -110,6 +111,8 @@ def initial_state(
             advice="Normalise it, for instance with pinocchio.normalize.",
             given=q,
         )
+    if model.followers is not None:
+        return model.followers.placed(model.pin, normal), model.followers.driven(v)
     return normal, v
 
 

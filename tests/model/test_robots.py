@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import logging
 import xml.etree.ElementTree as ElementTree
 from importlib import metadata
 from pathlib import Path
@@ -164,11 +163,9 @@ def test_icub_moves_once_a_joint_of_its_neck_is_fixed():
 
 
 @needs_robots
-def test_mimicking_joints_are_told_to_move_on_their_own(caplog):
-    with caplog.at_level(logging.WARNING, "smsid"):
-        model = build_model(bus_with("panda"))
-    assert "panda_finger_joint2" in caplog.text and "on its own" in caplog.text
-    assert "arm/panda_finger_joint2" in model.arm_joints.names
+def test_the_second_finger_follows_the_first():
+    model = build_model(bus_with("panda", home={"panda_finger_joint1": 0.03}))
+    assert model.joint_angles(model.home)[-2:] == pytest.approx([0.03, 0.03])
 
 
 @needs_robots
