@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
@@ -59,7 +59,7 @@ def robot_xml(path: Path, arguments: Mapping[str, str] | None = None, folders: S
 
 
 def expanded(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) -> bytes:
-    """Return what a xacro file expands to.
+    """Return what a xacro file expands to; once, as long as it and what it includes stay as they are.
 
     Raises:
         DescriptionError: xacro cannot expand it, or it has no argument of a name given.
@@ -67,14 +67,17 @@ def expanded(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) 
     """
     xacrodoc = require("xacrodoc", "xacro")
     xacro = require("xacro", "xacro")
+    key = (path.resolve(), tuple(sorted(arguments.items())), tuple(folders))
+    known = _expansions.get(key)
+    if known is not None and known[0] == _stamps(known[0]):
+        return known[1]
     xacrodoc.packages.look_in([str(f) for f in folders if f.is_dir()])
     xacrodoc.packages.walk_up_from(path)
     told = StringIO()
     try:
         with redirect_stderr(told):
-            text = xacrodoc.XacroDoc.from_file(
-                str(path), subargs=dict(arguments), resolve_packages=False
-            ).to_urdf_string()
+            # not `XacroDoc.from_file`: it looks for what is included by a relative path in the working folder
+            text = xacro.process_file(str(path.resolve()), mappings=dict(arguments)).toxml()
     except Exception as error:  # xacro raises what its expressions raise
         reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
         name = re.search(r"[Uu]ndefined substitution argument '?(\w+)", f"{error}")
@@ -98,7 +101,17 @@ def expanded(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) 
             advice=f"It has: {', '.join(sorted(declared)) or 'none'}.",
             arguments=unknown,
         )
+    includes = [Path(x) for x in getattr(xacro, "all_includes", []) or []]
+    _expansions[key] = (_stamps((path.resolve(), *includes)), text.encode())
     return text.encode()
+
+
+_expansions: dict[tuple[object, ...], tuple[dict[Path, int], bytes]] = {}
+"""What xacro files expanded to, with the times at which they and what they include were written [ns]."""
+
+
+def _stamps(files: Iterable[Path]) -> dict[Path, int]:
+    return {file: file.stat().st_mtime_ns if file.is_file() else -1 for file in files}
 
 
 def without_world(content: bytes, source: str) -> bytes:

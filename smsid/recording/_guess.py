@@ -32,7 +32,7 @@ NAMES: tuple[tuple[str, str, str], ...] = (
     (r"torque|effort|tau|drehmoment|couple|coppia|moment|(^|[^a-z])trq", "joint_torque", "N m"),
     (r"joint.*(vel|speed)|(^|[^a-z])(dq|qd|qdot)[^a-z]*$", "joint_velocity", "rad/s"),
     (r"joint.*(pos|angle)|winkel|angle|encoder|(^|[^a-z])q[^a-z]*$", "joint_position", "rad"),
-    (r"gyr|angular.?vel|angular.?rate|omega|drehrate", "angular_rate", "rad/s"),
+    (r"gyr|angular.?vel|angular.?rate|omega|drehrate|[./]angular([./]|$)", "angular_rate", "rad/s"),
     (r"acc|beschl|axis.*m/s2|linear.?acc", "acceleration", "m/s^2"),
     (r"force|kraft|forza|fuerza", "force", "N"),
     (r"vel|speed|geschw|vitesse", "velocity", "m/s"),

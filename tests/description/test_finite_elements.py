@@ -192,7 +192,7 @@ def test_what_is_missing_is_named(tmp_path):
 
 def written_op2(path):
     """Write the modes with pyNastran: an OP2 of four-byte numbers, as Nastran's own by default."""
-    op2 = pytest.importorskip("pyNastran.op2.op2", reason="pyNastran does not load",
+    op2 = pytest.importorskip("pyNastran.op2.op2_geom", reason="pyNastran does not load",
                               exc_type=(ImportError, AttributeError))  # fmt: skip
     from pyNastran.op2.tables.lama_eigenvalues.lama_objects import RealEigenvalues
     from pyNastran.op2.tables.oqg_constraintForces.oqg_spc_forces import RealSPCForcesArray
@@ -201,7 +201,7 @@ def written_op2(path):
     modes = list(tables())
     values = np.array([m[1] for m in modes])
     cycles = np.sqrt(values) / 2 / np.pi
-    model = op2.OP2(debug=False)
+    model = op2.OP2Geom(debug=False)
     found = RealEigenvalues("", "LAMA", nmodes=len(modes))
     found.mode, found.extraction_order = np.array([m[0] for m in modes]), np.array([m[0] for m in modes])
     found.eigenvalues, found.radians, found.cycles = values, np.sqrt(values), cycles
@@ -214,7 +214,7 @@ def written_op2(path):
         nodes = np.array([(n, 1) for n in modes[0][index]])
         data = np.array([list(m[index].values()) for m in modes], dtype="float32")
         into[1] = kind.add_modal_case(table, nodes, data, 1, found.mode, values, cycles)
-    model.write_op2(str(path))
+    model.write_op2(str(path), nastran_format="msc")
 
 
 def test_an_op2(tmp_path):

@@ -62,6 +62,23 @@ def test_a_xacro_takes_its_arguments(tmp_path):
     assert build_model(d).mass == pytest.approx(27.5)
 
 
+def test_a_xacro_is_expanded_once_and_again_when_what_it_includes_changes(tmp_path, monkeypatch):
+    xacro = pytest.importorskip("xacro", reason="needs the extra xacro")
+    one = '<robot xmlns:xacro="http://x"><xacro:property name="m" value="{}"/></robot>'
+    written(tmp_path / "mass.xacro", one.format(3))
+    included = '<xacro:include filename="mass.xacro"/><xacro:body name="bus" m="${m}"/>'
+    text = XACRO.replace('<xacro:body name="bus" m="20"/>', included)
+    file, runs = written(tmp_path / "arm.urdf.xacro", text), []
+    expand = xacro.process_file
+    monkeypatch.setattr(xacro, "process_file", lambda *a, **k: (runs.append(a), expand(*a, **k))[1])
+    model = build_model(load_description(file))
+    assert model.mass == pytest.approx(5.0) and len(runs) == 1
+    build_model(load_description(file))
+    assert len(runs) == 1
+    written(tmp_path / "mass.xacro", one.format(44))
+    assert build_model(load_description(file)).mass == pytest.approx(46.0) and len(runs) == 2
+
+
 def test_an_argument_that_nothing_takes_is_refused(tmp_path):
     file = written(tmp_path / "arm.xacro", XACRO)
     with xacro_arguments({"mas": "7.5"}), pytest.raises(DescriptionError, match=r"no argument 'mas'.*mass"):

@@ -131,6 +131,34 @@ def test_bags_of_joint_states(name, topic, joints, tmp_path):
     assert found.time("joints")[1] == pytest.approx(0.01)
 
 
+def test_a_bag_of_franka_ros(tmp_path):
+    rosbag1, typesys = (
+        pytest.importorskip(f"rosbags.{n}", reason="needs the extra bags") for n in ("rosbag1", "typesys")
+    )
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    kind = "franka_msgs/msg/FrankaState"
+    definition = "std_msgs/Header header\nfloat64[6] cartesian_collision\nfloat64[7] q\nfloat64[7] dq\n"
+    definition += (
+        "float64[7] tau_J\nfloat64[16] O_T_EE\nfloat64 control_command_success_rate\nuint8 robot_mode\n"
+    )
+    store.register(typesys.get_types_from_msg(definition, kind))
+    make, header, time = (
+        store.types[n] for n in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with rosbag1.Writer(tmp_path / "a.bag") as writer:
+        connection = writer.add_connection("/franka_state_controller/franka_states", kind, typestore=store)
+        for k in range(60):
+            stamp = 1_700_000_000_000_000_000 + k * 1_000_000
+            at = header(seq=k, stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
+            q, rate = np.sin(0.001 * k + np.arange(7.0)), np.cos(0.001 * k + np.arange(7.0))
+            message = make(at, np.zeros(6), q, rate, 10 * q, np.eye(4).ravel(), 1.0, 2)
+            writer.write(connection, stamp + 200_000, store.serialize_ros1(message, kind))
+    found = import_recording(tmp_path / "a.bag", "franka")
+    assert found.labels["joint"] == tuple(f"panda_joint{k}" for k in range(1, 8))
+    assert found["joints.joint_torque"][5] == pytest.approx(10 * np.sin(0.005 + np.arange(7.0)))
+    assert found.time("joints")[1] - found.time("joints")[0] == pytest.approx(1e-3)
+
+
 def test_every_ready_map_loads_and_is_offered():
     shown = " ".join(CliRunner().invoke(app, ["import", "--help"]).output.split())
     for name in bundled_mappings():
