@@ -1,4 +1,4 @@
-"""What ``inspect FILE --map`` writes, ``import FILE --map`` takes: for every reader, whatever the file holds."""
+"""What ``inspect FILE --map`` writes, ``import FILE --map`` takes, whatever the reader and the file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -35,11 +35,11 @@ KINDS = {"sensor_msgs/msg/JointState": joints, "sensor_msgs/msg/Imu": imu, "nav_
 
 
 def test_every_reader_is_tried():
-    assert COVERED | HERE == set(READERS)
+    assert set(READERS) == COVERED | HERE
 
 
 @ONCE
-@given(st.sampled_from(sorted(KINDS)), st.sampled_from(["/a", "/joint_states", "/arm/q", "/time", "/x/force"]),
+@given(st.sampled_from(sorted(KINDS)), st.sampled_from(["/a", "/joint_states", "/arm/q", "/time"]),
        st.sampled_from([(1, "SQLITE3"), (2, "SQLITE3"), (2, "MCAP")]))  # fmt: skip
 def test_the_draft_of_a_bag_imports(kind, topic, form):
     pytest.importorskip("rosbags", reason="needs the extra bags")
@@ -71,15 +71,13 @@ def test_the_draft_of_further_arrays_imports(columns, suffix):
 @given(columns_of_logs, st.sampled_from([(".tsv", "\t"), (".txt", " "), (".csv.gz", ",")]))
 def test_the_draft_of_further_text_imports(columns, form):
     suffix, delimiter = form
-    arrays = {"t": 0.01 * np.arange(N)} | {
-        name: signal(seed, (N,), kind) for name, (seed, _, kind) in columns.items()
-    }
+    arrays = {name: signal(seed, (N,), kind) for name, (seed, _, kind) in columns.items()}
+    arrays = {"t": 0.01 * np.arange(N), **arrays}
     names = [
         name if delimiter != " " else "".join(c for c in name if c.isalnum() or c == "_") for name in arrays
     ]
     quoted = ['"' + n.replace('"', '""') + '"' if delimiter != " " else n for n in names]
-    if len(set(names)) < len(names):
-        return
+    assume(len(set(names)) == len(names))
     rows = [delimiter.join(f"{x:.9g}" for x in row) for row in np.column_stack(list(arrays.values()))]
     text = "\n".join([delimiter.join(quoted), *rows]) + "\n"
     with tempfile.TemporaryDirectory() as folder:
@@ -90,7 +88,7 @@ def test_the_draft_of_further_text_imports(columns, form):
 
 @ONCE
 @given(st.dictionaries(st.sampled_from(FIELDS), st.integers(1, 4), min_size=1, max_size=4),
-       st.sampled_from(["vehicle_attitude", "sensor_gyro", "battery_status", "actuator_outputs"]))  # fmt: skip
+       st.sampled_from(["vehicle_attitude", "battery_status", "actuator_outputs"]))  # fmt: skip
 def test_the_draft_of_a_ulog_imports(fields, topic):
     pytest.importorskip("pyulog", reason="needs the extra px4")
     times = np.arange(1_500_000, 1_500_000 + N * 5_000, 5_000)
