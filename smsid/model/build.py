@@ -107,7 +107,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])
     _check_roles(model, all_joints, wheels)
     followers = Followers.of(model, source.mimics)
-    _check_followers(followers, all_joints, wheels)
+    _check_followers(followers, all_joints)
     home = _home(model, d, arms, followers)
     _check_masses(model, free, home)
     bound = bool(assembly.inertias) or followers is not None
@@ -267,18 +267,21 @@ def _home(
     return q if followers is None else _with_followers(model, d, followers, q)
 
 
-def _check_followers(followers: Followers | None, arm_joints: JointGroup, wheels: list[int]) -> None:
-    """Raise `DescriptionError` for a follower and a leader of unlike roles: one prescribed, the other not."""
+def _check_followers(followers: Followers | None, arm_joints: JointGroup) -> None:
+    """Raise `DescriptionError` for a follower or leader that is no joint of an arm.
+
+    What predicts free joints from their own equations of motion does not know of a leader.
+    """
     if followers is None:
         return
     arms = {int(j) for j in arm_joints.joints}
     for name, leader, j, k in zip(
         followers.names, followers.leaders, followers.joints, followers.leading, strict=True
     ):
-        if (int(j) in arms) != (int(k) in arms) or {int(j), int(k)} & set(wheels):
+        if not {int(j), int(k)} <= arms:
             raise DescriptionError(
-                f"Joint '{name}' mimics '{leader}': both have to be joints of an arm, or neither.",
-                advice="Name both in the arm's `joints`, or take the <mimic> away.",
+                f"Joint '{name}' mimics '{leader}': both have to be joints of an arm.",
+                advice="Name both in the arm's `joints`, or list the leader in its `fixed`.",
                 joint=name,
             )
 

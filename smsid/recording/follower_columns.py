@@ -18,7 +18,8 @@ MOVED = ("joint_position", "joint_velocity", "joint_acceleration")
 def with_followers(recording: Recording, model: SpacecraftModel) -> Recording:
     """Return the recording with columns of the followers it lacks, where it has their leaders by label.
 
-    Positions, rates and accelerations follow; a torque is zero, as the leader's motor drives both.
+    Positions, rates, accelerations follow, with the leader's noise; a torque is zero, as the leader's motor
+    drives both.
     """
     followers = model.followers
     labels = {
