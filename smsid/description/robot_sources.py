@@ -81,8 +81,12 @@ def expanded(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) 
     except Exception as error:  # xacro raises what its expressions raise
         reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
         name = re.search(r"[Uu]ndefined substitution argument '?(\w+)", f"{error}")
+        undeclared = "unbound prefix" in str(error)
         advice = (
-            f"Give it: {name.group(1)}:=VALUE on the command line, or under [arguments] in the TOML."
+            'Declare the prefix: <robot xmlns:xacro="http://www.ros.org/wiki/xacro" ...>, or expand it with '
+            "xacro first."
+            if undeclared
+            else f"Give it: {name.group(1)}:=VALUE on the command line, or under [arguments] in the TOML."
             if name
             else "Mend the file; packages it includes are looked for above it and in `package_dirs`."
         )

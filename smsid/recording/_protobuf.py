@@ -44,13 +44,14 @@ def read_protobuf(path: Path) -> Columns:
         with path.open("rb") as stream:
             file = reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
             for _, channel, message, content in file.iter_decoded_messages():
-                start = message.log_time if start is None else start
+                begin = int(message.log_time) if start is None else start
+                start = begin
                 topic = topics.setdefault(channel.topic, Topic(channel.topic))
                 if not topic.skipped:
                     values: dict[str, Any] = {}
                     stamp, names = _walk("", content, values)
-                    own = None if stamp is None else (stamp - start) * 1e-9
-                    topic.add((message.log_time - start) * 1e-9, own, values, names)
+                    own = None if stamp is None else (stamp - begin) * 1e-9
+                    topic.add((message.log_time - begin) * 1e-9, own, values, names)
     except Exception as error:  # mcap raises its own errors, struct.error, DecodeError, ...
         raise RecordingError(
             f"{path} ({path.stat().st_size} bytes) cannot be read as MCAP: {error}.",
@@ -65,10 +66,10 @@ def _walk(prefix: str, message: Any, into: dict[str, Any]) -> tuple[int | None, 
     stamp: int | None = None
     names: tuple[str, ...] = ()
     for field in message.DESCRIPTOR.fields:
-        value, name = getattr(message, field.name), f"{prefix}{field.name}"
-        repeated = not isinstance(value, int | float | bool | str | bytes) and hasattr(value, "append")
-        if repeated:
-            rows = list(value)
+        value: Any = getattr(message, field.name)
+        name = f"{prefix}{field.name}"
+        if not isinstance(value, int | float | bool | str | bytes) and hasattr(value, "append"):
+            rows: list[Any] = list(value)
             if rows and field.message_type is not None:
                 each: list[dict[str, Any]] = [{} for _ in rows]
                 for row, own in zip(rows, each, strict=True):
@@ -78,7 +79,7 @@ def _walk(prefix: str, message: Any, into: dict[str, Any]) -> tuple[int | None, 
                 into |= {f"{prefix}{k}" if names else f"{name}.{k}": np.array([own[k] for own in each])
                          for k in each[0] if all(k in own for own in each)}  # fmt: skip
             elif rows and isinstance(rows[0], str):
-                names = tuple(rows) if field.name in ("name", "names") else names
+                names = tuple(map(str, rows)) if field.name in ("name", "names") else names
             elif rows and isinstance(rows[0], int | float | bool):
                 into[name] = np.array(rows, dtype=np.float64)
         elif field.message_type is not None:

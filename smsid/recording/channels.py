@@ -29,6 +29,8 @@ SLIDING = MappingProxyType(
         "N m": "N",
         "N m s/rad": "N s/m",
         "N m s^2/rad^2": "N s^2/m^2",
+        "N m s^3/rad^3": "N s^3/m^3",
+        "rad/(N m)": "m/N",
         "N m/rad": "N/m",
         "N m/K": "N/K",
         "N m s/(rad K)": "N s/(m K)",

@@ -6,10 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.campaign.truth import _base
 from smsid.description import Description, load_description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.estimation.process_model import ProcessModel
+from smsid.experiments import fly
+from smsid.experiments.schema import Experiment, FourierProfile
 from smsid.export import export_folder
+from smsid.identify import identify
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
@@ -189,3 +193,55 @@ def test_what_leads_may_stand_still(tmp_path):
 def test_what_cannot_be_is_refused_by_name(mimics, keys, words, tmp_path):
     with pytest.raises(DescriptionError, match=words):
         build_model(craft(tmp_path, mimics, **keys))
+
+
+def error(size):
+    return {"noise_sigma": size}
+
+
+SENSORS = [
+    {"kind": "pose", "name": "pose", "rate": 25,
+     "errors": {"position": error(1e-4), "attitude": error(1e-6), "velocity": error(1e-5)}},
+    {"kind": "imu", "name": "imu", "rate": 25,
+     "errors": {"angular_rate": error(1e-6), "acceleration": error(1e-5)}},
+    {"kind": "encoder", "name": "encoder", "rate": 25,
+     "errors": {"joint_position": error(1e-6), "joint_velocity": error(1e-6)}},
+    {"kind": "tachometer", "name": "tacho", "rate": 25, "errors": {"wheel_rate": error(1e-4)}},
+]  # fmt: skip
+
+
+def test_bodies_are_identified_from_a_log_without_followers(tmp_path):
+    wheel = {"inertia": 0.05, "max_torque": 1.0, "max_rate": 300.0, "inertia_in_bus": False}
+    wheels = [{"name": f"w{k}", "axis": axis, **wheel} for k, axis in enumerate(np.eye(3).tolist())]
+    model = build_model(craft(tmp_path, sensor=SENSORS, wheel=wheels))
+    rng, n = np.random.default_rng(4), len(model.arm_joints)
+    cos, sin = rng.normal(size=(2, n + 3, 3)) / np.arange(1, 4)
+    sin[:n] -= (sin[:n] @ np.arange(1, 4))[:, None] * np.arange(1, 4) / 14.0  # at rest at the start
+    rows = lambda x: tuple(map(tuple, x.tolist()))  # noqa: E731
+    motion = {"frequency": 0.05, "cos": rows(0.25 * cos[:n]), "sin": rows(0.25 * sin[:n])}
+    torque = {"frequency": 0.05, "cos": rows(0.2 * cos[n:]), "sin": rows(0.2 * sin[n:])}
+    flown = fly(
+        model,
+        Experiment(
+            name="exp2",
+            duration=40.0,
+            joint_motion=FourierProfile(**motion, offset=tuple((-0.25 * cos[:n].sum(axis=1)).tolist())),
+            wheel_torque=FourierProfile(**torque),
+        ),
+        rng,
+    ).recording
+    kept = [flown.labels["joint"].index(name) for name in ("j1", "j2")]
+    channels = {
+        name: (flown.time(name), flown[name][:, kept] if "joint" in name else flown[name])
+        for name in flown.channels
+        if not name.startswith("truth")
+    }
+    log = Recording.from_arrays(
+        None, channels, labels={**flown.labels, "joint": ["j1", "j2"]}, role="estimation", name="exp2"
+    )
+    found = identify(model.description, [log])
+    truth = _base(model, found.momentum.b, carried=True)
+    off = [(p.value - truth[p.name]) / p.sigma for p in found.estimate.parameters if p.name in truth]
+    assert len(off) > 25 and np.abs(off).max() < 5.0
+    sharp = [p for p in found.estimate.parameters if p.name in ("b.mx", "b.mz")]
+    assert len(sharp) == 2 and all(p.sigma < 0.01 for p in sharp)

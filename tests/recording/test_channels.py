@@ -4,8 +4,10 @@ import dataclasses
 
 import pytest
 
+from smsid.effects import catalogue
 from smsid.errors import RecordingError
 from smsid.recording import QUANTITIES, quantity_of
+from smsid.recording.channels import SLIDING
 
 
 @pytest.mark.parametrize(
@@ -35,6 +37,14 @@ def test_unknown_quantity_is_refused_with_the_known_ones_and_the_closest():
 def test_malformed_name_is_refused(name):
     with pytest.raises(RecordingError, match="not a channel name"):
         quantity_of(name)
+
+
+def test_every_unit_of_a_joint_that_turns_has_that_of_one_that_slides():
+    fields = [f for effect in catalogue().values() if "joint" in effect.model_fields
+              for f in effect.model_fields.values()]  # fmt: skip
+    units = {f.json_schema_extra["unit"] for f in fields if isinstance(f.json_schema_extra, dict)}
+    turning = {unit for unit in units if "rad" in unit or "N m" in unit}
+    assert len(turning) > 8 and turning <= set(SLIDING)
 
 
 def test_a_clock_is_no_channel():
