@@ -5,6 +5,7 @@ The model keeps a coordinate for every joint; what holds a follower to its leade
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ import pinocchio as pin
 
 from smsid.description.urdf_reading import Mimic, UrdfReading
 from smsid.errors import DescriptionError
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,8 @@ class Followers:
 def mimics_of(reading: UrdfReading) -> dict[str, Mimic]:
     """Return the joints of a URDF that follow another, with leaders that follow none themselves.
 
-    Raises `DescriptionError` for a leader that does not exist or cannot lead, and for joints that follow each
-    other in a ring.
+    A joint whose leader does not exist is none, and a warning says so. Raises `DescriptionError` for a leader
+    that cannot lead, and for joints that follow each other in a ring.
     """
     mimics = {j.name: j.mimic for j in reading.joints.values() if j.mimic is not None}
     found = {}
@@ -101,11 +104,13 @@ def mimics_of(reading: UrdfReading) -> dict[str, Mimic]:
             )
         leader = reading.joints.get(mimic.joint)
         if leader is None:
-            raise DescriptionError(
-                f"Joint '{name}' of {reading.source} mimics '{mimic.joint}', which does not exist.",
-                advice="Correct the name in its <mimic>.",
-                joint=name,
+            logger.warning(
+                "%s: joint '%s' mimics '%s', which does not exist: it moves on its own.",
+                reading.source,
+                name,
+                mimic.joint,
             )
+            continue
         for one in (leader, reading.joints[name]):
             if one.kind in ("floating", "planar"):
                 raise DescriptionError(
