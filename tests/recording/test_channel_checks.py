@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from smsid.errors import InconsistentChannelsError
+from smsid.recording import Recording
 from smsid.recording.checks import channel_findings
 
 from .samples import recording
@@ -84,3 +85,12 @@ def test_a_component_without_motion_is_not_judged(benchmark):
     rng = np.random.default_rng(0)
     noise = {name: 1e-4 * rng.standard_normal(rec[name].shape) for name in rec.channels}
     assert channel_findings(rec.with_channels(noise)) == ()
+
+
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_a_rate_that_stays_the_same_is_not_stuck_whenever_the_clock_began(start):
+    t = start + 0.01 * np.arange(48)
+    q = np.column_stack([np.sin(t - start), 4.0 * (t - start) - 3.0]).round(6)
+    rate = np.column_stack([np.cos(t - start), np.full(t.size, 4.0)]).round(6)
+    one = Recording.from_arrays(t, {"log.joint_position": q, "log.joint_velocity": rate})
+    assert not one.suspicious()

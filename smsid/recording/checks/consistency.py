@@ -451,8 +451,10 @@ class _PairCheck:
         return None
 
     def _floor(self) -> float:
-        """Give the size below which increments are the last digits of the numbers."""
-        return 1e-10 * (1.0 + float(np.abs(self.pair.x).max()))
+        """Give the size below which increments are the last digits of the numbers and times."""
+        last = float(np.spacing(np.abs(self.pair.times).max()))  # [s] 2e-7 of seconds since 1970
+        turned = 4.0 * last * float(np.nanmax(np.abs(self.pair.v), initial=0.0))
+        return 1e-10 * (1.0 + float(np.abs(self.pair.x).max())) + turned
 
 
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:
