@@ -75,6 +75,7 @@ LOADED = {
     "xacro": (XACRO, ".urdf.xacro", 21.0, 1),
     "xacro that is called a URDF": (XACRO, ".urdf", 21.0, 1),
     "SDF": (SDF, ".sdf", 21.0, 1),
+    "a mesh of a package nobody has": (robot(BUS, link("l1", more=MESH.format("package://arm/l1.stl")), J1), ".urdf", 21.0, 1),
     "MJCF": (MJCF, ".xml", 21.0, 1),
 }  # fmt: skip
 REFUSED = {
@@ -90,8 +91,6 @@ REFUSED = {
     "a negative mass": (robot(BUS, link("l1", -1), J1), ".urdf", r"[Ll]ink 'l1'.*mass -1"),
     "no masses": (robot('<link name="bus"/><link name="l1"/>', J1), ".urdf", r"no mass|no inertia"),
     "a link that is not there": (robot(BUS, J1), ".urdf", r"'j1'.*'l1', which does not exist"),
-    "a mesh of a package nobody has": (robot(BUS, link("l1", more=MESH.format("package://arm/l1.stl")), J1), ".urdf",
-                                       r"'package://arm/l1.stl'.*package_dirs"),
     "xacro without its namespace": (XACRO.replace(NAMESPACE, ""), ".urdf.xacro", r"unbound prefix.*xmlns:xacro.*expand it with xacro first"),
     "cut short": (robot(BUS, L1, J1)[:-40], ".urdf", r"not well-formed.*cut short"),
     "a joint of ball": (MJCF.replace('axis="0 0 1"', 'type="ball"'), ".xml", r"'j1'.*ball"),
