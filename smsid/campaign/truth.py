@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.campaign.case import Case
-from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.appendage import Appendage
 from smsid.identify.appendages import described_modes
 from smsid.identify.momentum import Regression, carried_by_bus
 from smsid.identify.pipeline import Identification
@@ -40,10 +40,9 @@ def true_values(case: Case, found: Identification) -> dict[str, float]:
 
 def _appendage(effect: Appendage, case: Case) -> dict[str, float]:
     out: dict[str, float] = {}
-    if isinstance(effect, BeamAppendage):
-        out[f"{effect.name}.linear_density"] = effect.linear_density
-    elif effect == case.guess.get_effect(effect.name):
-        out[f"{effect.name}.participation_factor"] = 1.0  # relative to the starting guess
+    heavy = effect.mass_parameter()
+    if heavy.unit != "1" or effect == case.guess.get_effect(effect.name):  # a factor is relative to the guess
+        out[heavy.name] = heavy.value
     for k, mode in enumerate(described_modes(case.truth, effect), start=1):
         out[f"{effect.name}.mode{k}.frequency"] = mode.frequency
         out[f"{effect.name}.mode{k}.damping"] = mode.damping

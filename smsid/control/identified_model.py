@@ -21,7 +21,6 @@ import pinocchio as pin
 from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
-from smsid.effects.appendage import BeamAppendage
 from smsid.errors import ControlError
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
 from smsid.likelihood.combinations import carried_matrix
@@ -192,14 +191,10 @@ def _with_effects(described: Parameters, estimate: Estimate) -> tuple[Parameters
     known = {s.name: s for s in described.scalars}
     for joints in described.layout.model.appendages:
         part = joints.appendage
-        if isinstance(part, BeamAppendage):
-            known[f"{part.name}.linear_density"] = known[f"{part.name}.density_factor"]
-        known[f"{part.name}.participation_factor"] = known[f"{part.name}.density_factor"]
-    sizes = {
-        f"{a.appendage.name}.linear_density": a.appendage.linear_density
-        for a in described.layout.model.appendages
-        if isinstance(a.appendage, BeamAppendage)
-    }
+        for name in (part.mass_parameter().name, f"{part.name}.participation_factor"):
+            known[name] = known[f"{part.name}.density_factor"]
+    heavy = [a.appendage.mass_parameter() for a in described.layout.model.appendages]
+    sizes = {p.name: p.value for p in heavy}
     values: dict[str, float] = {}
     applied, left = [], []
     for p in estimate.parameters:

@@ -11,8 +11,6 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import did_you_mean
-from smsid.effects.appendage import Appendage
-from smsid.effects.slosh import Slosh
 from smsid.errors import ExperimentError
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.parameters import Parameters
@@ -153,8 +151,8 @@ def needs_motion(parameters: Parameters, wanted: Sequence[str]) -> bool:
 def _matching(
     word: str, model: SpacecraftModel, found: Sequence[Combination], rigid: Sequence[Combination]
 ) -> list[Combination]:
-    tanks = {e.name for e in model.description.effect if isinstance(e, Slosh)}
-    panels = {e.name for e in model.description.effect if isinstance(e, Appendage)}
+    tanks = {s.name for s in model.slosh}
+    panels = {a.appendage.name for a in model.appendages}
     owner = {c.name: c.name.partition(".")[0] for c in found}
     if word == "inertia":
         return list(rigid)

@@ -71,6 +71,10 @@ class Appendage(Effect):
         """Return the modes."""
         raise NotImplementedError
 
+    def mass_parameter(self) -> Parameter:
+        """Return by what an estimate says how heavy it is: a factor on the described modal masses."""
+        return Parameter(f"{self.name}.participation_factor", 1.0, "1", 0.0)
+
     def rigid_inertia(self) -> pin.Inertia:
         """Return the rigid-body inertia in appendage axes, about the root."""
         raise NotImplementedError
@@ -193,6 +197,10 @@ class BeamAppendage(Appendage):
     def linear_density(self) -> float:
         """Mass per length [kg/m], the rho of (27)."""
         return self.mass / self.length
+
+    def mass_parameter(self) -> Parameter:
+        """Return the linear density [kg/m]."""
+        return Parameter(f"{self.name}.linear_density", self.linear_density, "kg/m", 0.0)
 
     @property
     def cantilever(self) -> Cantilever:

@@ -63,7 +63,7 @@ class Slosh(Effect):
         joint = assembly.add_joint(self.frame, pin.JointModelTranslation(), placement, self.name)
         assembly.add_inertia(joint, pin.Inertia(self.mass, np.zeros(3), np.zeros((3, 3))))
         assembly.add_springs(joint, self.stiffness, self.damping)
-        assembly.note_slosh(self.name, joint)
+        assembly.note_slosh(self, joint)
         if self.mass_in_bus:
             assembly.add_remainder(self.frame, point_parameters(-self.mass, np.zeros(3)), placement)
 
@@ -96,7 +96,7 @@ class SloshNonlinearity(Starting):
                 advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
                 tank=self.tank,
             )
-        joint = assembly.model.joints[assembly.slosh[self.tank]]
+        joint = assembly.model.joints[assembly.slosh[self.tank][1]]
         place, rate = slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
         cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
         radial = self.law == "radial"

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.description import Description
 from smsid.effects import Effect
-from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage
+from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.identify.appendages import as_described, described_modes
 from smsid.identify.estimate import Estimate
 from smsid.identify.identified import identified_modes
@@ -62,10 +62,9 @@ def _appendage(
 ) -> ModalAppendage | None:
     """Return an appendage as identified, with all its modes; ``None`` where nothing was."""
     factor = _taken(f"{effect.name}.participation_factor", 1.0, estimate, notes)
-    if isinstance(effect, BeamAppendage):
-        described = effect.linear_density
-        density = _taken(f"{effect.name}.linear_density", described, estimate, notes)
-        factor = factor if density is None else density / described
+    heavy = effect.mass_parameter()
+    density = None if heavy.unit == "1" else _taken(heavy.name, heavy.value, estimate, notes)
+    factor = factor if density is None else density / heavy.value
     modes = {}
     described = described_modes(description, effect)
     for k, mode in enumerate(described, start=1):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.identify.commanded import acting
@@ -264,7 +263,7 @@ def _drift(sensor: Sensor) -> tuple[float, float]:
 
 def _marks(model: SpacecraftModel, axis: int) -> list[str]:
     """Marks of the tanks by rising described frequency along an axis."""
-    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    tanks = [s.tank for s in model.slosh]
     pairs = sorted(zip(tanks, tank_marks(tanks), strict=True), key=lambda x: x[0].stiffness[axis] / x[0].mass)
     return [mark for _, mark in pairs]
 

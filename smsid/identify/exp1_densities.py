@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.appendage import Appendage
 from smsid.identify.combined import Combined
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
@@ -22,7 +22,7 @@ def densities(
 
     What comes out negative is noted in ``notes`` and stays as described.
     """
-    of = {j.appendage.name: density_of(j.appendage) for j in model.appendages}
+    of = {j.appendage.name: _density_of(j.appendage) for j in model.appendages}
     weights = {s.symbol: s.weights for s in shares}
     symbols = [s for s in found.names if is_density(s)]
     alone = {panels_of(s)[0] for s in symbols if len(panels_of(s)) == 1}
@@ -53,11 +53,9 @@ def densities(
     return out
 
 
-def density_of(appendage: Appendage) -> Density:
-    """Return name, unit and described value of what Exp. 1 identifies of an appendage's mass."""
-    if isinstance(appendage, BeamAppendage):
-        return f"{appendage.name}.linear_density", "kg/m", appendage.linear_density
-    return f"{appendage.name}.participation_factor", "1", 1.0
+def _density_of(appendage: Appendage) -> Density:
+    p = appendage.mass_parameter()
+    return p.name, p.unit, p.value
 
 
 def combination(densities: Mapping[str, Density], weights: Mapping[str, float]) -> Density:

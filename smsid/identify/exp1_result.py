@@ -110,7 +110,7 @@ def assemble(
     value, sigma = found["M"]
     parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
-    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    tanks = [s.tank for s in model.slosh]
     marks = tank_marks(tanks)
     merged = len(tanks) > 1 and any(_lost(found, mark) for mark in marks)
     if merged:

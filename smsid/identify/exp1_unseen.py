@@ -8,8 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.effects.appendage import BeamAppendage
-from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.combined import is_shared
 from smsid.identify.estimate import ParameterEstimate, judged
@@ -29,7 +27,7 @@ SEE_NOTES = "not found: the notes say more; stays as described"
 
 def period(model: SpacecraftModel, axis: int) -> float:
     """Return the period [s] of the slowest slosh along an axis, as described; zero without tanks."""
-    tanks = [e for e in model.description.effect if isinstance(e, Slosh)]
+    tanks = [s.tank for s in model.slosh]
     softest = 1e-12  # [N/m], of a tank without springs
     periods = [2 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[axis], softest))) for e in tanks]
     return max(periods, default=0.0)
@@ -77,18 +75,15 @@ def left_as_described(
             note = f"{'; '.join(known)}: stays as described" if known else SEE_NOTES
             out.append(judged(name, value, unit, math.inf, group, nominal=value, note=note))
 
-    for tank in model.description.effect:
-        if isinstance(tank, Slosh):
-            add(f"{tank.name}.mass", tank.mass, "kg", "exp1", AXES)
-            for k, axis in enumerate(AXES):
-                add(f"{tank.name}.stiffness.{axis}", tank.stiffness[k], "N/m", "exp1", axis)
-                add(f"{tank.name}.damping.{axis}", tank.damping[k], "N s/m", "exp1", axis)
+    for tank in (s.tank for s in model.slosh):
+        add(f"{tank.name}.mass", tank.mass, "kg", "exp1", AXES)
+        for k, axis in enumerate(AXES):
+            add(f"{tank.name}.stiffness.{axis}", tank.stiffness[k], "N/m", "exp1", axis)
+            add(f"{tank.name}.damping.{axis}", tank.damping[k], "N s/m", "exp1", axis)
     for joints in model.appendages:
         part, bending = joints.appendage, [a for k, a in enumerate(AXES) if participates(joints, k)]
-        if isinstance(part, BeamAppendage):
-            add(f"{part.name}.linear_density", part.linear_density, "kg/m", "exp1", bending)
-        else:
-            add(f"{part.name}.participation_factor", 1.0, "1", "exp1", bending)
+        heavy = part.mass_parameter()
+        add(heavy.name, heavy.value, heavy.unit, "exp1", bending)
         for k, mode in enumerate(part.modal_data(), start=1):
             main = _main_axis(joints)
             add(f"{part.name}.mode{k}.frequency", mode.frequency, "Hz", "modes", main)

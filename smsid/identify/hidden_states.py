@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.modal_state import integrate_accelerometers, smooth_modes
 from smsid.identify.momentum import HiddenStates
@@ -30,9 +29,8 @@ def hidden_states(model: SpacecraftModel, motion: Motion, modal: Modal = "smooth
         raise SmsidError(f"There is no modal estimator '{modal}'.", advice="Use 'smoother' or 'printed'.")
     check_on_bus(model)
     slosh, modes = {}, {}
-    tanks = {e.name: e for e in model.description.effect if isinstance(e, Slosh)}
     for joint in model.slosh:
-        tank = tanks[joint.name]
+        tank = joint.tank
         slosh[joint.name] = estimate_slosh(
             motion, joint.position, tank.mass, np.array(tank.stiffness), np.array(tank.damping)
         )

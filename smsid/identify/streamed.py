@@ -14,7 +14,6 @@ from typing import Protocol
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.hidden_states import LEAST_NOISE, check_on_bus
 from smsid.identify.modal_state import ModalState, smooth_modes
@@ -248,9 +247,8 @@ def _carried(
         joined, skip = before.only(slice(-1, None)).followed_by(motion), 1
     kept = slice(skip, skip + len(motion))
     slosh, modes = {}, {}
-    tanks = {e.name: e for e in model.description.effect if isinstance(e, Slosh)}
     for joint in model.slosh:
-        tank, name = tanks[joint.name], joint.name
+        tank, name = joint.tank, joint.name
         springs = np.array(tank.stiffness), np.array(tank.damping)
         start = carry.slosh.get(name)
         rho, rate = estimate_slosh(joined, joint.position, tank.mass, *springs, start=start)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.effects.appendage import BeamAppendage
 from smsid.identify.momentum_rows import Split, first_moments
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
@@ -53,11 +52,8 @@ def effects_and_mass(at: Parameters, described: Parameters) -> list[Combination]
         own[k] = s.slope
         if s.name.endswith(".density_factor"):
             part = parts[s.name.removesuffix(".density_factor")]
-            if isinstance(part, BeamAppendage):
-                name, unit, size = f"{part.name}.linear_density", "kg/m", part.linear_density
-            else:
-                name, unit, size = f"{part.name}.participation_factor", "1", 1.0
-            found.append(Combination(name, unit, s.value * size, own * size, s.reference * size))
+            p = part.mass_parameter()
+            found.append(Combination(p.name, p.unit, s.value * p.value, own * p.value, s.reference * p.value))
         else:
             found.append(Combination(s.name, s.unit, s.value, own, s.reference))
     return found

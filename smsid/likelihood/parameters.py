@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.appendage import ModalAppendage
-from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described, described_modes
 from smsid.identify.identified import identified_modes
@@ -203,10 +202,9 @@ class Parameters:
         """
         d = self.layout.model.description
         effects, panels = [], []
-        for effect in d.effect:
-            if isinstance(effect, Slosh):
-                own = {s.name: s.value for s in self.scalars if s.name.startswith(f"{effect.name}.")}
-                effects.append(effect.with_values({k: max(v, 0.0) for k, v in own.items()}))
+        for tank in (s.tank for s in self.layout.model.slosh):
+            own = {s.name: s.value for s in self.scalars if s.name.startswith(f"{tank.name}.")}
+            effects.append(tank.with_values({k: max(v, 0.0) for k, v in own.items()}))
         for joints in self.layout.model.appendages:
             part = joints.appendage
             own = {s.name: max(s.value, 0.0) for s in self.scalars if s.name.startswith(f"{part.name}.mode")}

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.effects.slosh import Slosh
 from smsid.identify.appendages import described_modes
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -40,9 +39,8 @@ class Scalar:
 def scalars_of(model: SpacecraftModel) -> list[Scalar]:
     """Return the scalars of a model at the description's values."""
     found = []
-    tanks = {e.name: e for e in model.description.effect if isinstance(e, Slosh)}
     for joint in model.slosh:
-        tank = tanks[joint.name]
+        tank = joint.tank
         critical = 2.0 * np.sqrt(tank.mass * max(tank.stiffness))
         for p in tank.parameters():
             log = "damping" not in p.name and p.value > 0.0

@@ -15,6 +15,7 @@ from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.appendage import Appendage
+    from smsid.effects.slosh import Slosh
 
 CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
 
@@ -96,7 +97,7 @@ class Assembly:
     breakpoints: list[float] = field(default_factory=list)  # times at which a force jumps [s]
     motors: dict[int, int] = field(default_factory=dict)  # joint: joint whose angle the encoder adds
     twists: dict[int, Twist] = field(default_factory=dict)  # joint: twist that its encoder adds at once
-    slosh: dict[str, int] = field(default_factory=dict)
+    slosh: dict[str, tuple[Slosh, int]] = field(default_factory=dict)  # tank and joint
     appendages: list[AppendageJoints] = field(default_factory=list)
     described: list[np.ndarray] = field(default_factory=list)  # bodies (10,) before any effect, with wheels
 
@@ -231,9 +232,9 @@ class Assembly:
         self.owned.append((self.owner, term))
         self.breakpoints += breakpoints
 
-    def note_slosh(self, name: str, joint: int) -> None:
-        """Remember which joint is a slosh mass."""
-        self.slosh[name] = joint
+    def note_slosh(self, tank: Slosh, joint: int) -> None:
+        """Remember which joint is a tank's slosh mass."""
+        self.slosh[tank.name] = tank, joint
 
     def note_appendage(self, appendage: Appendage, joints: Sequence[int], scale: Sequence[float]) -> None:
         """Remember which joints are the modes of an appendage."""

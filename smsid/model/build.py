@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.description.schema import Arm, Description, Wheel
+from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
 from smsid.model.assembly import Assembly
 from smsid.model.followers import Followers
@@ -121,7 +122,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         arms=arms,
         arm_joints=all_joints,
         wheels=JointGroup.of(model, wheels),
-        slosh=tuple(_slosh_joint(model, name, j) for name, j in assembly.slosh.items()),
+        slosh=tuple(_slosh_joint(model, tank, j) for tank, j in assembly.slosh.values()),
         appendages=tuple(assembly.appendages),
         modes=JointGroup.of(model, [j for a in assembly.appendages for j in a.joints]),
         mode_scale=np.concatenate([a.scale for a in assembly.appendages] or [np.zeros(0)]),
@@ -216,10 +217,10 @@ def _arms(assembly: Assembly, d: Description, source: Source) -> dict[str, Joint
     return arms
 
 
-def _slosh_joint(model: pin.Model, name: str, joint: int) -> SloshJoint:
+def _slosh_joint(model: pin.Model, tank: Slosh, joint: int) -> SloshJoint:
     j = model.joints[joint]
     q, v = slice(j.idx_q, j.idx_q + 3), slice(j.idx_v, j.idx_v + 3)
-    return SloshJoint(name, joint, q, v, model.jointPlacements[joint].translation.copy())
+    return SloshJoint(tank, joint, q, v, model.jointPlacements[joint].translation.copy())
 
 
 def _springs(assembly: Assembly) -> dict[str, np.ndarray]:

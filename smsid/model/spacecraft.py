@@ -13,6 +13,7 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.description.urdf_reading import Mimic
 from smsid.effects.base import ForceTerm, InertiaTerm, Twist
+from smsid.effects.slosh import Slosh
 from smsid.model.assembly import AppendageJoints
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
@@ -45,16 +46,21 @@ class JointGroup:
 @short_repr
 @dataclass(frozen=True)
 class SloshJoint:
-    """A slosh mass: its name, joint, where it is in q and v (3 each), and c_s (3,) [m].
+    """A slosh mass: the tank it is of, its joint, where it is in q and v (3 each), and c_s (3,) [m].
 
     c_s is in the frame of the joint that carries it: the bus frame, unless the slosh sits on an arm's link.
     """
 
-    name: str
+    tank: Slosh
     joint: int
     q: slice
     v: slice
     position: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Name of the tank."""
+        return self.tank.name
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from smsid.effects.slosh import Slosh
 from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SloshJoint, SpacecraftModel
 from smsid.simulate.truth import station_indices
@@ -150,7 +149,7 @@ def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
 def slosh_factor(model: SpacecraftModel, motion: Motion, look: Look) -> float:
     """Return how many times larger slosh is drawn, so that no ball leaves the largest tank it may have."""
     needed = [
-        look.slosh_factor * _reach(motion, slosh) / ((LARGEST_TANK / TANK_MARGIN - 1.0) * _ball(model, slosh))
+        look.slosh_factor * _reach(motion, slosh) / ((LARGEST_TANK / TANK_MARGIN - 1.0) * _ball(slosh))
         for slosh in model.slosh
     ]
     return look.slosh_factor / max(1.0, *np.ceil(needed)) if needed else look.slosh_factor
@@ -160,7 +159,7 @@ def tank_parts(model: SpacecraftModel, paths: dict[int, str], motion: Motion, fa
     """Return the slosh masses as balls of fuel, each in a tank that is wide enough for its motion."""
     parts = []
     for slosh in model.slosh:
-        ball = _ball(model, slosh)
+        ball = _ball(slosh)
         tank = max(1.7 * ball, TANK_MARGIN * (ball + factor * _reach(motion, slosh)))
         parent = paths[model.pin.parents[slosh.joint]]
         rest = model.pin.jointPlacements[slosh.joint].homogeneous
@@ -169,11 +168,9 @@ def tank_parts(model: SpacecraftModel, paths: dict[int, str], motion: Motion, fa
     return parts
 
 
-def _ball(model: SpacecraftModel, slosh: SloshJoint) -> float:
+def _ball(slosh: SloshJoint) -> float:
     """Return the radius of a slosh mass [m]."""
-    effect = model.description.get_effect(slosh.name)
-    mass = effect.mass if isinstance(effect, Slosh) else model.pin.inertias[slosh.joint].mass
-    return float((3.0 * mass / (4.0 * np.pi * WATER)) ** (1.0 / 3.0))
+    return float((3.0 * slosh.tank.mass / (4.0 * np.pi * WATER)) ** (1.0 / 3.0))
 
 
 def _reach(motion: Motion, slosh: SloshJoint) -> float:
