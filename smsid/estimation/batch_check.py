@@ -9,6 +9,7 @@ import numpy as np
 from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
 from smsid.estimation.inertial_combinations import Reported
+from smsid.estimation.prior_conflict import PriorConflict, conflict_of
 from smsid.likelihood.channels import described_sigma
 from smsid.likelihood.normal import normal_at
 from smsid.likelihood.point import Point, Seen
@@ -21,6 +22,7 @@ def batch_quality(refinement: Refinement) -> FitQuality:
     """Return how well a batch fit explains its recordings: residuals over the noise that is stated.
 
     Channels of which no noise is stated are not judged. Noise of measured inputs is part of what is expected.
+    Priors that the recordings contradict count, too.
     """
     found = refinement.fit
     channels = []
@@ -37,7 +39,17 @@ def batch_quality(refinement: Refinement) -> FitQuality:
             judgement = "not explained" if worst > WRONG else "roughly" if worst > LOUD else "explained"
             name = f"{channel.name}[{AXES[k] if r.shape[1] == 3 else k}]"
             channels.append(ChannelFit(piece.name, channel.name, name, worst, 0.0, 1.0, judgement))
-    return FitQuality(tuple(channels), 1.0)
+    return FitQuality(tuple(channels), 1.0, batch_conflict(refinement))
+
+
+def batch_conflict(refinement: Refinement) -> PriorConflict | None:
+    """Return by how much the recordings of a batch fit contradict its priors, if they do."""
+    normal, at = refinement.fit.normal, refinement.fit.point.parameters
+    off, jacobian = refinement.prior.residual(at)
+    size, rate = at.size, np.diag(jacobian)
+    inner, cross = normal.information[size:, size:], normal.data[:size, size:]
+    information = normal.data[:size, :size] - (cross @ np.linalg.solve(inner, cross.T) if len(inner) else 0.0)
+    return conflict_of(off, information / np.outer(rate, rate), at.names)
 
 
 def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:

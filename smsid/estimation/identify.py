@@ -128,9 +128,8 @@ def _batch(
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate
     if quality.judgement == "not explained":
-        note = "the model does not explain the recordings"
         parameters = tuple(
-            replace(p, status="not_identifiable", note=note) if p.status == "identifiable" else p
+            replace(p, status="not_identifiable", note=quality.reason) if p.status == "identifiable" else p
             for p in estimate.parameters
         )
         estimate = replace(estimate, parameters=parameters)

@@ -9,7 +9,9 @@ from smsid.description import load_description
 from smsid.effects import Payload
 from smsid.estimation.identify import identify_spacecraft
 from smsid.experiments import fly, named_experiment
+from smsid.likelihood.parameters import Parameters
 from smsid.model import build_model
+from smsid.model.regressor import INERTIAL_NAMES
 from smsid.paths import urdf_folder
 from smsid.recording import Recording
 
@@ -47,6 +49,17 @@ def test_a_body_grasped_between_two_flights_is_a_contradiction_of_masses(craft, 
     found = identify_spacecraft(craft, [before, flown(grasped, "exp2", 3)])
     assert {c.recording for c in found.contradictions} == {"exp1", "exp2"}
     assert "contradicts the other recordings" in found.estimate.notes[1]
+
+
+def test_an_inertia_that_is_stated_wrong_contradicts_the_recordings(craft, before, after):
+    """Ten per cent too large, known to one in five hundred: named, and nothing is called identifiable."""
+    described = Parameters.of(build_model(craft))
+    true = float(described.inertias[described.layout.names.index("bus"), INERTIAL_NAMES.index("Izz")])
+    found = identify_spacecraft(craft, [before, after], cad={"bus.Izz": (1.1 * true, 0.002 * true)})
+    assert found.refined is not None and found.quality is not None and found.quality.conflict is not None
+    assert found.quality.conflict.parameters[0][0] == "bus.Izz"
+    assert "known beforehand" in found.estimate.notes[0]
+    assert not [p for p in found.estimate.parameters if p.status == "identifiable"]
 
 
 @pytest.mark.slow
