@@ -1,8 +1,10 @@
 """Slope and curvature of the log-posterior by differences of whole filter runs.
 
 Derivatives along the states that a filter found (`smsid.estimation.sensitivities`) leave out what a parameter
-does to the filter's gain: nothing where the model is right, much where innovations are large. A search that
-comes to a halt there goes on with these, which are exact and cost two runs of the filter a parameter.
+does to the filter's gain. That is nothing where the filter knows the states well by what it has seen, and
+much where it does not: where innovations are large, and for springs and dampers of hidden states that begin
+anyhow in a short flight, of which they then claim too much. Differences are exact and cost one run of the
+filter a parameter.
 """
 
 from __future__ import annotations
@@ -13,51 +15,103 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.estimation.flight import Flight
-from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.normal_equations import CHUNK, NormalEquations, prior_offset, problem_at
+from smsid.estimation.kalman import FilterRun, KalmanFilter
+from smsid.estimation.normal_equations import (
+    BLOCKS,
+    CHUNK,
+    NormalEquations,
+    Term,
+    prior_offset,
+    problem_at,
+)
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
 
 STEP = 1e-3  # of a difference, in conditional standard deviations of the parameter
+ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
 
 
 def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEquations:
-    """Return the normal equations at the same point, slope and Gram matrix by central differences.
+    """Return the normal equations at the same point, slope and Gram matrix by differences.
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    unknowns, m = found.unknowns, len(found.unknowns)
+    ends = _ends(found, range(len(found.unknowns)))
+    terms = tuple(_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True))
+    rate = np.array([u.scale / u.sigma for u in found.unknowns])
+    gram = np.sum([t.gram for t in terms], axis=0) + np.diag(rate**2)
+    slope = np.sum([t.slope for t in terms], axis=0) - rate * prior_offset(found.point, found.unknowns)
+    return replace(found, terms=terms, gram=gram, slope=slope, exact=True)
+
+
+def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
+    """Whether slope and curvature by the effects' parameters are, about, those by differences.
+
+    Raises `SimulationError` where a filter loses its recording.
+    """
+    which = [i for i, u in enumerate(found.unknowns) if u.kind == "effect"]
+    if not which:
+        return True
+    ends = _ends(found, which)
+    exact = [_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True)]
+    before, now = (np.sum([np.diag(t.gram)[which] for t in x], axis=0) for x in (found.terms, exact))
+    tilt, tilt_now = (np.sum([t.slope[which] for t in x], axis=0) for x in (found.terms, exact))
+    size = np.sqrt(np.diag(found.gram)[which])
+    apart = np.abs(np.sqrt(before) - np.sqrt(now)) / size, np.abs(tilt - tilt_now) / size
+    return bool(max(x.max() for x in apart) < ALIKE)
+
+
+Ends = list[tuple[int, Point, float]]
+"""Unknown, the point a step away in it, and the step in its scales: infinite where it has no room."""
+
+
+def _ends(found: NormalEquations, which: Sequence[int]) -> Ends:
     size = np.sqrt(np.diag(found.gram))
-    steps = STEP / np.where(size > 0.0, size, 1.0)  # (m,) in scales
-    slope, gram = np.zeros(m), np.zeros((m, m))
-    ends = [_ends(found.point, unknowns, i, float(steps[i])) for i in range(m)]
-    for flight in flights:
-        filters = [tuple(_filter(p, flight) for p in (low, high)) for low, high, _ in ends]
-        middle = _filter(found.point, flight)
-        for _ in range(0, len(flight.problem.data.times), CHUNK):
-            here = middle.advance(CHUNK).innovations
-            columns = np.empty((here.size, m))
-            for i, ((low, high), (*_, width)) in enumerate(zip(filters, ends, strict=True)):
-                less, more = low.advance(CHUNK), high.advance(CHUNK)
-                slope[i] += (more.log_likelihood - less.log_likelihood) / width
-                columns[:, i] = ((less.innovations - more.innovations) / width).ravel()
-            gram += columns.T @ columns
-    rate = np.array([u.scale / u.sigma for u in unknowns])
-    return replace(
-        found, gram=gram + np.diag(rate**2), slope=slope - rate * prior_offset(found.point, unknowns)
-    )
+    return [
+        (i, *_end(found.point, found.unknowns, i, STEP / (size[i] if size[i] > 0.0 else 1.0))) for i in which
+    ]
 
 
-def _ends(point: Point, unknowns: Sequence[Unknown], i: int, step: float) -> tuple[Point, Point, float]:
-    """Return the points below and above, within bounds, and how far they are apart in scales."""
+def _end(point: Point, unknowns: Sequence[Unknown], i: int, step: float) -> tuple[Point, float]:
+    """Return the point a step (in scales) up in an unknown, or down at its upper bound, and the step."""
     unknown = unknowns[i]
-    found = []
-    for sign in (-1.0, 1.0):
+    for sign in (1.0, -1.0):
         moved = np.zeros(len(unknowns))
         moved[i] = sign * step * unknown.scale
-        found.append(retract(point, unknowns, moved))
-    width = (found[1].value(unknown) - found[0].value(unknown)) / unknown.scale
-    return found[0], found[1], width if width > 0.0 else np.inf  # between its bounds it cannot move: no slope
+        end = retract(point, unknowns, moved)
+        width = (end.value(unknown) - point.value(unknown)) / unknown.scale
+        if abs(width) > 0.5 * step:
+            return end, width
+    return point, np.inf  # between its bounds it cannot move: no slope
+
+
+def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
+    """Return a recording's part of the normal equations; what has no end is zero."""
+    m = len(before.slope)
+    gram, blocks = np.zeros((m, m)), np.zeros((BLOCKS, m))
+    middle, filters = _filter(point, flight), [_filter(p, flight) for _, p, _ in ends]
+    count, which = len(flight.problem.data.times), [i for i, *_ in ends]
+    for first in range(0, count, CHUNK):
+        here = middle.advance(CHUNK)
+        likely = _log_likelihoods(here)
+        columns, scores = np.empty((here.innovations.size, len(ends))), np.empty((len(likely), len(ends)))
+        for k, (kalman, (*_, width)) in enumerate(zip(filters, ends, strict=True)):
+            there = kalman.advance(CHUNK)
+            columns[:, k] = ((there.innovations - here.innovations) / width).ravel()
+            scores[:, k] = (_log_likelihoods(there) - likely) / width
+        gram[np.ix_(which, which)] += columns.T @ columns
+        places = np.arange(first, first + len(likely)) * BLOCKS // count
+        own = np.zeros((BLOCKS, len(ends)))
+        np.add.at(own, places, scores)
+        blocks[:, which] += own
+    return replace(before, gram=gram, slope=blocks.sum(axis=0), scatter=blocks.T @ blocks)
+
+
+def _log_likelihoods(run: FilterRun) -> np.ndarray:
+    """Return the log-likelihood of each sample (N,), without constants."""
+    diagonal = np.einsum("nii->ni", run.whitening)
+    logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
+    return logs - 0.5 * np.einsum("ni,ni->n", run.innovations, run.innovations)
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.estimation.bent import bent_by
 from smsid.estimation.contradictions import Contradiction, contradictions
+from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import Reported, reported
 from smsid.estimation.input_timing import timings
 from smsid.estimation.kalman import Timing
+from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, objective_of
@@ -34,6 +36,7 @@ LOGGER = logging.getLogger(__name__)
 METHOD = "maximum_likelihood"
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
 UNSEEN = "the data do not see it"
 
@@ -123,21 +126,29 @@ def _identify(
     prepared = time.perf_counter()
     found, flights, visited = _search(described, unknowns, flights, tell)
     searched = time.perf_counter()
-    quality = fit_quality(found)
-    rows = [_as_density(r, densities) for r in reported(found, described)]
-    disagree = contradictions(found, rows, quality.widening)
-    rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.kind == "bias"]
-    covariance = np.linalg.inv(found.gram)
-    gradient = np.array([r.gradient for r in rows])
+    for _ in range(RESTARTS):
+        quality = fit_quality(found)
+        rows = [_as_density(r, densities) for r in reported(found, described)]
+        own = len(rows)
+        rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.kind == "bias"]
+        covariance = np.linalg.inv(found.gram)
+        gradient = np.array([r.gradient for r in rows])
+        try:
+            bent = bent_intervals(found, flights, gradient, covariance, quality.widening)
+            break
+        except BetterMaximum as better:
+            found, more = maximise(better.point, unknowns, flights, tell=tell)
+            visited += more
+    else:
+        raise _restless()
+    disagree = contradictions(found, rows[:own], quality.widening)
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
     limits = bound_intervals(found, quality.widening)
-    judgements = zip(
-        rows, np.sqrt(np.diag(spread)), shares, bent_by(found, gradient, covariance), strict=True
-    )
+    judgements = zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
     parameters = [
-        _within_bounds(_judged(r, float(s), float(share), bent, quality), unknowns, limits)
-        for r, s, share, bent in judgements
+        _within_bounds(_judged(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
+        for k, (r, s, share) in enumerate(judgements)
     ]
     notes = [quality.sentence, *(c.sentence for c in disagree)]
     notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
@@ -219,15 +230,19 @@ def _search(
         flights = again
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
-    if not converged(found):
+    if not converged(found) or not derivatives_hold(found, flights):
         found = settled(found, flights, tell=tell)
         visited.append(found)
     if not converged(found):
-        raise NotIdentifiableError(
-            "The search for the most likely parameters does not come to rest.",
-            advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
-        )
+        raise _restless()
     return found, flights, visited
+
+
+def _restless() -> NotIdentifiableError:
+    return NotIdentifiableError(
+        "The search for the most likely parameters does not come to rest.",
+        advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
+    )
 
 
 def _loosened(flight: Flight, share: float) -> Flight:
@@ -276,21 +291,36 @@ def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.n
 
 
 def _judged(
-    row: Reported, sigma: float, share: float, bent: str | None, quality: FitQuality
+    row: Reported, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
 ) -> ParameterEstimate:
-    """Return a parameter with its status; ``share`` of its variance is the prior's, it goes with ``bent``."""
+    """Return a parameter with its status; ``share`` of its variance is the prior's, ``bent`` its profile."""
     if ": " in row.name:
         return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
     found = judged(row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference)
     if share > HELD:
         note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
         return replace(found, status="not_identifiable", note=note)
-    if bent is not None and bent != row.name and found.status == "identifiable":
-        note = f"goes with {bent}, which the data hardly tell: its interval is too tight"
-        return replace(found, status="not_identifiable", note=note)
+    if bent is not None:
+        found = _bent(found, bent)
     if quality.judgement == "not explained" and found.status == "identifiable":
         return replace(found, status="not_identifiable", note=quality.reason)
     return found
+
+
+def _bent(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:
+    """Return a parameter with the interval of its profile, which may have no end, and the status it has."""
+    along = "" if bent.goes_with == p.name else f" along {bent.goes_with}"
+    if bent.ends is None:
+        note = f"the likelihood is not Gaussian{along}: its interval may not hold"
+        return replace(p, status="not_identifiable", note=note)
+    low, high = bent.ends
+    note = f"the likelihood is not Gaussian: interval from its profile{along}"
+    half = 0.5 * (high - low) / NORMAL95
+    told = judged(p.name, p.value, p.unit, half, METHOD, nominal=p.nominal, reference=p.reference)
+    if not np.isfinite(half):
+        note += ", which has no end"
+    note = f"{told.note}; {note}".lstrip("; ")
+    return replace(told, sigma=p.sigma, profile=(p.value + low, p.value + high), note=note)
 
 
 def _within_bounds(
@@ -303,13 +333,13 @@ def _within_bounds(
         note = f"at its bound: {other} {p.unit} (95 %)"
         return replace(p, profile=(low, high), note=f"{note}; {p.note}" if p.note else note)
     own = next((u for u in unknowns if u.name == p.name), None)
-    if own is None or p.profile is not None:
+    if own is None:
         return p
     lower, upper = (0.0, np.inf) if own.polar and own.polar.amplitude == p.name else (own.lower, own.upper)
     low, high = p.interval
     if low >= lower and high <= upper:
         return p
-    return replace(p, profile=(max(low, lower), min(high, upper)))
+    return replace(p, profile=(float(max(low, lower)), float(min(high, upper))))
 
 
 def _history(visited: Sequence[NormalEquations]) -> tuple[Iteration, ...]:

@@ -55,7 +55,8 @@ class NormalEquations:
     """All recordings and the prior at a point.
 
     ``gram`` (m, m) and ``slope`` (m,) are in units of `Unknown.scale`; ``objective`` is minus the
-    log-posterior without constants. ``information`` (m, m) is the data's share of the Gram matrix.
+    log-posterior without constants. ``information`` (m, m) is the data's share of the Gram matrix. ``exact``
+    ones are by differences of whole runs (`smsid.estimation.differences`).
     """
 
     point: Point
@@ -64,6 +65,7 @@ class NormalEquations:
     gram: np.ndarray
     slope: np.ndarray
     objective: float
+    exact: bool = False
 
     @property
     def information(self) -> np.ndarray:

@@ -29,7 +29,7 @@ def bound_intervals(found: NormalEquations, widening: float) -> dict[str, tuple[
         for side in (0, 1):
             if abs(room[i, side]) < AT * sigma[i]:
                 reach = profile_limit(found.gram, found.slope, room, i, widening, 1 - side)
-                ends = values[i], float(values[i] + reach * u.scale)
+                ends = float(values[i]), float(values[i] + reach * u.scale)
                 out[u.name] = (min(ends), max(ends))
     return out
 

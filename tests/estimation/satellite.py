@@ -14,6 +14,7 @@ from smsid.description.schema import Description
 from smsid.effects import ModalAppendage, Slosh
 from smsid.recording import Recording
 from smsid.sensing import Sensor
+from smsid.sensing.error_model import ErrorModel
 
 URDF = """<robot name="satellite"><link name="bus"><inertial><origin xyz="0 0 0"/><mass value="{mass}"/>
 <inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
@@ -220,7 +221,7 @@ def guess(folder, truth, *, off=0.1, tank=True, panel=True):
 
 
 def _error(*quantities):
-    return {q: {"noise_sigma": NOISE[q]} for q in quantities}
+    return {q: ErrorModel(noise_sigma=NOISE[q]) for q in quantities}
 
 
 def true_values(truth, *, tank=True, panel=True):

@@ -7,13 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.estimation.differences import differenced
-from smsid.estimation.flight import flight_of
+from smsid.estimation.differences import ALIKE, derivatives_hold, differenced
+from smsid.estimation.flight import FlightOptions, flight_of
+from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import Timing
 from smsid.estimation.maximum import converged, settled
 from smsid.estimation.normal_equations import normal_equations, objective_of
+from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
+
+from .satellite import Satellite, guess, recorded
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +58,39 @@ def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
     start = retract(known.point, unknowns, 2.0 * at.scales / np.sqrt(np.diag(at.gram)))
     end = settled(normal_equations(start, unknowns, [flight]), [flight])
     assert converged(end) and end.objective < at.objective
+
+
+TANKED = Satellite(panel=(1.0, 0.1, 1e-6, -1e-6))
+
+
+def sines(t):
+    return np.zeros(3), 0.3 * np.sin(2 * np.pi * np.array([0.2, 0.3, 0.45]) * t), np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def tank(tmp_path_factory):
+    """Four seconds of a tank without attitude, at the truth but for a URDF without products."""
+    made = recorded(TANKED, TANKED.fly(4.0, sines), np.random.default_rng(3), without=("st.attitude",))
+    description = guess(tmp_path_factory.mktemp("craft"), TANKED, off=0.0, panel=False)
+    return Point.of(description), made
+
+
+def test_slopes_by_springs_of_a_tank_that_begins_anyhow_are_not_those_along_the_filters_states(tank):
+    point, made = tank
+    some = [u for u in unknowns_of(point).unknowns if u.name == "tank.stiffness.y"]
+    flights = [flight_of(point, made, "flight")]
+    found = normal_equations(point, some, flights)
+    assert not derivatives_hold(found, flights)
+    exact = differenced(found, flights)
+    size = float(np.sqrt(found.gram[0, 0]))
+    step = np.array([0.1 / size])
+    up, down = (objective_of(retract(point, some, s * some[0].scale), some, flights) for s in (step, -step))
+    assert exact.slope[0] == pytest.approx(-float((up - down) / (2.0 * step[0])), abs=0.03 * size)
+    assert abs(exact.slope[0] - found.slope[0]) > ALIKE * size
+
+
+def test_of_a_tank_that_begins_at_rest_they_say_what_is_right(tank):
+    point, made = tank
+    some = [u for u in unknowns_of(point).unknowns if u.name.startswith("tank.stiffness")]
+    flights = [flight_of(point, made, "flight", FlightOptions(initial=InitialPrior(at_rest=True)))]
+    assert derivatives_hold(normal_equations(point, some, flights), flights)

@@ -1,0 +1,36 @@
+"""Intervals along a bent ridge: against a grid, and of a tank that a short flight hardly tells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smsid._statistics import NORMAL95
+from smsid.estimation.likelihood_profile import Profile
+
+FALL = 0.5 * NORMAL95**2
+VALUES = np.linspace(-0.9, 0.9, 13)
+
+
+def cost(x, y):
+    """A ridge along y, x = y + 2 y^2, which falls faster to one side."""
+    return 0.5 * ((x - y - 2.0 * y**2) / 0.1) ** 2 + 0.5 * (y * (1.0 + 0.3 * y) / 0.3) ** 2
+
+
+def profile(values=VALUES, open_=(False, False)):
+    ridge = values + 2.0 * values**2
+    return Profile("y", 1, np.column_stack([ridge, values]), cost(ridge, values), open_)
+
+
+@pytest.mark.parametrize("row", [(1.0, 0.0), (0.0, 1.0), (1.0, -1.0)])
+def test_it_is_that_of_a_grid(row):
+    x, y = np.meshgrid(np.linspace(-1.5, 3.5, 2501), np.linspace(-1.2, 1.2, 1201))
+    inside = (row[0] * x + row[1] * y)[cost(x, y) <= FALL]
+    low, high = profile().interval(np.array(row), (row[0] * 0.1) ** 2, FALL)
+    assert (low, high) == pytest.approx((inside.min(), inside.max()), abs=0.02)
+
+
+def test_where_the_likelihood_does_not_fall_there_is_no_end():
+    row = np.array([-1.0, -1.0])  # falls where y grows
+    low, high = profile(VALUES[VALUES > -0.2], (False, True)).interval(row, 0.0, FALL)
+    assert low == -np.inf and np.isfinite(high)
