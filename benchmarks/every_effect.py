@@ -45,7 +45,7 @@ def row_of(case, seed: int) -> dict:
         off = (p.value - truth) / max(p.sigma, 1e-300)
         row["parameters"][name] = {
             "true": truth, "found": p.value, "sigma": p.sigma, "off": round(off, 3), "status": p.status,
-            "inside": p.interval[0] <= truth <= p.interval[1],
+            "inside": bool(p.interval[0] <= truth <= p.interval[1]),
         }  # fmt: skip
     row["seconds"] = round(time.process_time() - began, 1)
     return row
