@@ -1,10 +1,10 @@
 """Slope and curvature of the log-posterior by differences of whole filter runs.
 
 Derivatives along the states that a filter found (`smsid.estimation.sensitivities`) leave out what a parameter
-does to the filter's gain. That is nothing where the filter knows the states well by what it has seen, and
-much where it does not: where innovations are large, and for springs and dampers of hidden states that begin
-anyhow in a short flight, of which they then claim too much. Differences are exact and cost one run of the
-filter a parameter.
+does to the filter's gain and covariance. That is little where the filter knows the states well by what it has
+seen, and much where it does not: where innovations are large, and for springs and dampers of hidden states
+that begin anyhow in a short flight, of which they then claim too much. Differences are exact and cost one run
+of the filter a parameter.
 """
 
 from __future__ import annotations
@@ -94,17 +94,34 @@ def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
         likely = _log_likelihoods(here)
-        columns, scores = np.empty((here.innovations.size, len(ends))), np.empty((len(likely), len(ends)))
+        columns, scores = [], np.empty((len(likely), len(ends)))
         for k, (kalman, (*_, width)) in enumerate(zip(filters, ends, strict=True)):
             there = kalman.advance(CHUNK)
-            columns[:, k] = ((there.innovations - here.innovations) / width).ravel()
+            columns.append(_column(here, there, width))
             scores[:, k] = (_log_likelihoods(there) - likely) / width
-        gram[np.ix_(which, which)] += columns.T @ columns
+        flat = np.array(columns)
+        gram[np.ix_(which, which)] += flat @ flat.T
         places = np.arange(first, first + len(likely)) * BLOCKS // count
         own = np.zeros((BLOCKS, len(ends)))
         np.add.at(own, places, scores)
         blocks[:, which] += own
     return replace(before, gram=gram, slope=blocks.sum(axis=0), scatter=blocks.T @ blocks)
+
+
+def _column(here: FilterRun, there: FilterRun, width: float) -> np.ndarray:
+    """Return what a change of a parameter does to the errors and to their predicted covariance S, whitened.
+
+    Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i and
+    S_i the derivatives (Kay, *Estimation Theory*, section 3.9).
+    """
+    unused = np.einsum("ni,ij->nij", ~here.used, np.eye(here.used.shape[1]))
+    errors = np.where(here.used, there.errors - here.errors, 0.0)
+    ratio = np.matmul(there.whitening + unused, np.linalg.inv(here.whitening + unused)) - np.eye(
+        unused.shape[1]
+    )
+    spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
+    moved = np.einsum("nij,nj->ni", here.whitening, errors)
+    return np.concatenate([moved.ravel(), spread.ravel()]) / width
 
 
 def _log_likelihoods(run: FilterRun) -> np.ndarray:

@@ -109,12 +109,11 @@ def bent_intervals(
         return out
     variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)
     for k, (row, v) in enumerate(zip(gradient, variance, strict=True)):
-        through = {
-            p: float(row @ covariance[:, p.index]) ** 2 / covariance[p.index, p.index] for p in profiles
-        }
-        best = max(through, key=lambda p: through[p])
-        if v > 0.0 and through[best] > MOST * v:
-            ends = None if found.exact else best.interval(row, v - through[best], fall)
+        shares = [float(row @ covariance[:, p.index]) ** 2 / covariance[p.index, p.index] for p in profiles]
+        most = int(np.argmax(shares))
+        if v > 0.0 and shares[most] > MOST * v:
+            best = profiles[most]
+            ends = None if found.exact else best.interval(row, v - shares[most], fall)
             out[k] = BentInterval(best.name, ends)
     return out
 

@@ -19,7 +19,7 @@ LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
 TRIES = 8  # steps that are tried from one point, each shorter than the last
 ITERATIONS = 40
-ROUNDS = 8  # steps by differences of whole runs, each as long as a run of the filter a parameter
+ROUNDS = 15  # steps by differences of whole runs, each as long as a run of the filter a parameter
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 
 Tell = Callable[[str], None]

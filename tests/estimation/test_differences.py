@@ -46,10 +46,11 @@ def test_the_slope_is_the_objectives_where_the_model_is_wrong(known, flight, unk
 
 
 def test_both_curvatures_agree_where_the_model_is_right(known, flight, unknowns):
+    """By differences it is a little more: what the covariance of the innovations tells is in it."""
     found = normal_equations(known.point, unknowns, [flight])
     exact = differenced(found, [flight])
     size = np.sqrt(np.diag(found.gram))
-    np.testing.assert_allclose((exact.gram - found.gram) / np.outer(size, size), 0.0, atol=0.05)
+    np.testing.assert_allclose((exact.gram - found.gram) / np.outer(size, size), 0.0, atol=0.1)
 
 
 def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
