@@ -12,6 +12,7 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.effects import ModalAppendage, Slosh
+from smsid.effects.appendage import Mode
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel
@@ -178,12 +179,12 @@ def guess(folder, truth, *, off=0.1, tank=True, panel=True):
         )
     if panel:
         f, z, lt, lr = truth.panel
-        mode = {
-            "frequency": f * more,
-            "damping": z * more,
-            "translation": (0.0, 0.0, lt / more),
-            "rotation": (0.0, lr / more, 0.0),
-        }
+        mode = Mode(
+            frequency=f * more,
+            damping=z * more,
+            translation=(0.0, 0.0, lt / more),
+            rotation=(0.0, lr / more, 0.0),
+        )
         effects.append(
             ModalAppendage(
                 name="panel",
