@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from smsid.recording.checks import sample_faults
 from smsid.recording.checks.finding import Finding
-from smsid.recording.checks.increments import KinematicPair, SpanPair
+from smsid.recording.checks.increments import KinematicPair, SpanPair, integral
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
@@ -352,7 +352,7 @@ class _PairCheck:
             who, (), "delay", other, (abs(lag), at, without), abs(lag) > max(CLEAR_LAG, 4.0 * step),
             f"'{who}' is {abs(lag):.2f} s later than '{other}': the correlation of {self.labels[i]} is "
             f"{at:.5f} with this delay, {without:.5f} without.",
-            f"Subtract the delay from the clock of '{who.partition('.')[0]}'.",
+            _mend_of_delay(who, other),
         )  # fmt: skip
 
     def _correlation(self, i: int, lag: float, span: float) -> float:
@@ -387,6 +387,9 @@ class _PairCheck:
                 else:
                     marked = sample_faults.clipped_samples(component)
                     kind = "saturated"
+                    if rate is not None:
+                        driven = np.interp(t, others_t, integral(others_t, others)[:, k])
+                        marked = sample_faults.beyond_the_end(marked, component, driven)
                 if np.count_nonzero(marked) < 20:
                     continue
                 contradiction = self._motion(k, t, marked, component, rate is not None, others_t, others)
@@ -455,6 +458,13 @@ class _PairCheck:
         last = float(np.spacing(np.abs(self.pair.times).max()))  # [s] 2e-7 of seconds since 1970
         turned = 4.0 * last * float(np.nanmax(np.abs(self.pair.v), initial=0.0))
         return 1e-10 * (1.0 + float(np.abs(self.pair.x).max())) + turned
+
+
+def _mend_of_delay(who: str, other: str) -> str:
+    source = who.partition(".")[0]
+    if source != other.partition(".")[0]:
+        return f"Subtract the delay from the clock of '{source}'."
+    return f"Import '{who}' under a source of its own, with a clock from which the delay is subtracted."
 
 
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:

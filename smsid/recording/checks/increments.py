@@ -49,7 +49,7 @@ class KinematicPair:
 
     def spans(self, lag: float = 0.0, only: float | None = None) -> Iterator[SpanPair]:
         """Yield the spans, doubling from one sample; ``lag`` [s] takes the rate that much later."""
-        integral = _integral(self.times, self.v)
+        driven = integral(self.times, self.v)
         low, high = self.times[0] - lag, self.times[-1] - lag
         if self.attitude is not None:
             low, high = max(low, self.attitude[0][0]), min(high, self.attitude[0][-1])
@@ -57,7 +57,7 @@ class KinematicPair:
         t, x = self.t[inside], self.x[inside]
         if t.size <= 2 * MIN_SPANS:
             return
-        s = linear(self.times, integral, np.clip(t + lag, self.times[0], self.times[-1]))
+        s = linear(self.times, driven, np.clip(t + lag, self.times[0], self.times[-1]))
         step = float(np.median(np.diff(t)))
         span = 1
         while span <= t.size // MIN_SPANS:
@@ -82,6 +82,7 @@ class KinematicPair:
         return after - before
 
 
-def _integral(t: FloatArray, v: FloatArray) -> FloatArray:
+def integral(t: FloatArray, v: FloatArray) -> FloatArray:
+    """Integrate by trapezia; t: (N,) [s], v: (N, k); gives (N, k) starting from zero."""
     steps = 0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None]
     return np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(steps, axis=0)])

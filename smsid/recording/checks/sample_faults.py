@@ -17,6 +17,8 @@ OUTLIER_SIGMAS, OUTLIER_RANGE = 20.0, 0.5
 """An outlier stands off the running median by both: noise sigmas, and share of the range of the rest."""
 MAX_OUTLIERS = 0.1
 """More than this share of samples is another kind of signal, not isolated outliers."""
+NEIGHBOURS = 12
+"""Steps on each side of an outlier whose median is noise there, too: what a knock makes ring is no outlier."""
 MIN_SAMPLES = 50
 TURN_TOLERANCE = 0.05
 HELD_SHARE = 0.95
@@ -40,7 +42,12 @@ def outliers(x: FloatArray, floor: float = 0.0) -> NDArray[np.bool_]:
     low, high = np.quantile(smooth, [0.01, 0.99])
     marked = off > max(OUTLIER_SIGMAS * sigma, OUTLIER_RANGE * float(high - low), floor / scale)
     share = float(np.mean(marked))
-    return marked if share <= MAX_OUTLIERS else none
+    if not share or share > MAX_OUTLIERS:
+        return none
+    at = np.flatnonzero(marked)
+    near = np.clip(at[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS), 0, steps.size - 1)
+    marked[at] = off[at] > OUTLIER_SIGMAS * np.median(steps[near], axis=1)
+    return marked
 
 
 def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
@@ -118,6 +125,23 @@ def longest_constant_run(x: FloatArray) -> tuple[int, int]:
     edges = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0.0) + 1, [x.size]])
     k = int(np.argmax(np.diff(edges)))
     return int(edges[k]), int(edges[k + 1])
+
+
+def beyond_the_end(marked: NDArray[np.bool_], x: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
+    """Keep those stretches at an extreme of ``x`` in which the integral of its rate goes out and comes back.
+
+    Where it only goes out, the rate is late: the component rests at a turn of its motion. All are (N,).
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
+    kept = marked.copy()
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if begin == 0 or end == x.size:
+            continue
+        sign = 1.0 if x[begin] > x[begin - 1] else -1.0
+        beyond = sign * (driven[begin:end] - driven[begin])
+        out, back = float(beyond.max()), float(beyond.max() - beyond[-1])
+        kept[begin:end] = min(out, back) > 0.5 * max(out, back)
+    return kept
 
 
 def clipped_samples(x: FloatArray, least: int = 5) -> NDArray[np.bool_]:
