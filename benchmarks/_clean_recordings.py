@@ -1,4 +1,4 @@
-"""Sound recordings of all kinds: of real hardware (SMSID_DATA), of another engine (SMSID_ORACLE), flown here."""
+"""Sound recordings of all kinds: of real hardware (SMSID_DATA), of another engine (SMSID_ORACLE)."""
 
 from __future__ import annotations
 

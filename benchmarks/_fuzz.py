@@ -148,6 +148,14 @@ def write_base(folder: Path) -> None:
     _toml(folder / "m.toml", MAPPING)
     (folder / "e.json").write_text(json.dumps(estimate()), encoding="utf-8")
     (folder / "l.csv").write_text(log(), encoding="utf-8")
+    write_recording(folder)
+
+
+def write_recording(folder: Path) -> Path:
+    """Write the log as a recording, ``r.nc``."""
+    from smsid.recording import import_recording, save_recording
+
+    return save_recording(import_recording(folder / "l.csv", folder / "m.toml", check=False), folder / "r.nc")
 
 
 def estimate() -> dict[str, Any]:
@@ -264,6 +272,20 @@ CALLS = {
     "export": ["export", "d.toml", "-o", "ex"],
     "view": ["view", "d.toml", "-o", "v.html"],
 }
+OF_RECORDINGS = [
+    ["cut", "r.nc", "--from", "0.1", "--to", "0.3", "-o", "o.nc"],
+    ["cut", "r.nc", "--pieces", "-o", "o.nc"],
+    ["resample", "r.nc", "--rate", "50", "-o", "o.nc"],
+    ["convert", "r.nc", "-o", "c.csv"],
+    ["track", "d.toml", "r.nc", "--changes", "-o", "t.nc"],
+    ["diagnose", "d.toml", "r.nc", "-o", "g.json"],
+]
+OF_DESCRIPTIONS = [
+    ["check", "d.toml"],
+    ["export", "d.toml", "--fmu", "f.fmu"],
+    ["regressor", "d.toml"],
+    ["new", "craft", "--panel", "2x1"],
+]
 
 
 def _description(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
@@ -273,7 +295,7 @@ def _description(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
     else:
         what, tables = mutated(rng, DESCRIPTION)
         _toml(folder / "d.toml", tables)
-    return what, [*CALLS[rng.choice(["show", "show", "simulate", "export", "view"])], "--json"]
+    return what, [*rng.choice([*CALLS.values(), CALLS["show"], *OF_DESCRIPTIONS[:3]]), "--json"]
 
 
 def _urdf(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
@@ -305,13 +327,11 @@ def _urdf(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         what = f"{hit[0]} -> {value!r}"
         text = f"{URDF[: hit.start(2)]}{value}{URDF[hit.end(2) :]}"
         (folder / "small.urdf").write_text(text, encoding="utf-8")
-    return what, [*CALLS[rng.choice(["show", "show", "simulate", "export", "view"])], "--json"]
+    return what, [*rng.choice([*CALLS.values(), CALLS["show"], *OF_DESCRIPTIONS[:3]]), "--json"]
 
 
 def _recording(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
-    from smsid.recording import import_recording, save_recording
-
-    path = save_recording(import_recording(folder / "l.csv", folder / "m.toml", check=False), folder / "r.nc")
+    path = folder / "r.nc"
     data = bytearray(path.read_bytes())
     roll = rng.random()
     if roll < 0.3:
@@ -346,7 +366,7 @@ def _recording(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         ["view", "d.toml", "r.nc", "-o", "v.html"],
         ["plot", "recording", "r.nc", "-o", "f.png"],
     ]
-    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], ["inspect", "r.nc"]]
+    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], ["inspect", "r.nc"], *OF_RECORDINGS]
     return what, [*rng.choice(calls), "--json"]
 
 
@@ -390,6 +410,7 @@ def _estimate(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         ["plot", "estimate", "e.json", "-o", "f.png"],
     ]
     calls += [
+        ["compare", "e.json", "e.json", "-o", "n.json"],
         ["plot", "diagnosis", "e.json", "-o", "f.png"],
         ["control", "d.toml", "e.json", "--samples", "3", "-o", "c.json"],
     ]
@@ -416,6 +437,7 @@ def _arguments(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         ["plot", "estimate", "e.json", "-o", "f.png"],
     ]
     calls += [["design", "d.toml", "--for", "mass", "--effort", "0.01", "--duration", "1", "-o", "x.toml"]]
+    calls += [*OF_RECORDINGS, *OF_DESCRIPTIONS, ["compare", "e.json", "e.json"]]
     words = list(rng.choice(calls))
     command = COMMANDS[words[0]].load(words[0])
     options = [p.opts[0] for p in command.params if p.opts and p.opts[0].startswith("--")]

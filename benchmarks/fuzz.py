@@ -12,6 +12,7 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -95,6 +96,16 @@ def summary(seed: int, wanted: int, found: list[dict[str, Any]]) -> dict[str, An
     }
 
 
+def commit() -> str:
+    """Return the commit that is checked out, marked where files differ: results of another do not count."""
+    git = ["git", "-C", str(_common.ROOT)]
+    at = subprocess.run([*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True, check=True)
+    changed = subprocess.run(
+        [*git, "diff", "--quiet", "HEAD", "--", "smsid", "benchmarks/_fuzz.py"], check=False
+    )
+    return at.stdout.strip() + ("-changed" if changed.returncode else "")
+
+
 def main() -> None:
     """Run the inputs that are not done yet and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -107,7 +118,8 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=_common.RESULTS / "fuzz.json")
     asked = parser.parse_args()
     os.nice(10)
-    lines = Path(tempfile.gettempdir()) / f"smsid_fuzz_{asked.seed}.jsonl"
+    at = commit()
+    lines = Path(tempfile.gettempdir()) / f"smsid_fuzz_{asked.seed}_{at}.jsonl"
     if asked.fresh:
         lines.unlink(missing_ok=True)
     known = lines.read_text(encoding="utf-8").splitlines() if lines.is_file() else []
@@ -131,7 +143,9 @@ def main() -> None:
             shutil.rmtree(folder, ignore_errors=True)
     finally:
         shutil.rmtree(root, ignore_errors=True)
-    atomic_write(asked.output, json.dumps(summary(asked.seed, asked.inputs, found), indent=1) + "\n")
+    atomic_write(
+        asked.output, json.dumps({"commit": at, **summary(asked.seed, asked.inputs, found)}, indent=1) + "\n"
+    )
     print(f"{len(found)} inputs, {sum(bool(x['wrong']) for x in found)} wrong")
 
 

@@ -43,7 +43,7 @@ from smsid.model.assembly import Assembly
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
-from smsid.recording._checks import check_components
+from smsid.recording.checks import consistency_notes
 
 GROUP = "arm"
 ROUNDS = 4
@@ -184,9 +184,7 @@ def identify_arm(
                 f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
             )
     model = rigid_arm(description, hold)
-    for one in recordings:
-        if not one.provenance.get("unchecked"):
-            check_components(without_turns(model, one))
+    doubts = consistency_notes([without_turns(model, one) for one in recordings])
     motion = joined_motion([smooth_motion(model, one) for one in recordings])
     smoothed = time.perf_counter()
     tilt = tilt_of(description)
@@ -212,7 +210,7 @@ def identify_arm(
         model = with_gravity(model, level.at(leaning))
     found = with_found_shapes(found, shapes)
     done = time.perf_counter()
-    notes += motion_notes(model, motion, torques, solved) + shape_notes(shapes)
+    notes += [*doubts, *motion_notes(model, motion, torques, solved), *shape_notes(shapes)]
     estimate = Estimate(
         description=description.name,
         method="torque least squares",

@@ -19,7 +19,7 @@ from smsid.arm.friction_shape import FrictionShape, shape_notes, with_found_shap
 from smsid.arm.identify import GROUP, motion_notes, rigid_arm, solve_equations
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
 from smsid.arm.joints import with_joint_order
-from smsid.arm.readings import measured_channel
+from smsid.arm.readings import measured_channel, without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.arm.units import joint_unit
@@ -31,6 +31,7 @@ from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.checks import consistency_notes
 
 SOURCE = "servo"
 COMMAND = "command.joint_position"
@@ -122,6 +123,7 @@ def identify_servos(
     recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
     model = rigid_arm(description, hold)
     servos = _servos(model)
+    doubts = consistency_notes([without_turns(model, r) for r in recordings])
     motion = joined_motion([smooth_motion(model, _with_errors(model, r)) for r in recordings])
     model = _sharp(model, motion)
     length = block_length(motion, cutoff) * (COARSER if cutoff is None else 1)
@@ -156,6 +158,7 @@ def identify_servos(
         recordings=tuple(r.name for r in recordings),
         timing={"total": time.perf_counter() - begin},
         notes=(
+            *doubts,
             *motion_notes(model, motion, torques, solved),
             *shape_notes([s for s in shapes if s.status == "found"]),
             *_notes(servos, inside),

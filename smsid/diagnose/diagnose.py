@@ -37,6 +37,7 @@ from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
+from smsid.recording.checks import consistency_notes
 from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
@@ -96,20 +97,24 @@ def diagnose(
     names = tuple(r.name for r in (*recordings, *validation))
     with threadpool_limits(limits=1, user_api="blas"):
         try:
+            doubts = consistency_notes([*recordings, *validation])
             if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
-                return _by_torques(description, recordings, estimate, validation, levels, cutoff)
-            return _diagnose(
-                description,
-                recordings,
-                estimate,
-                validation,
-                (levels or Levels(), noise or Noise(), rate),
-                names,
-            )
+                made = _by_torques(description, recordings, estimate, validation, levels, cutoff)
+            else:
+                made = _diagnose(
+                    description,
+                    recordings,
+                    estimate,
+                    validation,
+                    (levels or Levels(), noise or Noise(), rate),
+                    names,
+                )
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("not evaluated: %s", error, exc_info=True)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
             return Diagnosed(result, description)
+    result = replace(made.diagnosis, notes=(*doubts, *made.diagnosis.notes))
+    return replace(made, diagnosis=result)
 
 
 def _by_torques(

@@ -73,6 +73,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     drove a joint that is neither measured nor still.
     """
     options = options or FlightOptions()
+    doubts = [f"doubtful: {said}" for said in recording.check_consistency()]
     model, sensors = point.base, point.description.effective_sensors()
     recording = order_columns(recording, model)
     data = measured(model, recording, sensors, longest_step(model))
@@ -98,7 +99,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
         unknown_inputs=(*unknown, *further),
     )
-    notes += held + dropped
+    notes += held + dropped + doubts
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
 

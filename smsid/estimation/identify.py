@@ -19,6 +19,7 @@ from smsid.identify.pipeline import identify as by_the_paper
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
+from smsid.recording.checks import consistency_notes
 
 Method = Literal["ml", "filter", "paper"]
 BATCH_EFFECTS = ("slosh", "beam_appendage", "modal_appendage", "mode_error")
@@ -82,6 +83,7 @@ def identify_spacecraft(
             )
         linear = by_the_paper(description, recordings)
         return Identified(linear.estimate, linear)
+    doubts = consistency_notes(recordings)
     reason = "asked for" if method == "filter" else _listed(description)
     if alone and not reason:
         reason = "single thrusters fire"
@@ -89,7 +91,7 @@ def identify_spacecraft(
         reason = "options of a flight were given"
     if not reason:
         try:
-            return _batch(description, recordings, cad, tell)
+            return _batch(description, recordings, cad, tell, doubts)
         except (RecordingError, NotIdentifiableError) as error:
             if error.evidence.get("marginal"):  # the filter keeps what is clear, and marks the rest
                 reason = f"the paper's method cannot separate all that is there: {error.message}"
@@ -120,6 +122,7 @@ def _batch(
     recordings: Sequence[Recording],
     cad: Cad | None,
     tell: Callable[[str], None] | None,
+    doubts: Sequence[str],
 ) -> Identified:
     linear = by_the_paper(description, recordings)
     if tell is not None:
@@ -133,6 +136,6 @@ def _batch(
             for p in estimate.parameters
         )
         estimate = replace(estimate, parameters=parameters)
-    notes = (quality.sentence, *(c.sentence for c in disagree), *estimate.notes)
+    notes = (quality.sentence, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)
     return Identified(estimate, linear, refined, None, "", quality, disagree)

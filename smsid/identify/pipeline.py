@@ -24,6 +24,7 @@ from smsid.identify.identified import identified_modes
 from smsid.identify.mended import LONGEST, Mended, mended
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
+from smsid.recording.checks import consistency_notes
 from smsid.recording.column_order import order_columns
 
 BRIDGED = "its interval does not count what was bridged"
@@ -90,7 +91,8 @@ def _identify(
             other_flight=True,
         )
     parameters: list[ParameterEstimate] = []
-    notes = left_out + [note for m in mends for note in m.notes]
+    notes = left_out + consistency_notes([m.recording for m in mends])
+    notes += [note for m in mends for note in m.notes]
     timing: dict[str, float] = {}
     conditions: dict[str, float] = {}
     translation, momentum = None, None

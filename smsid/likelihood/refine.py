@@ -113,7 +113,7 @@ def _refine(
                 f"'{recording.name}' is for validation.",
                 advice="Identify from recordings in the role estimation.",
             )
-        _check(recording)
+        recording.check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
     pairs = [piece_of(model, r, nuisance) for r in recordings]
@@ -181,15 +181,6 @@ def _refine(
     return Refinement(
         estimate, reported_covariance, at.description(), inertias, unseen, described, found, prior
     )
-
-
-def _check(recording: Recording) -> None:
-    """Refuse what makes no sense; samples that are missing or not finite are only left out."""
-    try:
-        recording.check()
-    except RecordingError as error:
-        if not {"gaps", "count"} & set(error.evidence):
-            raise
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:

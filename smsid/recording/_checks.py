@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from smsid.errors import InconsistentChannelsError, RecordingError
 from smsid.recording._clock import check_order
-from smsid.recording._suspicion import suspicions
+from smsid.recording._suspicion import Suspicion, suspicions
 from smsid.recording.channels import quantity_of
 
 if TYPE_CHECKING:
+    from smsid.recording.checks import Finding
     from smsid.recording.recording import Recording
 
 NORM_TOLERANCE = 1e-3
@@ -77,33 +79,86 @@ def check_quaternions(recording: Recording) -> None:
             )
 
 
-def check_components(recording: Recording) -> None:
-    """Raise `InconsistentChannelsError` when a component of a channel contradicts another beyond doubt."""
+@dataclass(frozen=True)
+class Contradictions:
+    """What contradicts what in a recording: whole channels (``suspicions``) and components (``findings``)."""
+
+    suspicions: tuple[Suspicion, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All that was found, in sentences; of a pair of channels the components are not told again."""
+        return self._told(self.suspicions, self.findings)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What was found but is not beyond doubt, in sentences."""
+        return self._told(
+            tuple(s for s in self.suspicions if not s.clear), tuple(f for f in self.findings if not f.clear)
+        )
+
+    def _told(self, suspicions: tuple[Suspicion, ...], findings: tuple[Finding, ...]) -> tuple[str, ...]:
+        pairs = {frozenset((s.channel, s.other)) for s in self.suspicions}
+        more = [f for f in findings if not f.other or frozenset((f.channel, f.other)) not in pairs]
+        return (*(s.sentence for s in suspicions), *(f"{f.sentence} {f.mend}" for f in more))
+
+    def refuse(self) -> None:
+        """Raise `InconsistentChannelsError` for what is beyond doubt."""
+        goes_on = "To go on all the same: Recording.unchecked(), or the option --unchecked."
+        units = [s for s in self.suspicions if s.clear]
+        if units:
+            raise InconsistentChannelsError(
+                " ".join(s.sentence for s in units),
+                advice="State the right unit, sign or convention in the mapping, or convert the array. "
+                + goes_on,
+                channel=units[0].channel,
+                numbers=(units[0].ratio, units[0].correlation),
+                suspicions=tuple(units),
+            )
+        clear = [f for f in self.findings if f.clear]
+        if clear:
+            first = clear[0]
+            raise InconsistentChannelsError(
+                " ".join(f.sentence for f in clear),
+                advice=f"{first.mend} {goes_on}",
+                channel=first.channel,
+                components=first.components,
+                numbers=first.numbers,
+                mend=first.mend,
+                findings=tuple(clear),
+            )
+
+
+def contradictions_of(recording: Recording) -> Contradictions:
+    """Return what contradicts what among the samples that are there."""
     from smsid.recording.checks import channel_findings
 
-    clear = [finding for finding in channel_findings(recording) if finding.clear]
-    if clear:
-        first = clear[0]
-        raise InconsistentChannelsError(
-            " ".join(finding.sentence for finding in clear),
-            advice=f"{first.mend} To go on all the same: Recording.unchecked(), or the option --unchecked.",
-            channel=first.channel,
-            components=first.components,
-            numbers=first.numbers,
-            mend=first.mend,
-            findings=tuple(clear),
-        )
+    check_clocks(recording)
+    whole = finite_part(recording)
+    if whole is None:
+        return Contradictions((), ())
+    return Contradictions(tuple(suspicions(whole)), channel_findings(whole))
 
 
-def check_units(recording: Recording) -> None:
-    """Raise `InconsistentChannelsError` when channels contradict each other by a known unit or a sign."""
-    clear = [suspicion for suspicion in suspicions(recording) if suspicion.clear]
-    if clear:
-        raise InconsistentChannelsError(
-            " ".join(suspicion.sentence for suspicion in clear),
-            advice="State the right unit, sign or convention in the mapping, or convert the array. "
-            "To go on all the same: Recording.unchecked(), or the option --unchecked.",
-            channel=clear[0].channel,
-            numbers=(clear[0].ratio, clear[0].correlation),
-            suspicions=tuple(clear),
-        )
+def finite_part(recording: Recording) -> Recording | None:
+    """Return a recording without samples that are missing or not finite; ``None`` where nothing is left.
+
+    A channel of which less than half is there is left out, and so are the others' samples at its holes.
+    """
+    missing = {
+        name: ~np.isfinite(recording[name]).reshape(len(recording[name]), -1).all(axis=1)
+        for name in recording.channels
+    }
+    if not any(bad.any() for bad in missing.values()):
+        return recording
+    kept = [name for name, bad in missing.items() if bad.mean() < 0.5]
+    if not kept:
+        return None
+    dataset = recording.without(*(n for n in recording.channels if n not in kept)).dataset
+    for clock in {str(dataset[name].dims[0]) for name in kept}:
+        bad = np.any([missing[n] for n in kept if dataset[n].dims[0] == clock], axis=0)
+        if bad.all():
+            return None
+        dataset = dataset.isel({clock: np.flatnonzero(~bad)})
+    return type(recording)(dataset)

@@ -16,9 +16,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.recording import _checks
 from smsid.recording._guess import Group, rises_evenly
-from smsid.recording._suspicion import suspicions
 from smsid.recording.channels import EXTRA, QUANTITIES
-from smsid.recording.checks import channel_findings
 from smsid.recording.columns import Columns
 from smsid.recording.importing import columns_to_recording
 from smsid.recording.mapping import parse_mapping
@@ -95,10 +93,10 @@ def draft_mapping(
         recording = _import(path, columns, clocks, entries)
     if recording is not None:
         try:
-            told = suspicions(recording)
-            contradictions = tuple(recording.suspicious())
-            wrong = {f.channel: f"{f.sentence} {f.mend}" for f in channel_findings(recording) if f.clear}
-            wrong |= {s.other: s.sentence for s in told if s.clear}
+            doubtful = recording.contradictions()
+            contradictions = doubtful.sentences
+            wrong = {f.channel: f"{f.sentence} {f.mend}" for f in doubtful.findings if f.clear}
+            wrong |= {s.other: s.sentence for s in doubtful.suspicions if s.clear}
         except RecordingError:
             contradictions, wrong = (), {}  # its clocks do not increase
         entries = [replace(e, reason=wrong.get(e.channel, "")) if not e.reason else e for e in entries]

@@ -19,6 +19,7 @@ from smsid.recording import _checks
 from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
 from smsid.recording._resampling import linear
 from smsid.recording.channels import quantity_of
+from smsid.recording.checks.increments import crosses_a_gap, integral
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
@@ -100,12 +101,12 @@ def suspicions(recording: Recording) -> list[Suspicion]:
             if first == "attitude":
                 found += _judge_attitude(recording, x, v, causes)
             elif second == "acceleration":
-                integral = _inertial_integral(recording, x, v)
-                found += [] if integral is None else _judge(recording, x, v, *integral, causes)
+                driven = _inertial_integral(recording, x, v)
+                found += [] if driven is None else _judge(recording, x, v, *driven, causes)
             else:
                 rates = recording[v]
                 found += _judge(
-                    recording, x, v, recording.time(v), _integral(recording.time(v), rates), causes
+                    recording, x, v, recording.time(v), integral(recording.time(v), rates), causes
                 )
     return found
 
@@ -125,7 +126,7 @@ def _channels(recording: Recording, first: str, second: str) -> Iterator[tuple[s
 
 
 def _judge(
-    recording: Recording, x: str, v: str, times: FloatArray, integral: FloatArray, causes: _Causes
+    recording: Recording, x: str, v: str, times: FloatArray, driven: FloatArray, causes: _Causes
 ) -> list[Suspicion]:
     found = []
     values = recording[x]
@@ -137,17 +138,17 @@ def _judge(
         dim = str(recording.channel(x).dims[1])
     names = recording.labels.get(dim)
     for k, group in enumerate(groups):
-        match = _compare(recording.time(x), values[:, group], times, integral[:, group], _difference)
+        match = _compare(recording.time(x), values[:, group], times, driven[:, group], _difference)
         where = "" if dim == "whole" else f" ({dim} {names[k] if names else k})"
         found += _verdict(x, v, match, causes, where)
     return found
 
 
 def _judge_attitude(recording: Recording, x: str, v: str, causes: _Causes) -> list[Suspicion]:
-    times, integral = recording.time(v), _integral(recording.time(v), recording[v])
+    times, driven = recording.time(v), integral(recording.time(v), recording[v])
 
     def match_of(q: FloatArray) -> _Match | None:
-        return _compare(recording.time(x), q, times, integral, _turn)
+        return _compare(recording.time(x), q, times, driven, _turn)
 
     q = recording[x]
     match = match_of(q)
@@ -197,14 +198,14 @@ def _verdict(x: str, v: str, match: _Match | None, causes: _Causes, where: str) 
 
 
 def _compare(
-    t: FloatArray, x: FloatArray, times: FloatArray, integral: FloatArray, increments: _Increments
+    t: FloatArray, x: FloatArray, times: FloatArray, driven: FloatArray, increments: _Increments
 ) -> _Match | None:
-    """Correlate increments of ``x`` (N, k) with those of ``integral`` (M, k); None without enough motion."""
+    """Correlate increments of ``x`` (N, k) with those of ``driven`` (M, k); None without enough motion."""
     inside = (t >= times[0]) & (t <= times[-1])
     t, x = t[inside], x[inside]
     if t.size <= MIN_SPANS:
         return None
-    s = linear(times, integral, t)
+    s = linear(times, driven, t)
     best: _Match | None = None
     span = 1
     while span <= t.size // MIN_SPANS:
@@ -213,6 +214,11 @@ def _compare(
         if a is None:
             break
         b = s[span::stride] - s[:-span:stride]
+        begins, ends = t[:-span:stride], t[span::stride]
+        whole = ~(crosses_a_gap(t, begins, ends) | crosses_a_gap(times, begins, ends))
+        if np.count_nonzero(whole) < MIN_SPANS:
+            break
+        a, b = a[whole], b[whole]
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         aa, bb, ab = float(np.sum(a * a)), float(np.sum(b * b)), float(np.sum(a * b))
         # Below this, increments are the last digits of the numbers and no motion.
@@ -236,12 +242,6 @@ def _turn(before: FloatArray, after: FloatArray) -> FloatArray | None:
     return None if np.linalg.norm(turned, axis=1).max() > 1.0 else turned
 
 
-def _integral(t: FloatArray, v: FloatArray) -> FloatArray:
-    """Integrate by trapezia; t: (N,) [s], v: (N, k); gives (N, k) starting from zero."""
-    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None]
-    return np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(steps, axis=0)])
-
-
 def _inertial_integral(
     recording: Recording, velocity: str, acceleration: str
 ) -> tuple[FloatArray, FloatArray] | None:
@@ -257,4 +257,4 @@ def _inertial_integral(
         return None
     times = times[inside]
     turned = rotate(slerp(clock, recording[attitude], times), recording[acceleration][inside])
-    return times, _integral(times, turned)
+    return times, integral(times, turned)

@@ -14,11 +14,12 @@ from smsid._short_repr import as_html, as_text
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
 from smsid.recording._clock import Gap, check_order, find_gaps
-from smsid.recording._suspicion import suspicions
 from smsid.recording.channels import split_channel
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from smsid.recording._checks import Contradictions
 
 FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
@@ -39,8 +40,9 @@ class Recording:
         RecordingError: a channel, unit, shape, clock, role or provenance is not as it should be.
     """
 
-    __slots__ = ("_dataset",)
+    __slots__ = ("_contradictions", "_dataset")
     _dataset: xr.Dataset
+    _contradictions: Contradictions | None
 
     def __init__(self, dataset: xr.Dataset) -> None:
         attributes = _layout.header(
@@ -55,6 +57,7 @@ class Recording:
             time, channels, labels=labels, units=_layout.units_of(dataset), attributes=attributes
         )
         object.__setattr__(self, "_dataset", built)
+        object.__setattr__(self, "_contradictions", None)
 
     @classmethod
     def from_arrays(
@@ -204,10 +207,33 @@ class Recording:
         _checks.check_finite(self)
         _checks.check_gaps(self)
         _checks.check_quaternions(self)
-        if not self.provenance.get("unchecked"):
-            _checks.check_units(self)
-            _checks.check_components(self)
+        self.check_consistency()
         return self
+
+    def check_consistency(self) -> tuple[str, ...]:
+        """Refuse channels that contradict each other beyond doubt, and say what else is doubtful.
+
+        Samples that are missing and gaps are left out. Of a recording that is `unchecked` all is only said.
+
+        Raises:
+            RecordingError: a clock that does not increase; `InconsistentChannelsError` for a contradiction.
+        """
+        found = self.contradictions()
+        if not self.provenance.get("unchecked"):
+            found.refuse()
+            return found.doubts
+        return found.sentences
+
+    def contradictions(self) -> Contradictions:
+        """Tell which channels contradict each other or themselves; it is worked out once.
+
+        Raises:
+            RecordingError: a clock that does not increase.
+        """
+        if self._contradictions is None:
+            object.__setattr__(self, "_contradictions", _checks.contradictions_of(self))
+        assert self._contradictions is not None
+        return self._contradictions
 
     def unchecked(self) -> Recording:
         """Let `check` pass channels that contradict each other; the provenance says so from now on."""
@@ -224,16 +250,9 @@ class Recording:
         not amplified). Pairs with too little motion or a correlation below 0.9 are not judged.
 
         Raises:
-            RecordingError: a clock that does not increase, or samples that are not finite.
+            RecordingError: a clock that does not increase.
         """
-        from smsid.recording.checks import channel_findings
-
-        told = suspicions(self)
-        pairs = {frozenset((s.channel, s.other)) for s in told}
-        more = [
-            f for f in channel_findings(self) if not f.other or frozenset((f.channel, f.other)) not in pairs
-        ]
-        return [*(s.sentence for s in told), *(f"{f.sentence} {f.mend}" for f in more)]
+        return list(self.contradictions().sentences)
 
     def window(self, t0: float, t1: float) -> Recording:
         """Cut out ``t0 <= t <= t1`` [s] on every clock; an end may be infinite.

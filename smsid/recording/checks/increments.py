@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
+from smsid.recording._clock import find_gaps
 from smsid.recording._resampling import linear
 
 FloatArray = NDArray[np.float64]
@@ -67,7 +68,12 @@ class KinematicPair:
                 if a is None:
                     return
                 b = s[span::stride] - s[:-span:stride]
-                yield SpanPair(span * step, t[:-span:stride], a - a.mean(axis=0), b - b.mean(axis=0))
+                begins, ends = t[:-span:stride], t[span::stride]
+                whole = ~(crosses_a_gap(self.t, begins, ends) | crosses_a_gap(self.times - lag, begins, ends))
+                if np.count_nonzero(whole) < MIN_SPANS:
+                    return
+                a, b = a[whole], b[whole]
+                yield SpanPair(span * step, begins[whole], a - a.mean(axis=0), b - b.mean(axis=0))
             span *= 2
 
     def _increments(self, t: FloatArray, x: FloatArray, span: int, stride: int) -> FloatArray | None:
@@ -80,6 +86,17 @@ class KinematicPair:
             middle = 0.5 * (t[:-span:stride] + t[span::stride])
             return rotate(conjugate(slerp(*self.attitude, middle)), after - before)
         return after - before
+
+
+def crosses_a_gap(t: FloatArray, begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
+    """Mark spans (M,) that reach over a gap of the clock ``t`` (N,) [s]."""
+    gaps = find_gaps(t)
+    if not gaps:
+        return np.zeros(begins.size, dtype=bool)
+    opens, closes = (np.array([getattr(g, end) for g in gaps]) for end in ("start", "end"))
+    # The first gap that closes after a span begins is crossed where it opens before the span ends.
+    after = np.searchsorted(closes, begins, side="right")
+    return np.append(opens, np.inf)[after] < ends
 
 
 def integral(t: FloatArray, v: FloatArray) -> FloatArray:

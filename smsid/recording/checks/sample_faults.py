@@ -18,7 +18,7 @@ OUTLIER_SIGMAS, OUTLIER_RANGE = 20.0, 0.5
 MAX_OUTLIERS = 0.1
 """More than this share of samples is another kind of signal, not isolated outliers."""
 NEIGHBOURS = 12
-"""Steps on each side of an outlier whose median is noise there, too: what a knock makes ring is no outlier."""
+"""Steps on each side of an outlier whose median is noise as well: what a knock makes ring is no outlier."""
 MIN_SAMPLES = 50
 TURN_TOLERANCE = 0.05
 HELD_SHARE = 0.95
