@@ -183,7 +183,8 @@ def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
     if left:
         return f"left behind: {left[0]}"
     if code in (1, 2):
-        return "" if "error: " in stderr else "an error that says nothing"
+        says = "error: " in stderr or _faults_told(stdout)  # `check` tells faults of what it is asked about
+        return "" if says else "an error that says nothing"
     if code not in (0, 3, 4):
         return f"exit code {code}"
     try:
@@ -200,6 +201,13 @@ def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
     if any(p.suffix == ".nc" and p.name == "o.nc" for p in folder.iterdir()):
         return _judge_recording(folder / "o.nc")
     return ""
+
+
+def _faults_told(stdout: str) -> bool:
+    try:
+        return bool(json.loads(stdout)["wrong"])
+    except (ValueError, KeyError):
+        return False
 
 
 def _judge_recording(path: Path) -> str:

@@ -29,7 +29,7 @@ def campaign_command(
             "-o",
             help="results, one line per run; an existing file is continued",
         ),
-        Writes((".jsonl",), beside=_summary_beside),
+        Writes((".jsonl",), beside=_summary_beside, beside_kind="campaign_summary"),
     ] = Path("campaign.jsonl"),
     runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
     workers: Annotated[int | None, typer.Option(help="worker processes; default: one per core")] = None,

@@ -75,7 +75,9 @@ def _mapping_beside(output: Path) -> tuple[Path, ...]:
 
 def convert_command(
     recording: Source,
-    output: Annotated[Output, Writes((".csv", ".parquet", ".mcap"), beside=_mapping_beside)],
+    output: Annotated[
+        Output, Writes((".csv", ".parquet", ".mcap"), beside=_mapping_beside, beside_kind="mapping")
+    ],
 ) -> Outcome:
     """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""
     from smsid._files import atomic_write

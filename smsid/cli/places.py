@@ -15,6 +15,7 @@ import typer
 from smsid._files import check_target
 from smsid._guard import is_same_file
 from smsid._temporary import remove_orphans
+from smsid.cli.file_kind import kind_of
 from smsid.errors import OutputError, SmsidError
 
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
@@ -30,11 +31,13 @@ class Writes:
     """Mark of a path that a command writes; every other path is one it reads.
 
     ``suffixes`` it may end in, or ``folder``; ``beside`` gives the other files that are written with it.
+    Those nobody named: one that is there already is replaced only if it is of the kind ``beside_kind``.
     """
 
     suffixes: tuple[str, ...] = ()
     folder: bool = False
     beside: Callable[[Path], Sequence[Path]] = nothing_beside
+    beside_kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -138,9 +141,26 @@ def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
     places = [Place(called, path)]
     for more in mark.beside(path):
         check_target(more)
+        _check_beside(more, called, path, mark.beside_kind)
         places.append(Place(f"{more.name} beside {called}", more))
     remove_orphans(target.parent)
     return places
+
+
+def _check_beside(more: Path, called: str, path: Path, kind: str) -> None:
+    if not kind or not _exists(more):
+        return
+    try:
+        found = kind_of(more)
+    except SmsidError:
+        found = ""
+    if found != kind:
+        what = f"of the kind '{found}'" if found else f"no {kind.replace('_', ' ')}"
+        raise OutputError(
+            f"'{more}', which is written beside {called} '{path}', is there already and is {what}.",
+            advice=f"Give {called} another name, or move that file.",
+            path=str(more),
+        )
 
 
 def _read_paths(value: Any) -> Iterator[Path]:

@@ -31,6 +31,9 @@ TOLERANCE = 0.05
 MIN_SPANS = 20
 """Fewer independent spans than this correlate by chance."""
 
+LARGEST = 1e30
+"""Beyond what any sensor reads, in any unit."""
+
 DEGREE, RPM, GRAVITY = 180.0 / math.pi, 30.0 / math.pi, 9.80665
 
 
@@ -104,11 +107,20 @@ def suspicions(recording: Recording) -> list[Suspicion]:
                 driven = _inertial_integral(recording, x, v)
                 found += [] if driven is None else _judge(recording, x, v, *driven, causes)
             else:
-                rates = recording[v]
                 found += _judge(
-                    recording, x, v, recording.time(v), integral(recording.time(v), rates), causes
+                    recording,
+                    x,
+                    v,
+                    recording.time(v),
+                    integral(recording.time(v), _samples(recording, v)),
+                    causes,
                 )
     return found
+
+
+def _samples(recording: Recording, name: str) -> FloatArray:
+    """Return the samples of a channel with what no sensor reads cut down: squares of it overflow."""
+    return np.clip(recording[name], -LARGEST, LARGEST)
 
 
 def _channels(recording: Recording, first: str, second: str) -> Iterator[tuple[str, str]]:
@@ -129,7 +141,7 @@ def _judge(
     recording: Recording, x: str, v: str, times: FloatArray, driven: FloatArray, causes: _Causes
 ) -> list[Suspicion]:
     found = []
-    values = recording[x]
+    values = _samples(recording, x)
     groups = [slice(None)]
     dim = "whole"
     # Joints can be logged in different units; the axes of one vector hardly.
@@ -145,7 +157,7 @@ def _judge(
 
 
 def _judge_attitude(recording: Recording, x: str, v: str, causes: _Causes) -> list[Suspicion]:
-    times, driven = recording.time(v), integral(recording.time(v), recording[v])
+    times, driven = recording.time(v), integral(recording.time(v), _samples(recording, v))
 
     def match_of(q: FloatArray) -> _Match | None:
         return _compare(recording.time(x), q, times, driven, _turn)
@@ -256,5 +268,5 @@ def _inertial_integral(
     if np.count_nonzero(inside) <= MIN_SPANS:
         return None
     times = times[inside]
-    turned = rotate(slerp(clock, recording[attitude], times), recording[acceleration][inside])
+    turned = rotate(slerp(clock, recording[attitude], times), _samples(recording, acceleration)[inside])
     return times, integral(times, turned)

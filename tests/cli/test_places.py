@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 import typer
 
@@ -17,6 +18,7 @@ from smsid._guard import protecting
 from smsid.cli.app import COMMANDS, main
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.errors import OutputError
+from smsid.recording import Recording, save_recording
 
 
 def functions() -> list[tuple[str, Callable[..., Any]]]:
@@ -187,6 +189,23 @@ def test_what_is_written_beside_is_compared_too(tmp_path, monkeypatch, capsys):
     line = ["diagnose", str(description), "r.nc", "-o", str(tmp_path / "d.json")]
     code, err = call(line, monkeypatch, capsys)
     assert code == 1 and "is an input" in err and description.read_text() == 'name = "d"\n'
+
+
+def test_what_nobody_named_replaces_its_own_kind_only(tmp_path, monkeypatch, capsys):
+    """``convert -o craft.csv`` writes craft.toml as well, which may be the description of the craft."""
+    monkeypatch.chdir(tmp_path)
+    rates = {"imu.angular_rate": np.zeros((9, 3))}
+    save_recording(Recording.from_arrays(0.1 * np.arange(9), rates), "r.nc")
+    kept = 'name = "d"\nurdf = "u.urdf"\n'
+    Path("craft.toml").write_text(kept)
+    code, err = call(["convert", "r.nc", "-o", "craft.csv"], monkeypatch, capsys)
+    assert code == 1 and "'craft.toml'" in err and "of the kind 'description'" in err
+    assert Path("craft.toml").read_text() == kept and not Path("craft.csv").exists()
+    for _ in range(2):  # its own is replaced
+        assert call(["convert", "r.nc", "-o", "log.csv"], monkeypatch, capsys)[0] == 0
+    Path("extended.toml").write_text("duration = 1.0\n")
+    code, err = call(["diagnose", "craft.toml", "r.nc", "-o", "d.json"], monkeypatch, capsys)
+    assert code == 1 and "'extended.toml'" in err and "of the kind 'experiment'" in err
 
 
 def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):

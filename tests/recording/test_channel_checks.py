@@ -185,3 +185,15 @@ def test_a_filter_refuses_what_is_beyond_doubt_and_says_the_rest(benchmark):
 
 def _faulty_satellite():
     return importlib.import_module("_faulty_recordings")._satellite()
+
+
+@pytest.mark.parametrize("channel", ["encoder.joint_position", "encoder.joint_velocity"])
+def test_a_single_reading_of_1e300_is_named_and_refused(benchmark, channel):
+    rec = benchmark.KINDS["arm"].make(1)
+    values = np.array(rec[channel])
+    values[700, 1] = 1e300
+    wrong = rec.with_channels({channel: values})
+    (sentence,) = wrong.suspicious()
+    assert f"'{channel}' joint2 has 1 isolated outliers" in sentence
+    with pytest.raises(InconsistentChannelsError, match=r"joint2.*1e\+300"):
+        wrong.check()
