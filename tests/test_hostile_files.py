@@ -11,12 +11,17 @@ import h5py
 import numpy as np
 import pytest
 
+from smsid.campaign.summary import load_summary
+from smsid.cli.file_kind import kind_of
 from smsid.description import load_description
-from smsid.errors import DescriptionError, RecordingError
+from smsid.diagnose.result import load_diagnosis
+from smsid.errors import DescriptionError, RecordingError, SmsidError
+from smsid.identify.estimate import load_estimate
 from smsid.model import build_model
-from smsid.recording import load_recording
+from smsid.recording import Recording, load_recording, save_recording
 from smsid.recording.readers import read_columns
 from smsid.tracking import load_tracker
+from smsid.tracking.json_lines import parse_sample
 
 URDF = """<?xml version="1.0"?>{head}
 <robot name="small">{body}<link name="bus"><inertial><mass value="10"/>
@@ -102,3 +107,28 @@ def test_hdf5_that_takes_data_from_other_files_is_refused(how, read, tmp_path):
             file.create_virtual_dataset("group/x", layout)
     with pytest.raises(RecordingError, match="another file"):
         read(tmp_path / "log.h5")
+
+
+NESTED = "[" * 100_000 + "]" * 100_000
+
+
+@pytest.mark.parametrize("read", [kind_of, load_estimate, load_diagnosis, load_summary, parse_sample])
+def test_json_that_is_nested_too_deep_is_one_line(read, tmp_path):
+    (tmp_path / "deep.json").write_text(NESTED)
+    with pytest.raises(SmsidError, match=r"nested too deep|recursion|characters"):
+        read(NESTED if read is parse_sample else tmp_path / "deep.json")
+
+
+def test_json_in_an_archive_or_a_recording_that_is_nested_too_deep_is_one_line(tmp_path):
+    (tmp_path / "small.urdf").write_text(URDF.format(head="", body=""))
+    with zipfile.ZipFile(tmp_path / "tracker.npz", "w") as archive:
+        archive.writestr("tracker.json", NESTED)
+    with pytest.raises(RecordingError, match="no saved tracker"):
+        load_tracker(tmp_path / "tracker.npz", load_description(tmp_path / "small.urdf"))
+    path = save_recording(
+        Recording.from_arrays([0.0, 1.0], {"imu.angular_rate": np.zeros((2, 3))}), tmp_path / "r.nc"
+    )
+    with h5py.File(path, "r+") as file:
+        file.attrs["provenance"] = NESTED
+    with pytest.raises(RecordingError, match=r"r\.nc|provenance"):
+        load_recording(path)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from smsid._files import atomic_write
+from smsid._reading import read_json
 from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.campaign.outcome import Outcome, RunRecord
@@ -156,7 +157,7 @@ def load_summary(path: str | os.PathLike[str]) -> Summary:
     """Load a summary; raises `SmsidError` for a file that is none."""
     file = Path(path)
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json(file)
         if not isinstance(document, dict) or document.get("kind") != "campaign_summary":
             raise SmsidError(f"'{file}' is no summary of a campaign.", advice="Run `smsid campaign`.")
         own = ParameterSummary.__dataclass_fields__

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from smsid._reading import read_json as read_any_json
 from smsid.errors import SmsidError
 from smsid.paths import bundled_craft
 
@@ -82,10 +82,7 @@ def _schema_of(path: Path) -> str:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Return the document of a JSON file; raises `SmsidError` where it holds none."""
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SmsidError(f"'{path}' cannot be read: {error}.", advice="Is it cut short?") from error
+    document = read_any_json(path)
     if not isinstance(document, dict):
         raise SmsidError(f"'{path}' is nothing that smsid writes.", advice="Check the path.")
     return document

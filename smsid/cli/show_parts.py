@@ -220,7 +220,8 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
         f"{'free floating' if model.free else 'welded base'}"
     )
     tables = [_joints(model)]
-    parameters = [p for e in found.effect for p in e.parameters()]
+    effects = model.description.effect  # those of the URDF's <dynamics> as well
+    parameters = [p for e in effects for p in e.parameters()]
     if parameters:
         table = plain_table(
             "parameter", "value", "unit", "prior sigma", title="effects", left=("parameter", "unit")

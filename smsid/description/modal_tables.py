@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from smsid._reading import read_json
 from smsid.errors import DescriptionError
 
 
 def read_modal_json(path: Path) -> dict[str, Any]:
     """Return the keys of a JSON; raises `DescriptionError` for one that is none or has other keys."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DescriptionError(f"'{path}' is no JSON: {error}.", advice="Mend it.") from error
+    found = read_json(path, DescriptionError)
     known = {"mass", "center_of_mass", "inertia", "stations", "mode"}
     if not isinstance(found, dict) or set(found) - known:
         extra = sorted(set(found) - known) if isinstance(found, dict) else ["no table"]

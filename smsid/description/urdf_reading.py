@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from smsid._listing import some_of
 from smsid.errors import DescriptionError
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+OF_A_JOINT = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def parse_urdf(text: str, source: str) -> UrdfReading:
 
     Raises:
         DescriptionError: a number, vector or element that is no such thing, naming link or joint and element;
-            an axis 0 0 0; limits upside down; two <inertial> in a link.
+            an axis 0 0 0; limits upside down; an element that stands twice where one holds.
     """
     root = ElementTree.fromstring(text)
     links = {str(tag.get("name")): _link(tag, source) for tag in root.findall("link")}
@@ -87,14 +89,11 @@ def parse_urdf(text: str, source: str) -> UrdfReading:
 
 def _link(tag: ElementTree.Element, source: str) -> LinkReading:
     place = f"link '{tag.get('name')}' of {source}"
-    inertials = tag.findall("inertial")
-    if len(inertials) > 1:
-        raise DescriptionError(
-            f"{_upper(place)} has {len(inertials)} <inertial>.", advice="Keep one.", link=tag.get("name")
-        )
-    if not inertials:
+    _require_single(tag, ("inertial",), place)
+    inertial = tag.find("inertial")
+    if inertial is None:
         return LinkReading(str(tag.get("name")), 0.0, np.zeros(3), np.zeros((3, 3)))
-    inertial = inertials[0]
+    _require_single(inertial, ("origin", "mass", "inertia"), f"the <inertial> of {place}")
     mass_tag, inertia_tag = inertial.find("mass"), inertial.find("inertia")
     if mass_tag is None or inertia_tag is None:
         raise DescriptionError(
@@ -119,6 +118,7 @@ def _link(tag: ElementTree.Element, source: str) -> LinkReading:
 def _joint(tag: ElementTree.Element, source: str) -> JointReading:
     kind = str(tag.get("type"))
     place = f"joint '{tag.get('name')}' of {source}"
+    _require_single(tag, OF_A_JOINT, place)
     position, rotation = _origin(tag, place)
     axis = np.array([1.0, 0.0, 0.0])
     axis_tag = tag.find("axis")
@@ -180,6 +180,16 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
 def _mimic(tag: ElementTree.Element, place: str) -> Mimic:
     ratio = _number(tag, "multiplier", f"<mimic> of {place}", "1")
     return Mimic(tag.get("joint", ""), ratio, _number(tag, "offset", f"<mimic> of {place}", "0"))
+
+
+def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) -> None:
+    """Raise `DescriptionError` for an element that stands there twice: which of them holds is open."""
+    for name in names:
+        count = len(tag.findall(name))
+        if count > 1:
+            raise DescriptionError(
+                f"{_upper(place)} has {count} <{name}>.", advice="Keep one.", **{tag.tag: tag.get("name")}
+            )
 
 
 def _unused(root: ElementTree.Element) -> tuple[str, ...]:

@@ -65,7 +65,7 @@ def header(name: str, role: str, provenance: Mapping[str, Any] | str) -> dict[st
     try:
         tree = json.loads(provenance) if isinstance(provenance, str) else dict(provenance)
         text = json.dumps(tree, default=_plain, allow_nan=False)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, RecursionError) as error:
         raise RecordingError(
             f"The provenance cannot be written as JSON: {error}.",
             advice="Use text, finite numbers, lists and dictionaries.",

@@ -163,7 +163,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, np.nd
                 n.removesuffix(".npy"): np.load(io.BytesIO(archive.read(n)), allow_pickle=False)
                 for n in names
             }
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, RecursionError, zipfile.BadZipFile) as error:
         raise RecordingError(
             f"'{path}' is no saved tracker: {error}.", advice="Give a file of save_tracker.", path=str(path)
         ) from error

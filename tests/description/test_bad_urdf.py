@@ -72,6 +72,18 @@ URDF_CASES = {
         ),
         ["'arm_mount'", "2 <inertial>", "Keep one"],
     ),
+    "two masses": (
+        ('<mass value="2"/>', '<mass value="2"/><mass value="5"/>'),
+        ["<inertial> of link 'upper'", "2 <mass>"],
+    ),
+    "two limits": (
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'),
+        ["'shoulder'", "2 <limit>", "Keep one"],
+    ),
+    "two axes": (
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="1 0 0"/>'),
+        ["'shoulder'", "2 <axis>"],
+    ),
     "axis of no length": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'), ["<axis>", "'shoulder'", "0 0 0"]),
     "limits upside down": (('lower="-3" upper="3"', 'lower="3" upper="-3"'), ["'shoulder'", "upside down"]),
     "limit in words": (('upper="3"', 'upper="three"'), ["'shoulder'", "upper", "'three'"]),
