@@ -156,9 +156,10 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
 def shown_unit(recording: Recording, name: str) -> str:
     """Return the unit of a channel; of joints that slide their own, as in 'rad, rail m'."""
     from smsid.recording.channels import SLIDING
+    from smsid.recording.column_order import joints_imported
 
     unit = recording.unit(name)
-    sliding = recording.provenance.get("imported", {}).get("sliding", [])
+    sliding = joints_imported(recording, "sliding")
     if not sliding or unit not in SLIDING or ".joint_" not in name:
         return unit
     if set(sliding) >= set(recording.labels.get("joint", ())):

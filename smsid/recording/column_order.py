@@ -62,6 +62,8 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
             wanted = _station_order(recording, own, model, source)
         else:
             wanted = _order(recording, key, own, names[kind], kind)
+            if kind == "joint":
+                _check_units_of_joints(recording, [own[k] for k in wanted], names[kind], model)
             renamed[key] = names[kind]
         orders[key] = wanted
         moved |= not np.array_equal(wanted, np.arange(len(own))) or tuple(renamed[key]) != tuple(own)
@@ -114,6 +116,31 @@ def _order(
     if unknown or lacking:
         raise _mismatch(recording, key, unknown, lacking, names, kind)
     return np.array([place[name] for name in names], dtype=int)
+
+
+def joints_imported(recording: Recording, kind: str) -> tuple[str, ...]:
+    """Return the labels of joints that were imported as ``sliding`` or ``turning``, by their units."""
+    imported = recording.provenance.get("imported")
+    told = imported.get(kind) if isinstance(imported, dict) else None
+    return tuple(str(label) for label in told) if isinstance(told, list) else ()
+
+
+def _check_units_of_joints(
+    recording: Recording, labels: Sequence[str], names: Sequence[str], model: SpacecraftModel
+) -> None:
+    """Raise `RecordingError` for a joint imported in metres that turns, or in degrees that slides."""
+    from smsid.effects.rotor import turns
+
+    sliding, turning = (joints_imported(recording, kind) for kind in ("sliding", "turning"))
+    for label, name in zip(labels, names, strict=True):
+        for told, does in ((sliding, "turns"), (turning, "slides")):
+            if label in told and turns(model.pin, model.pin.getJointId(name)) == (does == "turns"):
+                unit = "metres or newtons" if told is sliding else "degrees"
+                raise RecordingError(
+                    f"Joint '{label}' was imported in {unit}, but in '{model.description.name}' it {does}.",
+                    advice="State the unit of each column in the mapping, as a list, and import again.",
+                    joint=label,
+                )
 
 
 def _station_order(

@@ -62,9 +62,7 @@ def import_recording(
     absent = [name for name in rules.channel if job.is_absent(name)]
     if absent:
         provenance["imported"]["absent"] = absent
-    sliding = job.sliding()
-    if sliding:
-        provenance["imported"]["sliding"] = sliding
+    provenance["imported"] |= job.joint_kinds()
     recording = job.run(provenance)
     if check:
         try:
@@ -133,20 +131,23 @@ class _Import:
                 f"{self.file}: {error.message}", advice=error.advice, **error.evidence
             ) from error
 
-    def sliding(self) -> list[str]:
-        """Return the labels of joints that slide: their columns are in metres or newtons."""
-        found: dict[str, None] = {}
+    def joint_kinds(self) -> dict[str, list[str]]:
+        """Return the labels of joints that slide, in metres or newtons, and of those that surely turn.
+
+        Radians say neither: many logs state them for all joints. Degrees do.
+        """
+        found: dict[str, dict[str, None]] = {"sliding": {}, "turning": {}}
         for name, table in self.rules.channel.items():
             quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
             if quantity.is_quaternion or not table.labels or quantity.unit not in SLIDING:
                 continue
             units = table.units * (len(table.labels) if len(table.units) == 1 else 1)
-            found |= {
-                label: None
-                for label, unit in zip(table.labels, units, strict=False)
-                if target_unit(unit, quantity, name) != quantity.unit
-            }
-        return list(found)
+            for label, unit in zip(table.labels, units, strict=False):
+                if target_unit(unit, quantity, name) != quantity.unit:
+                    found["sliding"][label] = None
+                elif "deg" in unit or "rpm" in unit:
+                    found["turning"][label] = None
+        return {kind: list(labels) for kind, labels in found.items() if labels}
 
     def is_absent(self, name: str) -> bool:
         """Tell whether an optional channel has none of its columns; having some is an error, found later."""

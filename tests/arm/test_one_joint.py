@@ -13,9 +13,12 @@ from smsid.description import Description
 from smsid.diagnose import diagnose
 from smsid.effects.rotor import turns
 from smsid.effects.spatial import Motion
+from smsid.errors import RecordingError
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
-from smsid.recording import Recording, save_recording
+from smsid.recording import Recording, import_recording, save_recording
+from smsid.recording.column_order import order_columns
+from smsid.recording.mapping import parse_mapping
 
 URDF = """<robot name="axis"><link name="base"/>
 <link name="carriage"><inertial><mass value="90"/>
@@ -69,6 +72,28 @@ def test_a_sliding_axis_is_identified_in_metres_and_newtons(tmp_path, rng):
     for name, (value, unit) in truth.items():
         p = found[name]
         assert p.unit == unit and abs(p.value - value) < 4.0 * p.sigma < 0.2 * abs(value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "does", "other"), [("mm", "turns", "revolute"), ("degree", "slides", "prismatic")]
+)
+def test_a_unit_that_the_joint_cannot_have_is_refused(unit, does, other, tmp_path, rng):
+    rows = np.column_stack(
+        [log(rng).time(), log(rng)["encoder.joint_position"], log(rng)["drive.joint_torque"]]
+    )
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q,f", comments="")
+    force = "N" if unit == "mm" else "N m"
+    columns = {"encoder.joint_position": ("q", unit), "drive.joint_torque": ("f", force)}
+    tree = {
+        "recording": {"role": "estimation"},
+        "time": {"column": "t", "unit": "s"},
+        "channel": {n: {"columns": [c], "unit": u, "labels": ["slide"]} for n, (c, u) in columns.items()},
+    }
+    recording = import_recording(tmp_path / "log.csv", parse_mapping(tree))
+    with pytest.raises(RecordingError, match=f"'slide' was imported in .*, but in 'axis' it {does}"):
+        identify_arm(axis(tmp_path, other), recording)
+    right = {"mm": "prismatic", "degree": "revolute"}[unit]
+    order_columns(recording, build_model(axis(tmp_path, right)))
 
 
 def test_one_joint_is_diagnosed(tmp_path, rng):
