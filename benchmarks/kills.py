@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import tomllib
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,7 +50,10 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
         ["track", "d.toml", "slow.nc", "--estimate", "found.json", "--save", "t.npz"],
         ["track.nc", "t.npz"],
     ),
+    "track --changes": (["track", "d.toml", "slow.nc", "--changes"], ["changes.nc"]),
+    "cut --pieces": (["cut", "r.nc", "--from", "1", "--pieces", "-o", "piece.nc"], ["piece_1.nc"]),
     "export": (["export", "d.toml"], ["exported"]),
+    "export --fmu": (["export", "d.toml", "--fmu", "f.fmu"], ["f.fmu"]),
     "view": (["view", "d.toml", "r.nc"], ["v.html"]),
     "plot": (["plot", "recording", "r.nc"], ["f.png"]),
     "design": (
@@ -63,7 +67,7 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
 def words(name: str) -> list[str]:
     """Return the words of a call, with its first output after ``-o`` where they do not name it yet."""
     call, outputs = CALLS[name]
-    return call if outputs[0] in call else [*call, "-o", outputs[0]]
+    return call if outputs[0] in call or "-o" in call else [*call, "-o", outputs[0]]
 
 
 def started(call: Sequence[str], folder: Path) -> int:
@@ -129,6 +133,12 @@ def _table(path: Path) -> None:
         raise ValueError("the table is cut short")
 
 
+def _zip(path: Path) -> None:
+    with zipfile.ZipFile(path) as file:
+        if file.testzip() is not None:
+            raise ValueError("a member is damaged")
+
+
 def _archive(path: Path) -> None:
     import numpy as np
 
@@ -145,6 +155,7 @@ SOUND: dict[str, Callable[[Path], Any]] = {
     ".png": _picture,
     ".csv": _table,
     ".npz": _archive,
+    ".fmu": _zip,
 }
 
 
@@ -158,7 +169,7 @@ def judged(folder: Path, before: dict[str, bytes], outputs: Sequence[str]) -> st
             if name.split("/")[0] not in outputs and name != "said.log":
                 return f"{name}, which it did not write, changed"
             path = folder / name
-            check = _netcdf if name == "track.nc" else SOUND.get(path.suffix)
+            check = _netcdf if name in ("track.nc", "changes.nc") else SOUND.get(path.suffix)
             try:
                 if check is not None:
                     check(path)

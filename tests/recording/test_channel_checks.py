@@ -53,10 +53,10 @@ def test_what_matters_is_refused_or_said_by_identify(benchmark):
     row = {"recording": "arm", "channel": channel}
     samples = np.array(sound[channel])
     turned = samples * [1.0, -1.0, 1.0]
-    refused = benchmark.identified(row, sound.with_channels({channel: turned}), clean)
+    refused = benchmark.identified(row, sound.with_channels({channel: turned}), lambda: clean)
     assert refused["outcome"] == "refused" and "joint2" in refused["by"]
     held = samples[10 * (np.arange(len(samples)) // 10)]
-    said = benchmark.identified(row, sound.with_channels({channel: held}), clean)
+    said = benchmark.identified(row, sound.with_channels({channel: held}), lambda: clean)
     assert said["outcome"].endswith(", said") and "changes at every 10th sample only" in said["says"][0]
 
 
