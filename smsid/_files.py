@@ -72,7 +72,11 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         )
     _check_parent(target, path)
     with _explained(path), temporary_beside(target, folder=True) as temporary:
-        yield temporary
+        try:
+            yield temporary
+        except OutputError as error:  # of a file in it, by the name that the user gave the folder
+            told = error.message.replace(str(temporary), str(path))
+            raise OutputError(told, advice=error.advice, **{**error.evidence, "path": str(path)}) from error
         if target.exists():
             target.rmdir()
         os.replace(temporary, target)

@@ -183,3 +183,18 @@ def test_export_stays_in_its_folder(tmp_path, urdf):
     with pytest.raises(OutputError, match=r"'\.\./\.\./up'"):
         export_folder(description.model_copy(update={"name": "../../up"}), tmp_path / "a" / "b" / "ex")
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_file_in_a_folder_that_cannot_be_written_is_told_by_the_folders_name(tmp_path):
+    with pytest.raises(OutputError, match="disk is full") as caught, atomic_folder(tmp_path / "made") as made:
+        (made / "one").write_text("1")
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+        try:
+            atomic_write(made / "two", "x" * 4000)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+            signal.signal(signal.SIGXFSZ, old)
+    assert f"'{tmp_path / 'made' / 'two'}'" in str(caught.value) and ".tmp" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
