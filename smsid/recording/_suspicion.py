@@ -72,6 +72,10 @@ _THOUSAND: _Causes = (
     (1000.0, "'{x}' is probably too large by 1000 (milli-units), or '{v}' too small"),
     (1e-3, "'{v}' is probably too large by 1000 (milli-units), or the clock is in ms"),
 )
+_CLOCK: _Causes = (
+    (1e-6, "the clock is probably in microseconds, not in s"),
+    (1e-9, "the clock is probably in nanoseconds, not in s"),
+)
 _GRAVITY: _Causes = (
     (GRAVITY, "'{v}' is probably in units of standard gravity, not in {vu}"),
     (1.0 / GRAVITY, "'{v}' is probably multiplied by standard gravity once too often"),
@@ -99,7 +103,8 @@ def suspicions(recording: Recording) -> list[Suspicion]:
     _checks.check_finite(recording)
     _checks.check_quaternions(recording)
     found: list[Suspicion] = []
-    for first, second, causes in _PAIRS:
+    for first, second, units in _PAIRS:
+        causes = units + _CLOCK
         for x, v in _channels(recording, first, second):
             if first == "attitude":
                 found += _judge_attitude(recording, x, v, causes)

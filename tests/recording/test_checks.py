@@ -133,6 +133,17 @@ def test_other_quaternion_conventions_are_recognised(reading, words):
         rec.check()
 
 
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1e3, "clock is in ms"), (1e6, "in microseconds, not in s"), (1e9, "in nanoseconds")],
+)
+def test_a_clock_in_another_unit_is_named(factor, words):
+    rec = recording(3001)
+    wrong = Recording.from_arrays(factor * rec.time(), {n: rec[n] for n in rec.channels}, labels=rec.labels)
+    with pytest.raises(RecordingError, match=words):
+        wrong.check()
+
+
 def test_one_joint_in_degrees_is_named_by_its_label():
     rec = recording(3001)
     rec = rec.with_channels({"encoder.joint_position": rec["encoder.joint_position"] * [1.0, DEGREE]})
