@@ -20,6 +20,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import _clean_recordings as clean_recordings
@@ -29,7 +30,7 @@ from _faulty_recordings import KINDS
 
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, load_estimate, save_estimate
-from smsid.recording import Recording
+from smsid.recording import Recording, load_recording, save_recording
 from smsid.recording._attitude import conjugate
 from smsid.recording.checks import Finding
 
@@ -107,11 +108,14 @@ def draw(name: str, rng: np.random.Generator) -> tuple[str, str]:
 
 
 def planted(
-    seed: int, faults: int, names: tuple[str, ...] = tuple(KINDS)
+    seed: int,
+    faults: int,
+    names: tuple[str, ...] = tuple(KINDS),
+    made: Callable[[str, int], Recording] = lambda name, seed: KINDS[name].make(seed),
 ) -> Iterator[tuple[dict[str, Any], Recording]]:
     """Yield each fault, as far as it is known when it is planted, with the recording that has it."""
     rng = np.random.default_rng(seed)
-    sound = {name: KINDS[name].make(seed) for name in names}
+    sound = {name: made(name, seed) for name in names}
     for i in range(faults):
         name = names[i % len(names)]
         channel, kind = draw(name, rng)
@@ -163,14 +167,14 @@ def is_verdict(note: str, channel: str) -> bool:
     return "does not explain" in note or (channel in note and any(word in note for word in blames))
 
 
-def clean(seed: int) -> Iterator[tuple[str, Recording]]:
+def clean(seed: int) -> Iterator[tuple[str, Callable[[], Recording]]]:
     """Yield 30 sound recordings: of hardware, of another engine, and of the three kinds with other seeds."""
     yield from clean_recordings.of_hardware()
     yield from clean_recordings.of_another_engine()
     yield from clean_recordings.of_the_demonstration()
     for name, count in (("paper's craft", 1), ("satellite without arm", 4), ("arm", 4)):
-        for k in range(count):
-            yield f"{name}, seed {seed + 1 + k}", KINDS[name].make(seed + 1 + k)
+        for k in range(seed + 1, seed + 1 + count):
+            yield f"{name}, seed {k}", partial(KINDS[name].make, k)
 
 
 def main() -> None:
@@ -180,63 +184,64 @@ def main() -> None:
     parser.add_argument("--faults", type=int, default=60)
     parser.add_argument("--minutes", type=float, default=60.0, help="of processor time to identify for")
     asked = parser.parse_args()
-    planned = [
-        (row | named(row, recording), recording) for row, recording in planted(asked.seed, asked.faults)
-    ]
-    for row, _ in planned:
-        print(json.dumps(row), flush=True)
-    alarms, count = [], 0
-    for name, recording in clean(asked.seed):
-        count += 1
-        said = recording.suspicious()
-        print(name, said, flush=True)
-        alarms += [{"recording": name, "said": said}] if said else []
-    kept = _Kept(asked.seed)
+    kept = Kept(asked.seed)
+    rows, recordings = [], {}
+    for row, recording in planted(asked.seed, asked.faults, made=kept.recording):
+        row |= kept.of(f"fault {row['number']}, named", partial(named, row, recording))
+        rows.append(row)
+        recordings[row["number"]] = recording
+    said = {name: kept.of(name, lambda make=make: make().suspicious()) for name, make in clean(asked.seed)}
+    real = {
+        name: kept.of(name, lambda make=make: make().suspicious())
+        for name, make in clean_recordings.with_a_fault()
+    }
     cheap = ["arm", "satellite without arm", "paper's craft"]
-    for row, recording in sorted(planned, key=lambda p: (not p[0]["clear"], cheap.index(p[0]["recording"]))):
-        if time.process_time() < 60.0 * asked.minutes or row["number"] in kept.rows:
-            row |= kept.outcome(row, recording)
-            print(
-                row["number"],
-                {k: row[k] for k in ("outcome", "off_in_sigma", "seconds") if k in row},
-                flush=True,
+    for row in sorted(rows, key=lambda r: (not r["clear"], cheap.index(r["recording"]))):
+        key, name = f"fault {row['number']}, identified", row["recording"]
+        if key in kept.made or time.process_time() < 60.0 * asked.minutes:
+            row |= kept.of(
+                key, lambda r=row, n=name: identified(r, recordings[r["number"]], partial(kept.estimate, n))
             )
-    rows = [row for row, _ in planned]
-    result = summary(asked.seed, rows, count, alarms)
+    result = summary(asked.seed, rows, said) | {"named_in_recordings_with_a_fault": real}
     print({k: v for k, v in result.items() if k != "faults"})
     write_result("channel_faults", {**result, "environment": environment("smsid", "numpy", "scipy")})
 
 
-class _Kept:
-    """What identification gave, of the clean recordings and by number of the fault; a later run goes on."""
+class Kept:
+    """What was made, by its name, in files that a later run goes on with."""
 
     def __init__(self, seed: int) -> None:
         self.seed, self.folder = seed, ROOT / "build" / f"channel_faults_{seed}"
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.path = self.folder / "rows.jsonl"
+        self.path = self.folder / "made.jsonl"
         lines = self.path.read_text(encoding="utf-8").splitlines() if self.path.is_file() else []
-        self.rows: dict[int, dict[str, Any]] = dict(json.loads(line) for line in lines)
+        self.made: dict[str, Any] = dict(json.loads(line) for line in lines)
 
-    def outcome(self, row: dict[str, Any], recording: Recording) -> dict[str, Any]:
-        """Return the outcome of a fault, made where it is not kept."""
-        number = row["number"]
-        if number not in self.rows:
-            self.rows[number] = identified(row, recording, lambda: self.clean(row["recording"]))
+    def of(self, key: str, make: Callable[[], Any]) -> Any:
+        """Return what is kept under a name, made where it is not."""
+        if key not in self.made:
+            self.made[key] = make()
             with self.path.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps([number, self.rows[number]]) + "\n")
-        return self.rows[number]
+                stream.write(json.dumps([key, self.made[key]]) + "\n")
+            print(key, self.made[key], flush=True)
+        return self.made[key]
 
-    def clean(self, name: str) -> Estimate:
-        """Return the estimate from the clean recording."""
+    def recording(self, name: str, seed: int) -> Recording:
+        """Return the clean recording of a kind."""
+        path = self.folder / f"{name}.nc"
+        if not path.is_file():
+            save_recording(KINDS[name].make(seed), path)
+        return load_recording(path)
+
+    def estimate(self, name: str) -> Estimate:
+        """Return the estimate from the clean recording of a kind."""
         path = self.folder / f"{name}.json"
         if not path.is_file():
-            save_estimate(KINDS[name].identify(KINDS[name].make(self.seed)), path)
+            save_estimate(KINDS[name].identify(self.recording(name, self.seed)), path)
         return load_estimate(path)
 
 
-def summary(
-    seed: int, rows: list[dict[str, Any]], count: int, alarms: list[dict[str, Any]]
-) -> dict[str, Any]:
+def summary(seed: int, rows: list[dict[str, Any]], said: dict[str, list[str]]) -> dict[str, Any]:
     """Return the document of the result."""
     outcomes = Counter(row.get("outcome", "not run") for row in rows)
     return {
@@ -247,8 +252,8 @@ def summary(
         "clear": sum(row["clear"] for row in rows),
         "identified": dict(sorted(outcomes.items())),
         "wrong_in_silence": [row["number"] for row in rows if row.get("outcome") == "wrong, silent"],
-        "clean": count,
-        "false_alarms": alarms,
+        "clean": len(said),
+        "false_alarms": {name: told for name, told in said.items() if told},
         "faults": rows,
     }
 

@@ -469,4 +469,5 @@ def motion_notes(
         f"the encoder of {n} begins anew after each turn: unwrapped {k} times"
         for n, k in motion.readings.unwrapped.items()
     ]
+    notes += [f"{k} isolated outliers of {n} left out" for n, k in motion.readings.outliers.items()]
     return notes

@@ -13,12 +13,16 @@ from smsid.effects.gear import gear_matrix
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.recording.checks.sample_faults import outliers
 
 MOTOR = "motor"
 """Source of channels measured at the motors; every other source is at the joints."""
 
 GAP = 5.0
 """Median steps from which on a step is a gap."""
+
+TINY = 1e-9
+"""Size below which nothing is an outlier [rad | m, rad/s | m/s, N m | N]."""
 
 TURN = 2.0 * np.pi
 JUMP = 0.25
@@ -32,8 +36,8 @@ class JointReadings:
     ``position_time`` (N,) [s] and ``position`` (N, joints) [rad | m]; ``velocity_time`` (K,) and ``velocity``
     (K, joints), empty where no rate was measured; ``torque_time`` (M,) and ``torque`` (M, joints)
     [N m | N]; ``temperature_time``, ``temperature`` (L, joints) [degC], empty where it was not measured. Rows
-    with a sample missing are left out. ``unwrapped`` counts the whole turns that encoders
-    jumped by, by joint.
+    with a sample missing are left out, and with isolated outliers, which ``outliers`` counts by channel and
+    joint. ``unwrapped`` counts the whole turns that encoders jumped by, by joint.
     """
 
     position_time: np.ndarray
@@ -45,6 +49,7 @@ class JointReadings:
     unwrapped: dict[str, int]
     temperature_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     temperature: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    outliers: dict[str, int] = field(default_factory=dict)
 
     def temperature_at(self, times: np.ndarray) -> np.ndarray | None:
         """Return the temperatures (n, joints) [degC] at times (n,), between samples by straight lines;
@@ -86,6 +91,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     gears = [e for e in model.description.effect if isinstance(e, Gear)]
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     turns: dict[str, int] = {}
+    spiked: dict[str, int] = {}
     channels = {"position": position, "torque": torque}
     rates = [
         n
@@ -105,6 +111,11 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
         at_motor = channel.startswith(f"{MOTOR}.")
         if what == "position":
             values, turns = _unwrapped(model, names, values, channel, at_motor=at_motor)
+        if what != "temperature":
+            spikes = np.column_stack([outliers(column, TINY) for column in values.T])
+            counts = zip(names, spikes.sum(axis=0).tolist(), strict=True)
+            spiked |= {f"'{channel}' {name}": count for name, count in counts if count}
+            values, times = values[~spikes.any(axis=1)], times[~spikes.any(axis=1)]
         if at_motor and what != "temperature":
             matrix, gain = gear_matrix(gears, names)
             values = (values * gain) @ matrix if what == "torque" else np.linalg.solve(matrix, values.T).T
@@ -119,6 +130,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
         *found["torque"],
         turns,
         *found.get("temperature", none),
+        spiked,
     )
 
 
