@@ -28,33 +28,48 @@ from smsid._files import atomic_write
 from smsid.cli import main as smsid_main
 
 HANG = 60.0  # [s] of processor time
-ASLEEP = 600.0  # [s] of time: what waits for ever is a hang, too
+ASLEEP = 120.0  # [s] of time: what has not worked at all for so long waits for ever, a hang, too
 EVERY = 50  # inputs between two savings
 
 
 def run(seed: int, number: int, folder: Path) -> dict[str, Any]:
     """Run one input in a forked process and return what came of it."""
     case = _fuzz.case(seed, number, folder)
-    begin = time.monotonic()
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reader)
         _in_child(case, folder, writer)
     os.close(writer)
-    signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
-    signal.setitimer(signal.ITIMER_REAL, ASLEEP)
+    slept = False
+    worked = -1.0
+
+    def look(*_: Any) -> None:
+        nonlocal slept, worked
+        now = processor_time(child)
+        slept = now <= worked
+        if slept:
+            os.kill(child, signal.SIGKILL)
+        worked = now
+
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, ASLEEP, ASLEEP)
     with os.fdopen(reader, "rb") as stream:
         told = stream.read()
     _, status = os.waitpid(child, 0)
     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    seconds = time.monotonic() - begin
     if os.WIFSIGNALED(status):
-        hung = seconds >= ASLEEP or os.WTERMSIG(status) == signal.SIGXCPU
+        hung = slept or os.WTERMSIG(status) == signal.SIGXCPU
         wrong, code = ("hang" if hung else f"crash by signal {os.WTERMSIG(status)}"), -1
         return {"number": number, "kind": case.kind, "code": code, "wrong": wrong, "what": case.what}
     found = json.loads(told)
     return {"number": number, "kind": case.kind, **found, "what": case.what, "words": list(case.words)}
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time [s] a process has used so far."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _in_child(case: _fuzz.Case, folder: Path, writer: int) -> None:

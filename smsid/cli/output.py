@@ -49,6 +49,11 @@ def is_quiet() -> bool:
     return _now.quiet
 
 
+def asks_json() -> bool:
+    """Return whether the result is to be printed as JSON, and nothing for people."""
+    return _now.json
+
+
 def console() -> Console:
     """Return the console for results (stdout); silent where a command runs ``--json`` or ``--quiet``."""
     from rich.console import Console

@@ -13,7 +13,7 @@ from smsid.cli import show_parts as parts
 from smsid.cli.file_kind import kind_of, read_json
 from smsid.cli.manners import Outcome
 from smsid.cli.options import ShowAll
-from smsid.cli.output import console
+from smsid.cli.output import asks_json, console
 
 
 def show_command(
@@ -27,10 +27,12 @@ def show_command(
     show_all: ShowAll = False,
 ) -> Outcome:
     """Show what is in a file."""
+    if asks_json():  # a file is read and checked once
+        return Outcome(file_document(file))
     out = console()
     for part in show_file(file, everything=show_all):
         out.print(part, highlight=False)
-    return Outcome(file_document(file))
+    return Outcome()
 
 
 def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:
