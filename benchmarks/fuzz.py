@@ -56,8 +56,8 @@ def run(seed: int, number: int, folder: Path) -> dict[str, Any]:
     signal.setitimer(signal.ITIMER_REAL, ASLEEP, ASLEEP)
     with os.fdopen(reader, "rb") as stream:
         told = stream.read()
-    _, status = os.waitpid(child, 0)
     signal.setitimer(signal.ITIMER_REAL, 0.0)
+    _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         hung = slept or os.WTERMSIG(status) == signal.SIGXCPU
         wrong, code = ("hang" if hung else f"crash by signal {os.WTERMSIG(status)}"), -1
