@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import tomli_w
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
@@ -104,6 +104,7 @@ def test_the_provenance_tells_file_sum_and_mapping(tmp_path):
     assert imported["mapping"]["channel"]["pose.position"] == {"columns": ["p"], "unit": "m"}
 
 
+@settings(deadline=None)
 @given(
     order=st.sampled_from(["wxyz", "xyzw"]),
     direction=st.sampled_from(["body_to_inertial", "inertial_to_body"]),
