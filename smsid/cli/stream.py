@@ -12,7 +12,7 @@ import typer
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.places import Writes
-from smsid.cli.track import FALSE_ALARMS, rates_of
+from smsid.cli.track import rates_of
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def stream_command(
     """Follow telemetry as it comes: JSON lines in, what is believed as JSON lines out."""
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
+    from smsid.tracking.history import FALSE_ALARMS
     from smsid.tracking.stream import Stream
     from smsid.tracking.tracker_file import load_tracker, save_tracker
 
