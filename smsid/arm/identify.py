@@ -6,7 +6,7 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,27 +14,18 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
-from smsid.arm.friction_shape import (
-    WITHIN,
-    FrictionShape,
-    acts_on,
-    friction_shapes,
-    shape_bounds,
-    shape_notes,
-    shape_values,
-    usual_shape,
-    with_found_shapes,
-    with_shape_columns,
-)
+from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
+from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.level import SHOWN, Level, tilt_of, with_gravity
 from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
-from smsid.arm.regression import JointRegression, solve_joints
+from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
+from smsid.arm.solve import settled_load, solve_equations
 from smsid.description import Description
-from smsid.effects import BaseTilt, Effect, JointFriction
+from smsid.effects import BaseTilt, Effect
 from smsid.effects.base_tilt import tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
@@ -46,11 +37,6 @@ from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
 GROUP = "arm"
-ROUNDS = 4
-"""Rounds in which the shapes of friction and all else are fitted together."""
-
-LOADS = 12
-"""Rounds in which the load that friction depends on follows from the torques it takes part in."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +69,7 @@ class ArmIdentification:
 
     ``description`` is the given one with the identified values of its effects; ``base`` and ``regression``
     hold the combinations of inertial and effect parameters that torques tell apart, and their values.
-    ``motion`` is what was fitted.
+    ``motion`` is what was fitted, ``delay`` by how much its angles are late against its torques.
     """
 
     estimate: Estimate
@@ -94,6 +80,7 @@ class ArmIdentification:
     model: SpacecraftModel
     torques: JointTorques
     shapes: tuple[FrictionShape, ...] = ()
+    delay: AngleDelay = IN_STEP
 
     def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
         """Return motor torques (N, nv) at the joints for a motion [N m]."""
@@ -125,7 +112,9 @@ class ArmIdentification:
         made: list[JointTorques] = []
 
         def with_load(load: np.ndarray) -> np.ndarray:
-            made.append(joint_torques(self.model, motion, length, shape_values(self.shapes), load))
+            equations = joint_torques(self.model, motion, length, shape_values(self.shapes), load)
+            aligned = torque_means(motion, equations.starts, self.delay.value)
+            made.append(replace(equations, torque=aligned))
             return made[-1].rows[:, :, self.base.independent] @ self.regression.x
 
         blocks = np.zeros((len(motion.blocks(length)), motion.v.shape[1]))
@@ -193,7 +182,8 @@ def identify_arm(
     torques = joint_torques(model, motion, block_length(motion, cutoff))
     level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    shapes, torques, whole, leaning = solve_equations(model, motion, torques, base, level)
+    equations = solve_equations(model, motion, torques, base, level)
+    shapes, torques, whole = equations.shapes, equations.torques, equations.regression
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
@@ -202,15 +192,16 @@ def identify_arm(
         sigmas = whole.sigma[count:]
         own = [
             judged(f"{tilt.name}.{axis}", float(x), "rad", float(s), GROUP, nominal=getattr(tilt, axis))
-            for axis, x, s in zip("xy", leaning, sigmas, strict=True)
+            for axis, x, s in zip("xy", equations.tilt, sigmas, strict=True)
         ]
         parameters = (*parameters[:count], *own, *parameters[count:])
         values = {p.name: p.value for p in own}
         found = found.with_effects(tilt.with_values(values))
-        model = with_gravity(model, level.at(leaning))
+        model = with_gravity(model, level.at(equations.tilt))
     found = with_found_shapes(found, shapes)
     done = time.perf_counter()
-    notes += [*doubts, *motion_notes(model, motion, torques, solved), *shape_notes(shapes)]
+    notes += [*doubts, *motion_notes(model, motion, torques, solved)]
+    notes += [*shape_notes(shapes), *delay_note(equations.delay)]
     estimate = Estimate(
         description=description.name,
         method="torque least squares",
@@ -226,104 +217,7 @@ def identify_arm(
         conditions={"torque regressor": solved.condition},
         covariance=_padded(whole.covariance, len(parameters)),
     )
-    return ArmIdentification(estimate, found, base, solved, motion, model, torques, shapes)
-
-
-def settled_load(
-    description: Description, predicted: Callable[[np.ndarray], np.ndarray], load: np.ndarray
-) -> np.ndarray:
-    """Return the torques (N, nv) [N m | N] that follow from themselves, where friction depends on the load.
-
-    ``predicted`` takes loads (N, nv) and returns torques (N, nv); ``load`` is what to begin with.
-    """
-    out = predicted(load)
-    if by_load(description):
-        for _ in range(LOADS):
-            before, out = out, predicted(out)
-            if np.abs(out - before).max() <= 1e-4 * np.abs(out).max():
-                break
-    return out
-
-
-def by_load(description: Description) -> bool:
-    """Return whether friction of the description depends on the load."""
-    return any(isinstance(e, JointFriction) and "load" in e.asked() for e in description.effect)
-
-
-def solve_equations(
-    model: SpacecraftModel,
-    motion: SmoothMotion,
-    torques: JointTorques,
-    base: BaseParameters,
-    level: Level | None = None,
-) -> tuple[tuple[FrictionShape, ...], JointTorques, JointRegression, np.ndarray]:
-    """Solve with the shapes of friction and the base's tilt, those found free to move in the covariance.
-
-    The load that friction depends on is what is predicted: what is measured has noise. Behind the base
-    parameters (b,) stand the changes (2,) of the tilt; the tilt itself, (2,) or (0,) [rad], is returned last.
-    """
-    load, described = torques.torque, torques
-    tilt = level.search(torques, base) if level else np.zeros(0)
-    if level:
-        torques = level.turned(described, tilt)
-    shapes = friction_shapes(model, motion, torques, load)
-    effects = {e.name: e for e in model.description.effect}
-    count = len(base) + tilt.size
-    places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
-    loaded = by_load(model.description)
-    sizes: dict[str, float] = {}
-    x = np.zeros(len(base))
-    for k in range(ROUNDS):
-        if level:
-            torques = level.turned(described, tilt)
-        torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
-        if not k:  # sizes of friction, for the slopes
-            first = solve_joints(torques.rows[:, :, base.independent], torques.torque)
-            sizes = {n: float(first.x[i]) for n, i in places.items()}
-            x = first.x
-        columns = [level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
-        for (name, _), of in slopes.items():
-            column = np.zeros((*torques.torque.shape, 1))
-            own = [i for i, _ in acts_on(effects[name], model)]
-            column[:, own, 0] = sum(sizes.get(n, 0.0) * slope for n, slope in of.items())
-            columns.append(column)
-        rows = np.concatenate([torques.rows[:, :, base.independent], *columns], axis=2)
-        solved = solve_joints(rows, torques.torque, _shape_prior(shapes, effects, model, motion, count))
-        sizes = {n: float(solved.x[i]) for n, i in places.items()}
-        x = solved.x[: len(base)]
-        lean = solved.x[len(base) : count]
-        tilt = tilt + np.clip(lean, -0.1, 0.1)
-        moved, new = float(np.max(np.abs(lean) / solved.sigma[len(base) : count], initial=0.0)), []
-        shifts = iter(zip(solved.x[count:].tolist(), solved.sigma[count:].tolist(), strict=True))
-        for s in shapes:
-            if s.status != "found":
-                new.append(s)
-                continue
-            shift, sigma = next(shifts)
-            moved = max(moved, abs(shift) / max(sigma, 1e-12))
-            low, high = shape_bounds(effects[s.effect], s.field, model, motion)
-            value = float(np.clip(s.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
-            new.append(replace(s, value=value, sigma=sigma))
-        shapes = tuple(new)
-        if moved < 0.05 and (k or not loaded):
-            break
-        if loaded:
-            load = torques.rows[:, :, base.independent] @ x
-    solved = replace(solved, x=solved.x[:count], covariance=solved.covariance[:count, :count])
-    return shapes, torques, solved, tilt
-
-
-def _shape_prior(
-    shapes: Sequence[FrictionShape],
-    effects: Mapping[str, Effect],
-    model: SpacecraftModel,
-    motion: SmoothMotion,
-    count: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Means and standard deviations of the changes of the shapes' logarithms, behind ``count`` others."""
-    found = [s for s in shapes if s.status == "found"]
-    mean = [float(np.log(usual_shape(effects[s.effect], s.field, model, motion) / s.value)) for s in found]
-    return np.concatenate([np.zeros(count), mean]), np.repeat([np.inf, np.log(WITHIN)], [count, len(found)])
+    return ArmIdentification(estimate, found, base, solved, motion, model, torques, shapes, equations.delay)
 
 
 def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:

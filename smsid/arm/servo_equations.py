@@ -1,0 +1,156 @@
+"""The equations of servo joints: position errors in the place of torques, and where they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.arm.columns import joint_index
+from smsid.arm.joint_torques import JointTorques, block_means
+from smsid.arm.joints import with_joint_order
+from smsid.arm.readings import measured_channel
+from smsid.arm.smooth_motion import SmoothMotion
+from smsid.effects import JointFriction, Servo
+from smsid.errors import DescriptionError, RecordingError
+from smsid.model.identifiable import BaseParameters
+from smsid.model.regressor import Regressor
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+SOURCE = "servo"
+COMMAND = "command.joint_position"
+
+BEYOND = 6.0
+"""Noises that the error must exceed what moves the joint by, to be beyond a limit."""
+
+REST = 0.1
+"""Share of the rate's rms below which a joint may stick."""
+
+SHARP = 0.02
+"""Width of friction's sign, as a share of the rate's rms."""
+
+FEWEST = 3
+"""Blocks in a row from which on a limit is believed."""
+
+
+def with_position_errors(model: SpacecraftModel, recording: Recording) -> Recording:
+    """Return the recording with position errors in the place of torques, command minus encoder.
+
+    A command is held: half a step to either side of an encoder's sample, its mean is taken.
+    """
+    if COMMAND not in recording.channels:
+        raise RecordingError(
+            f"The recording has no '{COMMAND}'.", advice="Map the commanded positions to it."
+        )
+    ordered = with_joint_order(model, recording)
+    encoder = measured_channel(ordered, "joint_position")
+    times, angle = np.asarray(ordered.time(encoder)), np.asarray(ordered[encoder], dtype=float)
+    sent, value = np.asarray(ordered.time(COMMAND)), np.asarray(ordered[COMMAND], dtype=float)
+    half = 0.5 * float(np.median(np.diff(times)))
+    area = np.vstack([np.zeros(value.shape[1]), np.cumsum(np.diff(sent)[:, None] * value[:-1], axis=0)])
+
+    def integral(at: np.ndarray) -> np.ndarray:
+        k = np.clip(np.searchsorted(sent, at, side="right") - 1, 0, len(sent) - 1)
+        return area[k] + (at - sent[k])[:, None] * value[k]
+
+    inside = (times - half >= sent[0]) & (times + half <= sent[-1] + 2.0 * half)
+    held = (integral(times + half) - integral(times - half)) / (2.0 * half)
+    return Recording.from_arrays(
+        times[inside],
+        {encoder: angle[inside], f"{SOURCE}.joint_torque": (held - angle)[inside]},
+        labels={"joint": model.arm_joints.names},
+        role=ordered.role,
+        name=ordered.name,
+    )
+
+
+def servo_equations(
+    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, servos: Mapping[int, Servo]
+) -> JointTorques:
+    """Return ``rows x = e``: x the inverse stiffnesses, and everything else divided by them.
+
+    Where a stiffness is known, its links are taken to the other side.
+    """
+    theta = Regressor(model).parameters
+    if not np.any(theta):
+        raise DescriptionError("The links have no inertia.", advice="Give the URDF inertias.")
+    links, signal = torques.rows[:, :, : theta.size] @ theta, np.array(torques.torque)
+    extra, names, units = [], [], []
+
+    def add(name: str, k: int, values: np.ndarray) -> None:
+        column = np.zeros(links.shape)
+        column[:, k] = values
+        extra.append(column)
+        names.append(name)
+        units.append("1")
+
+    # samples of the angle have their mean, the held command its integral: second order in the step
+    signal -= motion.step**2 / 24.0 * block_means(motion.a, torques.starts)
+    angles = block_means(model.joint_angles(motion.q), torques.starts)
+    for place, k in enumerate(model.arm_joints.v.tolist()):
+        s = servos[k]
+        if is_known(s, "stiffness"):
+            signal[:, k] -= links[:, k] / s.stiffness
+        else:
+            add(f"{s.name}.stiffness", k, links[:, k])
+        if s.damps == "error":
+            command = angles[:, place] + torques.torque[:, k]
+            rate = np.gradient(command, torques.time)
+            if is_known(s, "damping") and is_known(s, "stiffness"):
+                signal[:, k] += s.damping / s.stiffness * rate
+            else:
+                add(f"{s.name}.damping", k, -rate)
+    return replace(
+        torques,
+        rows=np.concatenate([*(c[:, :, None] for c in extra), torques.rows[:, :, theta.size :]], axis=2),
+        torque=signal,
+        names=(*names, *torques.names[theta.size :]),
+        units=(*units, *torques.units[theta.size :]),
+    )
+
+
+def is_known(servo: Servo, field: str) -> bool:
+    """Return whether a field of a servo is stated to be known."""
+    return field in servo.known or "all" in servo.known
+
+
+def every_column(torques: JointTorques) -> BaseParameters:
+    """Return the parameters of equations as they are, each by itself."""
+    n = len(torques.names)
+    return BaseParameters(torques.names, torques.units, np.arange(n), np.eye(n), (), 1.0)
+
+
+def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> SpacecraftModel:
+    """Return the model whose friction changes sign where nothing is looked at, see `moves_throughout`."""
+    rms = np.sqrt(np.mean(motion.v**2, axis=0))
+    effects = [
+        e.model_copy(update={"smoothing": SHARP * float(rms[joint_index(model, e, e.joint)])})
+        if isinstance(e, JointFriction)
+        else e
+        for e in model.description.effect
+    ]
+    return replace(model, description=model.description.with_effects(*effects))
+
+
+def moves_throughout(motion: SmoothMotion, torques: JointTorques) -> np.ndarray:
+    """Return where (B, joints) a joint moves throughout a block: at rest, dry friction is what it must be."""
+    slow = REST * np.sqrt(np.mean(motion.v**2, axis=0))
+    least = np.minimum.reduceat(np.abs(motion.v), torques.starts, axis=0)
+    turned = np.minimum.reduceat(motion.v, torques.starts, axis=0) * np.maximum.reduceat(
+        motion.v, torques.starts, axis=0
+    )
+    return (least > slow) & (turned > 0.0)
+
+
+def within_limits(error: np.ndarray, left: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Return where (B, joints) a torque was not at a limit: there the error grows and the torque does not."""
+    out = np.ones(error.shape, dtype=bool)
+    for k in range(error.shape[1]):
+        noise = 1.4826 * float(np.median(np.abs(left[inside[:, k], k])))
+        beyond = np.sign(error[:, k]) * left[:, k] > BEYOND * noise
+        run = np.convolve(beyond, np.ones(FEWEST), mode="same") >= FEWEST
+        long = np.convolve(run, np.ones(FEWEST), mode="same") > 0
+        out[:, k] = ~(beyond & long)
+    return out

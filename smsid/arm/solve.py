@@ -1,0 +1,164 @@
+"""Solving the torque equations of an arm with what they are not linear in.
+
+Shapes of friction, the base's tilt and the lateness of angles are found with all else, so that the intervals
+of all include theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid._short_repr import short_repr
+from smsid.arm.delay import EXPECTED, IN_STEP, AngleDelay, delay_column, torque_means
+from smsid.arm.friction_shape import (
+    WITHIN,
+    FrictionShape,
+    acts_on,
+    friction_shapes,
+    shape_bounds,
+    usual_shape,
+    with_shape_columns,
+)
+from smsid.arm.joint_torques import JointTorques
+from smsid.arm.level import Level
+from smsid.arm.regression import JointRegression, solve_joints
+from smsid.arm.smooth_motion import SmoothMotion
+from smsid.description import Description
+from smsid.effects import Effect, JointFriction
+from smsid.model.identifiable import BaseParameters
+from smsid.model.spacecraft import SpacecraftModel
+
+ROUNDS = 6
+"""Rounds in which all that is not linear is fitted with all else."""
+
+SETTLED = 0.05
+"""Standard deviations by which nothing moves any more at the end."""
+
+LOADS = 12
+"""Rounds in which the load that friction depends on follows from the torques it takes part in."""
+
+
+@short_repr
+@dataclass(frozen=True)
+class SolvedEquations:
+    """``torques`` are the equations at the shapes, the tilt (2,) or (0,) [rad] and the delay that were found.
+
+    Behind the base parameters (b,) of ``regression`` stand the last changes of the tilt.
+    """
+
+    shapes: tuple[FrictionShape, ...]
+    torques: JointTorques
+    regression: JointRegression
+    tilt: np.ndarray
+    delay: AngleDelay
+
+
+def solve_equations(
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    torques: JointTorques,
+    base: BaseParameters,
+    level: Level | None = None,
+    *,
+    delayed: bool = True,
+) -> SolvedEquations:
+    """Solve with the shapes of friction, the base's tilt and the lateness of angles free in the covariance.
+
+    The load that friction depends on is what is predicted: what is measured has noise. Not ``delayed``: what
+    stands for the torques has the clock of the angles.
+    """
+    load, described = torques.torque, torques
+    tilt, late = level.search(torques, base) if level else np.zeros(0), IN_STEP
+    if level:
+        torques = level.turned(described, tilt)
+    shapes = friction_shapes(model, motion, torques, load)
+    effects = {e.name: e for e in model.description.effect}
+    leaning, count = len(base) + tilt.size, len(base) + tilt.size + delayed
+    places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
+    loaded = by_load(model.description)
+    sizes: dict[str, float] = {}
+    x = np.zeros(len(base))
+    for k in range(ROUNDS):
+        if level:
+            torques = level.turned(described, tilt)
+        if delayed and late.value:
+            torques = replace(torques, torque=torque_means(motion, torques.starts, late.value))
+        torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
+        rows = torques.rows[:, :, base.independent]
+        if not k:  # sizes of friction, for the slopes
+            x = solve_joints(rows, torques.torque).x
+            sizes = {n: float(x[i]) for n, i in places.items()}
+        columns = [rows, level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
+        if delayed:
+            columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])
+        for (name, _), of in slopes.items():
+            column = np.zeros((*torques.torque.shape, 1))
+            own = [i for i, _ in acts_on(effects[name], model)]
+            column[:, own, 0] = sum(sizes.get(n, 0.0) * slope for n, slope in of.items())
+            columns.append(column)
+        mean, sigma = _shape_prior(shapes, effects, model, motion, count)
+        if delayed:
+            mean[leaning], sigma[leaning] = -late.value, EXPECTED
+        solved = solve_joints(np.concatenate(columns, axis=2), torques.torque, (mean, sigma))
+        sizes = {n: float(solved.x[i]) for n, i in places.items()}
+        x = solved.x[: len(base)]
+        free = slice(len(base), count)
+        moved, new = float(np.max(np.abs(solved.x[free]) / solved.sigma[free], initial=0.0)), []
+        tilt = tilt + np.clip(solved.x[len(base) : leaning], -0.1, 0.1)
+        if delayed:
+            step = float(np.clip(solved.x[leaning], -EXPECTED, EXPECTED))
+            late = AngleDelay(late.value + step, float(solved.sigma[leaning]))
+        shifts = iter(zip(solved.x[count:].tolist(), solved.sigma[count:].tolist(), strict=True))
+        for s in shapes:
+            if s.status != "found":
+                new.append(s)
+                continue
+            shift, spread = next(shifts)
+            moved = max(moved, abs(shift) / max(spread, 1e-12))
+            low, high = shape_bounds(effects[s.effect], s.field, model, motion)
+            value = float(np.clip(s.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
+            new.append(replace(s, value=value, sigma=spread))
+        shapes = tuple(new)
+        if moved < SETTLED and (k or not loaded):
+            break
+        if loaded:
+            load = rows @ x
+    kept = replace(solved, x=solved.x[:leaning], covariance=solved.covariance[:leaning, :leaning])
+    return SolvedEquations(shapes, torques, kept, tilt, late)
+
+
+def settled_load(
+    description: Description, predicted: Callable[[np.ndarray], np.ndarray], load: np.ndarray
+) -> np.ndarray:
+    """Return the torques (N, nv) [N m | N] that follow from themselves, where friction depends on the load.
+
+    ``predicted`` takes loads (N, nv) and returns torques (N, nv); ``load`` is what to begin with.
+    """
+    out = predicted(load)
+    if by_load(description):
+        for _ in range(LOADS):
+            before, out = out, predicted(out)
+            if np.abs(out - before).max() <= 1e-4 * np.abs(out).max():
+                break
+    return out
+
+
+def by_load(description: Description) -> bool:
+    """Return whether friction of the description depends on the load."""
+    return any(isinstance(e, JointFriction) and "load" in e.asked() for e in description.effect)
+
+
+def _shape_prior(
+    shapes: Sequence[FrictionShape],
+    effects: Mapping[str, Effect],
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    count: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations of the changes of the shapes' logarithms, behind ``count`` others."""
+    found = [s for s in shapes if s.status == "found"]
+    mean = [float(np.log(usual_shape(effects[s.effect], s.field, model, motion) / s.value)) for s in found]
+    return np.concatenate([np.zeros(count), mean]), np.repeat([np.inf, np.log(WITHIN)], [count, len(found)])
