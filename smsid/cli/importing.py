@@ -29,6 +29,10 @@ def import_command(
             "--unchecked", help="bring gaps, missing samples and contradictions in as they are, untold"
         ),
     ] = False,
+    also: Annotated[
+        list[Path] | None,
+        typer.Option(help="another file with columns of the same log on the same clock; once for each"),
+    ] = None,
 ) -> Outcome:
     """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
     from smsid.cli.show_parts import recording_document
@@ -36,7 +40,7 @@ def import_command(
     from smsid.recording import import_recording, save_recording
 
     with working(f"importing {file.name}"):
-        recording = import_recording(file, mapping, check=not unchecked)
+        recording = import_recording(file, mapping, check=not unchecked, also=also or ())
         save_recording(recording, output)
     out = console()
     out.print(recording_table(recording))

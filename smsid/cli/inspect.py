@@ -32,6 +32,10 @@ def inspect_command(
         ),
     ] = None,
     cutoff: Annotated[float | None, typer.Option(min=1e-6, help="with --description: low-pass [Hz]")] = None,
+    also: Annotated[
+        list[Path] | None,
+        typer.Option(help="another file with columns of the same log on the same clock; once for each"),
+    ] = None,
     show_all: ShowAll = False,
 ) -> Outcome:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
@@ -45,14 +49,14 @@ def inspect_command(
     if description is not None and mapping is None:
         raise SmsidError("--description needs --with.", advice="Say what the columns are in a mapping.")
     with working(f"reading {file.name}"):
-        report = inspect_file(file, mapping)
+        report = inspect_file(file, mapping, also=also or ())
     doubts = list(report.suspicions)
     if description is not None and mapping is not None:
         from smsid.arm import joint_doubts
         from smsid.description import load_description
         from smsid.recording import import_recording
 
-        recording = import_recording(file, mapping, check=False)
+        recording = import_recording(file, mapping, check=False, also=also or ())
         doubts += [d.sentence for d in joint_doubts(load_description(description), recording, cutoff=cutoff)]
     out = console()
     left = ("clock", "jitter", "unit", "column")

@@ -16,6 +16,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.recording import _checks
 from smsid.recording._guess import Group, rises_evenly
+from smsid.recording._joint_names import COMMANDED, joined_by_quantity, joint_labels
 from smsid.recording.channels import EXTRA, QUANTITIES
 from smsid.recording.columns import Columns
 from smsid.recording.importing import columns_to_recording
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from smsid.recording.inspect import ClockReport
 
 PER_TOPIC = (".stamp", ".time")
-COMMANDED = re.compile(r"(^|[^a-z])(target|cmd|command|commanded|desired|setpoint|reference|ref|soll|goal)")
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def draft_mapping(
 
 def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group]) -> list[_Entry]:
     entries = []
-    for group in found:
+    for group in joined_by_quantity(found, columns):
         if _part_of_array(group, columns):
             continue
         shape = columns[group.columns[0]].shape
@@ -133,6 +133,8 @@ def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Gr
             known = [k for k in columns if k.startswith(f"{group.columns[0]}.") and columns[k].ndim == 1]
             if len(known) == width:
                 labels = tuple(k[len(group.columns[0]) + 1 :] for k in known)
+        elif quantity is not None and len(group.columns) > 1:
+            labels = joint_labels(group)
         name = quantity if quantity not in (None, "current") else f"{EXTRA}.{_slug(group.stem) or 'column'}"
         if quantity is None and group.quantity is not None:
             usual = QUANTITIES.get(group.quantity)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
 from smsid.recording._units import convert
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity, quantity_of
+from smsid.recording.joined_columns import read_joined
 from smsid.recording.mapping import (
     ChannelTable,
     ClockTable,
@@ -24,14 +26,18 @@ from smsid.recording.mapping import (
     mapping_path,
     target_unit,
 )
-from smsid.recording.readers import Columns, parse_number, read_columns
+from smsid.recording.readers import Columns, parse_number
 from smsid.recording.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
 
 def import_recording(
-    file: str | os.PathLike[str], mapping: str | os.PathLike[str] | ImportMapping, *, check: bool = True
+    file: str | os.PathLike[str],
+    mapping: str | os.PathLike[str] | ImportMapping,
+    *,
+    check: bool = True,
+    also: Sequence[str | os.PathLike[str]] = (),
 ) -> Recording:
     """Bring a log file in: CSV (also gzipped), NPZ, MATLAB, HDF5, netCDF-4, ROS bags, MCAP or Parquet.
 
@@ -40,13 +46,14 @@ def import_recording(
         mapping: a TOML file, the name of one of `bundled_mappings`, or an `ImportMapping`.
         check: run `Recording.check` on the result. Without it, NaN, gaps and contradictions come in as they
             are.
+        also: files with more columns of the same log, see `read_joined`.
 
     Raises:
         RecordingError: file or mapping cannot be read, a column is missing or not numeric, lengths differ, a
             unit is of the wrong dimension, or what `Recording.check` finds.
     """
     rules = load_mapping(mapping)
-    columns = read_columns(file, rules.csv.format())
+    columns = read_joined(file, also, rules.csv.format())
     job = _Import(Path(file), rules, columns)
     provenance: dict[str, Any] = {
         "imported": {
@@ -55,6 +62,8 @@ def import_recording(
             "mapping": rules.model_dump(mode="json", exclude_defaults=True),
         }
     }
+    if also:
+        provenance["imported"]["also"] = {Path(f).name: _sum(Path(f)) for f in also}
     if not isinstance(mapping, ImportMapping):
         provenance["imported"]["mapping_file"] = mapping_path(mapping).name
     if rules.recording.note:

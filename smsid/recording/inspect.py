@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,8 @@ from smsid.recording._draft import draft_mapping
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
 from smsid.recording.columns import Columns
 from smsid.recording.importing import import_recording
+from smsid.recording.joined_columns import read_joined
 from smsid.recording.mapping import ImportMapping, load_mapping
-from smsid.recording.readers import read_columns
 
 logger = logging.getLogger(__name__)
 
@@ -80,7 +81,10 @@ class FileReport:
 
 
 def inspect_file(
-    path: str | os.PathLike[str], mapping: str | os.PathLike[str] | ImportMapping | None = None
+    path: str | os.PathLike[str],
+    mapping: str | os.PathLike[str] | ImportMapping | None = None,
+    *,
+    also: Sequence[str | os.PathLike[str]] = (),
 ) -> FileReport:
     """Look into a log of any format that `read_columns` reads.
 
@@ -91,13 +95,14 @@ def inspect_file(
     Args:
         path: the log.
         mapping: what the columns are; None takes the draft.
+        also: files with more columns of the same log, see `read_joined`.
 
     Raises:
         RecordingError: the file cannot be read, or the given mapping does not fit it.
         MissingDependencyError: its reader needs an extra.
     """
     rules = None if mapping is None else load_mapping(mapping)
-    columns = read_columns(path, None if rules is None else rules.csv.format())
+    columns = read_joined(path, also, None if rules is None else rules.csv.format())
     joined = {part for name in columns if " + " in name for part in name.split(" + ") if part in columns}
     clocks = {
         name: _clock(columns, name)
@@ -122,14 +127,19 @@ def inspect_file(
         told = any("changes only every" in d for d in doubts)  # by column, before any mapping
         doubts += [c for c in drafted.contradictions if not (told and "it holds data of" in c)]
     else:
-        doubts += _contradictions(path, rules, doubts)
+        doubts += _contradictions(path, rules, doubts, also)
     return FileReport(str(path), tuple(clocks.values()), reports, tuple(doubts), drafted.text)
 
 
-def _contradictions(path: str | os.PathLike[str], rules: ImportMapping, doubts: list[str]) -> list[str]:
+def _contradictions(
+    path: str | os.PathLike[str],
+    rules: ImportMapping,
+    doubts: list[str],
+    also: Sequence[str | os.PathLike[str]],
+) -> list[str]:
     """Say which channels contradict each other, once imported; how a log with doubts fails is no news."""
     try:
-        return import_recording(path, rules, check=False).suspicious()
+        return import_recording(path, rules, check=False, also=also).suspicious()
     except RecordingError as error:
         if not doubts:
             raise

@@ -86,11 +86,11 @@ def channel_findings(recording: Recording) -> tuple[Finding, ...]:
             if pair is not None:
                 pairs.append((x, v, pair))
     for x, v, pair in pairs:
-        resting = [
-            f
-            for f in _PairCheck(recording, x, v, pair, spoilt).resting()
-            if (f.channel, f.components[0]) not in spoilt
-        ]
+        check = _PairCheck(recording, x, v, pair, spoilt)
+        resting = [f for f in check.resting() if (f.channel, f.components[0]) not in spoilt]
+        if any(f.kind == "saturated" for f in resting) and check.delayed():
+            # where one turns round, the other, late, still moves
+            resting = [f for f in resting if f.kind != "saturated"]
         found += resting
         spoilt |= {(f.channel, f.components[0]) for f in resting}
     for x, v, pair in pairs:
@@ -191,6 +191,11 @@ class _PairCheck:
             delay = self._delay(best)
             found += [delay] if delay else []
         return found
+
+    def delayed(self) -> bool:
+        """Whether one of the two channels is late, beyond doubt."""
+        delay = self._delay(self._best(self.pair)) if any(self.usable) else None
+        return delay is not None and delay.clear
 
     def _best(self, pair: KinematicPair) -> list[_Best | None]:
         best: list[_Best | None] = [None] * len(self.labels)
