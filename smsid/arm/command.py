@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from smsid._statistics import NORMAL95
+from smsid.arm.doubts import joint_doubts
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
 from smsid.arm.level import tilt_of
 from smsid.arm.presets import with_friction_laws, with_joint_effects
-from smsid.arm.scales import torque_scales, with_torque_gains
+from smsid.arm.scales import torque_scales, with_signal_gears, with_torque_gains
 from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.description import Description
 from smsid.effects import BaseTilt
 from smsid.errors import RecordingError
 from smsid.identify.estimate import save_estimate
+from smsid.model.regressor import Regressor
 from smsid.recording import Recording
+
+DOUBTFUL = 0.3
+"""Relative error of the torques from on which the recording is compared with the described links."""
 
 
 def identify_and_judge(
@@ -30,7 +36,7 @@ def identify_and_judge(
     cutoff: float | None,
     console: Console,
     *,
-    gains: bool = False,
+    gains: Sequence[str] = (),
     hold: Sequence[str] = (),
     usual: bool = False,
     friction: Sequence[str] = (),
@@ -43,12 +49,11 @@ def identify_and_judge(
 
     Returns for each recording how far its torques are predicted.
 
-    With ``gains`` the gears' torque gains are found first, the described links taken as known; a joint
-    whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that do not move, see
-    `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and offset;
-    ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
-    gravity's direction is found as well. ``report``:
-    an HTML to write as well, with the sums of the files ``inputs``.
+    The torque gains of the joints that the patterns ``gains`` fit are found first, the described links taken
+    as known; a joint whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that
+    do not move, see `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and
+    offset; ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level`` gravity's
+    direction is found as well. ``report``: an HTML to write as well, with the sums of the files ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
     `smsid.arm.servo.identify_servos`; nothing is judged then.
@@ -83,7 +88,11 @@ def identify_and_judge(
     if is_of_servos(recordings):
         return _servos_and_print(description, train, output, cutoff, console, held, everything=everything)
     if gains:
-        description = _with_gains(description, train[0], cutoff, console)
+        joints = rigid_arm(description, held).arm_joints.names
+        unknown = held_joints(joints, gains, option="--gain")
+        description, recordings = with_signal_gears(description, recordings, joints)
+        train = [r for r in recordings if r.role != "validation"]
+        description = _with_gains(description, train[0], cutoff, console, held, unknown)
     with working("identifying the arm"):
         found = identify_arm(description, train, cutoff=cutoff, hold=held)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
@@ -97,6 +106,9 @@ def identify_and_judge(
     for part in estimate_parts(found.estimate, everything=everything):
         console.print(part, highlight=False)
     _print_judgement(found, judged, console)
+    if judged[0][2].relative > DOUBTFUL and np.any(Regressor(found.model).parameters):
+        for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
+            console.print(f"doubt: {doubt.sentence}", style="yellow", markup=False, highlight=False)
     for line in told(found.estimate.notes, everything=everything):
         console.print(line, markup=False, highlight=False)
     console.print(
@@ -137,10 +149,16 @@ def _servos_and_print(
 
 
 def _with_gains(
-    description: Description, recording: Recording, cutoff: float | None, console: Console
+    description: Description,
+    recording: Recording,
+    cutoff: float | None,
+    console: Console,
+    held: Mapping[str, float],
+    unknown: Collection[str],
 ) -> Description:
-    """Return the description with the gains that can be told, and print all."""
-    scales = torque_scales(description, recording, cutoff=cutoff)
+    """Return the description with those of the unknown gains that can be told, and print all of them."""
+    scales = torque_scales(description, recording, cutoff=cutoff, hold=held)
+    scales = tuple(s for s in scales if s.joint in unknown)
     for s in scales:
         if s.sure:
             spread = NORMAL95 * s.sigma / s.value**2

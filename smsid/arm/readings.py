@@ -29,6 +29,10 @@ JUMP = 0.25
 """How far a jump may be from whole turns, as a share of a turn, to be the encoder's and not the joint's."""
 
 
+BEYOND = 5.0
+"""Times the span of its limits that a joint's angles may span: more is another unit."""
+
+
 @dataclass(frozen=True)
 class JointReadings:
     """What was measured, at the joints, each on its own clock and in the model's order of joints.
@@ -122,6 +126,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
         if what == "position":
             zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
             values = values + np.array([zero.get(name, 0.0) for name in names])
+            _require_limits(model, names, values, channel)
         found[what] = times, values[:, order]
     none = np.zeros(0), np.zeros((0, len(names)))
     return JointReadings(
@@ -212,6 +217,31 @@ def _unwrapped(
         values = np.array(values)
         values[:, k] += TURN * turns[:, k]
     return values, jumped
+
+
+def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str) -> None:
+    """Refuse angles that no joint of these limits can have: they are in another unit."""
+    from smsid.effects.rotor import turns as rotates
+
+    for k, name in enumerate(names):
+        joint = int(model.pin.getJointId(name))
+        own = model.pin.joints[joint]
+        if own.nq == 2:
+            continue
+        low, high = model.pin.lowerPositionLimit[own.idx_q], model.pin.upperPositionLimit[own.idx_q]
+        least, most = float(values[:, k].min()), float(values[:, k].max())
+        if not (np.isfinite(high - low) and high > low and most - least > BEYOND * (high - low)):
+            continue
+        turning = rotates(model.pin, joint)
+        unit, other = ("rad", "degrees, or before its gear") if turning else ("m", "mm")
+        raise RecordingError(
+            f"'{channel}' of joint '{name}' is from {least:.4g} to {most:.4g} {unit}; its limits in the URDF "
+            f"are {low:.4g} and {high:.4g}: is it in {other}?",
+            advice="State the unit of this column in the mapping, or mend the joint's limits in the URDF.",
+            joint=name,
+            span=most - least,
+            limits=(float(low), float(high)),
+        )
 
 
 def _require_samples(values: np.ndarray, channel: str, least: int) -> None:

@@ -6,14 +6,16 @@ so is gravity; friction, rotors and offsets that the description lists are fitte
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.arm.identify import rigid_arm, torque_rows
-from smsid.arm.motion import JointMotion, joint_motion, measured_states
+from smsid.arm.identify import rigid_arm
+from smsid.arm.joint_torques import block_length, joint_torques
+from smsid.arm.readings import MOTOR, measured_channel
 from smsid.arm.regression import solve_joints
+from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Gear
 from smsid.errors import DescriptionError, NotIdentifiableError
@@ -47,54 +49,72 @@ class TorqueScale:
         return 1.0 / self.value
 
 
-def link_torques(
-    description: Description, recording: Recording, cutoff: float | None
-) -> tuple[SpacecraftModel, JointMotion, np.ndarray, np.ndarray]:
-    """Return model, motion, the torques (N, joints) that the described links need, and the effects' columns.
-
-    The columns (N, joints, columns) are those of friction, rotors and offsets.
-
-    Raises:
-        DescriptionError: not a welded arm, or links without inertia.
-        RecordingError: as `joint_motion`.
-    """
-    model = rigid_arm(description)
-    motion = joint_motion(model, recording, cutoff)
-    rows, _, _ = torque_rows(model, measured_states(motion))
+def known_links(model: SpacecraftModel) -> np.ndarray:
+    """Return the inertial parameters of the described links; raises as `torque_scales`."""
     theta = Regressor(model).parameters
     if not np.any(theta):
         raise DescriptionError(
             "The links have no inertia to compare torques with.", advice="Give the URDF inertias."
         )
-    links, extra = rows[:, :, : theta.size] @ theta, rows[:, :, theta.size :]
-    return model, motion, links, extra
+    return theta
 
 
 def torque_scales(
-    description: Description, recording: Recording, *, cutoff: float | None = None
+    description: Description,
+    recording: Recording,
+    *,
+    cutoff: float | None = None,
+    hold: Mapping[str, float] | None = None,
 ) -> tuple[TorqueScale, ...]:
     """Return the scale of every joint's torque signal; infinite sigma where its links' torque does not show.
 
     Args:
         description: a welded arm whose link inertias are known; its effects are fitted.
-        recording: joint angles and torque signals, see `joint_motion`.
-        cutoff: of the low-pass [Hz].
+        recording: joint angles and torque signals, see `smooth_motion`.
+        cutoff: up to where torques are compared [Hz]; by default as `identify_arm`.
+        hold: joints that did not move and were not measured, with their positions [rad | m].
 
     Raises:
         DescriptionError: not a welded arm, or links without inertia.
-        RecordingError: as `joint_motion`.
+        RecordingError: as `smooth_motion`.
+        NotIdentifiableError: no joint moves.
     """
-    model, motion, links, extra = link_torques(description, recording, cutoff)
+    model = rigid_arm(description, hold)
+    theta = known_links(model)
+    motion = smooth_motion(model, recording)
+    torques = joint_torques(model, motion, block_length(motion, cutoff))
+    links, extra = torques.rows[:, :, : theta.size] @ theta, torques.rows[:, :, theta.size :]
     found = []
     for name, j in zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True):
         own = extra[:, j]
         columns = np.column_stack([links[:, j], own[:, np.any(own != 0.0, axis=0)]])
         try:
-            solved = solve_joints(columns[:, None, :], motion.torque[:, j : j + 1])
+            solved = solve_joints(columns[:, None, :], torques.torque[:, j : j + 1])
             found.append(TorqueScale(name, float(solved.x[0]), float(solved.sigma[0])))
         except NotIdentifiableError:
             found.append(TorqueScale(name, float("nan"), float("inf")))
     return tuple(found)
+
+
+def with_signal_gears(
+    description: Description, recordings: Sequence[Recording], joints: Sequence[str]
+) -> tuple[Description, list[Recording]]:
+    """Return description and recordings in which gears carry the gain of every torque signal.
+
+    Where no joint has a gear, each gets one of ratio 1 to hold the gain, and the signals, recorded at the
+    joints, become those of their motors.
+    """
+    if any(isinstance(e, Gear) for e in description.effect):
+        return description, list(recordings)
+    gears = [Gear(name=f"gear_{j.replace('/', '-')}", joint=j, ratio=1.0) for j in joints]
+    renamed = []
+    for one in recordings:
+        channel = measured_channel(one, "joint_torque")
+        values = np.asarray(one.time(channel)), np.asarray(one[channel])
+        own = one.labels.get(f"{channel.partition('.')[0]}.joint")
+        labels = {f"{MOTOR}.joint": own} if own else None
+        renamed.append(one.without(channel).with_channels({f"{MOTOR}.joint_torque": values}, labels=labels))
+    return description.with_effects(*gears), renamed
 
 
 def with_torque_gains(description: Description, scales: Sequence[TorqueScale]) -> Description:

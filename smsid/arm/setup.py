@@ -56,10 +56,12 @@ def is_of_an_arm(recordings: Sequence[Recording]) -> bool:
     return any(n.endswith(".joint_torque") for n in names) and not any(n.startswith(BASE) for n in names)
 
 
-def held_joints(joints: Sequence[str], patterns: Sequence[str]) -> dict[str, float]:
+def held_joints(
+    joints: Sequence[str], patterns: Sequence[str], *, option: str = "--hold"
+) -> dict[str, float]:
     """Return the joints that are held, with their positions [rad | m].
 
-    Patterns are ``name``, ``hand_*`` or ``lift=0.1``.
+    Patterns are ``name``, ``hand_*`` or ``lift=0.1``; ``option`` is what messages call them.
 
     Raises:
         DescriptionError: a pattern fits no joint, or its position is no number.
@@ -71,12 +73,12 @@ def held_joints(joints: Sequence[str], patterns: Sequence[str]) -> dict[str, flo
             position = float(value) if given else 0.0
         except ValueError:
             raise DescriptionError(
-                f"'{pattern}' holds no position.", advice="Write --hold joint or --hold joint=0.3."
+                f"'{pattern}' holds no position.", advice=f"Write {option} joint or {option} joint=0.3."
             ) from None
         fitting = fnmatch.filter(joints, name)
         if not fitting:
             raise DescriptionError(
-                f"--hold '{name}' fits no joint.", advice=f"Joints of the model: {', '.join(joints)}."
+                f"{option} '{name}' fits no joint.", advice=f"Joints of the model: {', '.join(joints)}."
             )
         held |= dict.fromkeys(fitting, position)
     return held

@@ -71,6 +71,10 @@ def identify_command(
             "--gains", help="welded arm: first find the gain of every torque signal from the described links"
         ),
     ] = False,
+    gain: Annotated[
+        list[str] | None,
+        typer.Option(help="welded arm: the same for some joints only, such as 'wrist_*'; others are in N m"),
+    ] = None,
     rigid: Annotated[
         bool,
         typer.Option(
@@ -180,7 +184,7 @@ def identify_command(
             output,
             cutoff,
             out,
-            gains=gains,
+            gains=("*",) if gains else gain or (),
             hold=hold or (),
             usual=bare and not rigid,
             friction=friction or (),
@@ -191,8 +195,15 @@ def identify_command(
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or hold or rigid or friction or level:
-        given = {"--gains": gains, "--hold": hold, "--rigid": rigid, "--friction": friction, "--level": level}
+    if cutoff is not None or gains or gain or hold or rigid or friction or level:
+        given = {
+            "--gains": gains,
+            "--gain": gain,
+            "--hold": hold,
+            "--rigid": rigid,
+            "--friction": friction,
+            "--level": level,
+        }
         option = next((name for name, value in given.items() if value), "--cutoff")
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
