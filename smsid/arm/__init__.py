@@ -1,9 +1,10 @@
 """Arms on the ground: identification of links, friction, motors and couplings from joint torques."""
 
 from smsid.arm.columns import Column, JointStates, effect_columns, torque_columns
+from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
 from smsid.arm.doubts import JointDoubt, joint_doubts
 from smsid.arm.friction_shape import FrictionShape
-from smsid.arm.identify import ArmIdentification, TorqueComparison, TorqueErrors, identify_arm, torque_errors
+from smsid.arm.identify import ArmIdentification, identify_arm
 from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.presets import with_friction_laws, with_joint_effects

@@ -10,17 +10,18 @@ import numpy as np
 from rich.console import Console
 
 from smsid._statistics import NORMAL95
+from smsid.arm.comparison import JudgedArm
 from smsid.arm.doubts import joint_doubts
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.leftover import leftover_sentences
 from smsid.arm.level import tilt_of
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.scales import torque_scales, with_signal_gears, with_torque_gains
-from smsid.arm.servo import identify_servos, is_of_servos, with_servos
+from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.description import Description
 from smsid.effects import BaseTilt
-from smsid.errors import RecordingError
+from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
@@ -50,13 +51,14 @@ def identify_and_judge(
     Returns for each recording how far its torques are predicted.
 
     The torque gains of the joints that the patterns ``gains`` fit are found first, the described links taken
-    as known; a joint whose gain cannot be told keeps the described one. ``hold`` are patterns of joints that
-    do not move, see `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction, rotor and
-    offset; ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level`` gravity's
-    direction is found as well. ``report``: an HTML to write as well, with the sums of the files ``inputs``.
+    as known; the torque signal of a joint whose gain cannot be told is not used. ``hold`` are patterns of
+    joints that do not move, see `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction,
+    rotor and offset; ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
+    gravity's direction is found as well. ``report``: an HTML to write as well, with the sums of the files
+    ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
-    `smsid.arm.servo.identify_servos`; nothing is judged then.
+    `smsid.arm.servo.identify_servos`; torques are then position errors times stiffness.
 
     Raises:
         RecordingError: no recording to identify from, or as `identify_arm`.
@@ -85,16 +87,25 @@ def identify_and_judge(
         description = with_friction_laws(description, joints, friction)
     if level and tilt_of(description) is None:
         description = description.with_effects(BaseTilt(name="base_tilt"))
-    if is_of_servos(recordings):
-        return _servos_and_print(description, train, output, cutoff, console, held, everything=everything)
+    found: ArmIdentification | ServoIdentification
+    untold: tuple[str, ...] = ()
+    servos = is_of_servos(recordings)
+    if gains and servos:
+        raise RecordingError(
+            "The recordings hold no torque signals, but commands of servos: there is no gain to find.",
+            advice="Leave --gains and --gain out.",
+        )
     if gains:
         joints = rigid_arm(description, held).arm_joints.names
         unknown = held_joints(joints, gains, option="--gain")
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
-        description = _with_gains(description, train[0], cutoff, console, held, unknown)
+        description, untold = _with_gains(description, train[0], cutoff, console, held, unknown)
     with working("identifying the arm"):
-        found = identify_arm(description, train, cutoff=cutoff, hold=held)
+        if servos:
+            found = _identified_servos(description, train, cutoff, held)
+        else:
+            found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
     if report is not None:
@@ -106,7 +117,7 @@ def identify_and_judge(
     for part in estimate_parts(found.estimate, everything=everything):
         console.print(part, highlight=False)
     _print_judgement(found, judged, console)
-    if judged[0][2].relative > DOUBTFUL and np.any(Regressor(found.model).parameters):
+    if not servos and judged[0][2].relative > DOUBTFUL and np.any(Regressor(found.model).parameters):
         for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
             console.print(f"doubt: {doubt.sentence}", style="yellow", markup=False, highlight=False)
     for line in told(found.estimate.notes, everything=everything):
@@ -120,32 +131,15 @@ def identify_and_judge(
     ]
 
 
-def _servos_and_print(
+def _identified_servos(
     description: Description,
     recordings: Sequence[Recording],
-    output: Path,
     cutoff: float | None,
-    console: Console,
     held: Mapping[str, float],
-    *,
-    everything: bool,
-) -> list[dict[str, Any]]:
-    """Identify servo joints from commands and encoders, write and print."""
-    from smsid.cli.notes import told
-    from smsid.cli.output import working
-    from smsid.cli.tables import estimate_parts
-
+) -> ServoIdentification:
+    """Return servo joints identified from commands and encoders."""
     described = with_servos(description, rigid_arm(description, held).arm_joints.names)
-    with working("identifying the servos"):
-        found = identify_servos(described, recordings, cutoff=cutoff, hold=held)
-    save_estimate(found.estimate, output)
-    for part in estimate_parts(found.estimate, everything=everything):
-        console.print(part, highlight=False)
-    for line in told(found.estimate.notes, everything=everything):
-        console.print(line, markup=False, highlight=False)
-    seconds = found.estimate.timing["total"]
-    console.print(f"identified in {seconds:.1f} s; wrote {output}", markup=False, highlight=False)
-    return []
+    return identify_servos(described, recordings, cutoff=cutoff, hold=held)
 
 
 def _with_gains(
@@ -155,8 +149,13 @@ def _with_gains(
     console: Console,
     held: Mapping[str, float],
     unknown: Collection[str],
-) -> Description:
-    """Return the description with those of the unknown gains that can be told, and print all of them."""
+) -> tuple[Description, tuple[str, ...]]:
+    """Return the description with those of the unknown gains that can be told, and the other joints; print
+    all of them.
+
+    Raises:
+        NotIdentifiableError: no joint's gain is known.
+    """
     scales = torque_scales(description, recording, cutoff=cutoff, hold=held)
     scales = tuple(s for s in scales if s.joint in unknown)
     for s in scales:
@@ -165,14 +164,17 @@ def _with_gains(
             told = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
             told += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
         else:
-            told = "gain not told, the described one is kept: neither gravity nor inertia shows in its torque"
+            told = "gain not told: neither gravity nor inertia shows in its torque, which is not used"
         console.print(f"{s.joint}: {told}", markup=False, highlight=False)
-    return with_torque_gains(description, [s for s in scales if s.sure])
+    untold = tuple(s.joint for s in scales if not s.sure)
+    if len(untold) == len(rigid_arm(description, held).arm_joints):
+        raise NotIdentifiableError(
+            "No joint's gain can be told.", advice="Move the joints so that gravity or inertia shows."
+        )
+    return with_torque_gains(description, [s for s in scales if s.sure]), untold
 
 
-def _print_judgement(
-    found: ArmIdentification, judged: Sequence[tuple[str, str, Any]], console: Console
-) -> None:
+def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]], console: Console) -> None:
     from smsid.cli.tables import plain_table
 
     table = plain_table(
@@ -183,5 +185,5 @@ def _print_judgement(
     for name, role, errors in judged:
         table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
     console.print(table)
-    for sentence in leftover_sentences(found):
+    for sentence in leftover_sentences(found) if isinstance(found, ArmIdentification) else ():
         console.print(sentence, markup=False, highlight=False)

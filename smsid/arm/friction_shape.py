@@ -224,6 +224,8 @@ class _Search:
         centre = {f: float(np.log(usual_shape(self.effect, f, self.model, self.motion))) for f in free}
         first, other = self._columns(centre), self._columns({f: x + 0.5 for f, x in centre.items()})
         shaped = [n for n in first if not np.allclose(first[n], other[n], rtol=1e-9, atol=0.0)]
+        if not shaped:  # of joints whose torques are not used
+            return None
         parts = [_Equation(self.torques, k, shaped) for k, _ in acts_on(self.effect, self.model)]
 
         def stacked(logs: Mapping[str, float]) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
+from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
 from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
@@ -39,29 +40,6 @@ from smsid.recording.checks import consistency_notes
 GROUP = "arm"
 
 
-@dataclass(frozen=True)
-class TorqueErrors:
-    """How far predicted torques are from measured ones.
-
-    ``relative`` is ``|predicted - measured| / |measured|`` over all samples and joints, ``by_joint`` the
-    same of each; ``rmse`` by joint [N m].
-    """
-
-    relative: float
-    by_joint: dict[str, float]
-    rmse: dict[str, float]
-
-
-@short_repr
-@dataclass(frozen=True)
-class TorqueComparison:
-    """``time`` (B,) [s], ``measured`` and ``predicted`` torques (B, nv) of the model's joints [N m | N]."""
-
-    time: np.ndarray
-    measured: np.ndarray
-    predicted: np.ndarray
-
-
 @short_repr
 @dataclass(frozen=True)
 class ArmIdentification:
@@ -69,7 +47,8 @@ class ArmIdentification:
 
     ``description`` is the given one with the identified values of its effects; ``base`` and ``regression``
     hold the combinations of inertial and effect parameters that torques tell apart, and their values.
-    ``motion`` is what was fitted, ``delay`` by how much its angles are late against its torques.
+    ``motion`` is what was fitted, ``delay`` by how much its angles are late against its torques,
+    ``unused`` the joints whose torque signals took no part.
     """
 
     estimate: Estimate
@@ -81,6 +60,7 @@ class ArmIdentification:
     torques: JointTorques
     shapes: tuple[FrictionShape, ...] = ()
     delay: AngleDelay = IN_STEP
+    unused: tuple[str, ...] = ()
 
     def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
         """Return motor torques (N, nv) at the joints for a motion [N m]."""
@@ -114,7 +94,8 @@ class ArmIdentification:
         def with_load(load: np.ndarray) -> np.ndarray:
             equations = joint_torques(self.model, motion, length, shape_values(self.shapes), load)
             aligned = torque_means(motion, equations.starts, self.delay.value)
-            made.append(replace(equations, torque=aligned))
+            equations = replace(equations, torque=aligned)
+            made.append(equations.only(np.broadcast_to(self._kept, aligned.shape)))
             return made[-1].rows[:, :, self.base.independent] @ self.regression.x
 
         blocks = np.zeros((len(motion.blocks(length)), motion.v.shape[1]))
@@ -133,7 +114,12 @@ class ArmIdentification:
             RecordingError: as `smooth_motion`.
         """
         both = self.compare(recording)
-        return torque_errors(self.model, both.predicted, both.measured)
+        return torque_errors(self.model, both.predicted, both.measured, self.unused)
+
+    @property
+    def _kept(self) -> np.ndarray:
+        """Tell (nv,) whose torque signals are used."""
+        return np.array([n not in self.unused for n in list(self.model.pin.names)[1:]])
 
 
 def identify_arm(
@@ -142,6 +128,7 @@ def identify_arm(
     *,
     cutoff: float | None = None,
     hold: Mapping[str, float] | None = None,
+    without: Collection[str] = (),
 ) -> ArmIdentification:
     """Identify the base parameters of a welded arm and its effects from motion and torque.
 
@@ -157,6 +144,7 @@ def identify_arm(
         motion
             is smoothed at what its own data say.
         hold: joints that did not move and were not measured, with their positions [rad | m].
+        without: joints whose torque signals are not used, as their gain is not known.
 
     Raises:
         DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
@@ -178,8 +166,12 @@ def identify_arm(
     smoothed = time.perf_counter()
     tilt = tilt_of(description)
     nominal = np.asarray(description.gravity)
-    base = structural_base(with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model)
+    kept = np.array([n not in without for n in list(model.pin.names)[1:]])
+    shown = with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model
+    base = structural_base(shown, kept=kept)
     torques = joint_torques(model, motion, block_length(motion, cutoff))
+    if not kept.all():
+        torques = torques.only(np.broadcast_to(kept, torques.torque.shape))
     level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
     equations = solve_equations(model, motion, torques, base, level)
@@ -260,26 +252,20 @@ def torque_rows(
     return np.concatenate(parts, axis=2), links.names + names, links.units + units
 
 
-def torque_errors(model: SpacecraftModel, predicted: np.ndarray, measured: np.ndarray) -> TorqueErrors:
-    """Compare torques of the model's joints, ``predicted`` and ``measured``, (N, nv) [N m]."""
-    error = predicted - measured
-    joints = dict(zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True))
-    return TorqueErrors(
-        float(np.linalg.norm(error) / np.linalg.norm(measured)),
-        {n: float(np.linalg.norm(error[:, k]) / np.linalg.norm(measured[:, k])) for n, k in joints.items()},
-        {n: float(np.sqrt(np.mean(error[:, k] ** 2))) for n, k in joints.items()},
-    )
-
-
-def structural_base(model: SpacecraftModel, samples: int = 200) -> BaseParameters:
+def structural_base(
+    model: SpacecraftModel, samples: int = 200, *, kept: np.ndarray | None = None
+) -> BaseParameters:
     """Base parameters of the arm for any motion: from random states, so that names do not depend on the
-    log. Raises `DescriptionError` when torques depend on none.
+    log. Of the torques of the joints ``kept`` (nv,), all by default. Raises `DescriptionError` when torques
+    depend on none.
     """
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))
     q = np.array([model.set_joint_angles(model.home, x) for x in angles])
     v, a, load, warmth = rng.normal(size=(4, samples, model.nv))
     rows, names, units = torque_rows(model, JointStates(q, v, a, load, 20.0 + 5.0 * warmth))
+    if kept is not None:
+        rows = rows * kept[:, None]
     if len(set(names)) != len(names):
         raise DescriptionError(
             "Two parameters share a name.", advice="Rename an effect that is named like a link."
@@ -305,7 +291,7 @@ def _parameters(
     found += [
         ParameterEstimate(
             name, float("nan"), units[names.index(name)], float("nan"), "not_identifiable", GROUP, value,
-            note="no motion of the arm tells it apart from the links; it is part of a combination above",
+            note="no torque tells it apart from the links: part of a combination above, or its joint unused",
         )
         for name, value in known.items()
         if name in names and name not in kept

@@ -171,9 +171,12 @@ def _prior_rows(prior: tuple[np.ndarray, np.ndarray] | None, scale: np.ndarray) 
 def correlation_lags(residual: np.ndarray, *, level: float = 0.05) -> int:
     """Return the first lag at which the mean autocorrelation of residual (N, k) falls below ``level``.
 
-    At most a tenth of the record.
+    At most a tenth of the record. Columns of zeros are not there.
     """
-    x = residual - residual.mean(axis=0)
+    x = residual[:, np.any(residual != 0.0, axis=0)]
+    if not x.size:
+        return 1
+    x = x - x.mean(axis=0)
     samples = len(x)
     size = 2 ** int(np.ceil(np.log2(2 * samples)))
     spectrum = np.abs(np.fft.rfft(x, size, axis=0)) ** 2

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.arm.friction_shape import FrictionShape, shape_notes, with_found_shapes
+from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
+from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.identify import motion_notes, rigid_arm
-from smsid.arm.joint_torques import block_length, block_means, joint_torques
+from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
 from smsid.arm.readings import without_turns
 from smsid.arm.servo_equations import (
     COMMAND,
@@ -57,15 +58,61 @@ FIRST = 1.5
 class ServoIdentification:
     """Identified servo joints.
 
-    ``description`` has the identified values; ``residual`` (B, joints) [rad | m] is what is left of the
-    position errors, NaN where a torque was at its limit; ``noise`` (joints,) its standard deviation.
+    ``description`` has the identified values; ``own`` what was fitted, position errors times the stiffness;
+    ``noise`` (joints,) the standard deviation of what is left of the position errors [rad | m]; ``x`` the
+    solution of `servo_equations`, by blocks of ``length`` samples; ``stiffness`` (joints,) [N m/rad | N/m].
     """
 
     estimate: Estimate
     description: Description
-    residual: np.ndarray
+    model: SpacecraftModel
+    own: TorqueComparison
     noise: np.ndarray
     shapes: tuple[FrictionShape, ...]
+    x: np.ndarray
+    stiffness: np.ndarray
+    length: int
+    step: float
+
+    def compare(self, recording: Recording | None = None) -> TorqueComparison:
+        """Return the torques that position errors stand for, and those that the motion needs.
+
+        Of the recording identified from, or of another. Blocks in which a joint is at rest or at the limit of
+        its torque say nothing of it: both are zero there.
+
+        Raises:
+            RecordingError: as `identify_servos`.
+        """
+        if recording is None:
+            return self.own
+        motion = smooth_motion(self.model, with_position_errors(self.model, recording))
+        length = max(1, round(self.length * self.step / motion.step))
+        torques = joint_torques(self.model, motion, length, shape_values(self.shapes))
+        whole = servo_equations(self.model, motion, torques, _servos(self.model))
+        left = whole.torque - whole.rows @ self.x
+        moves = moves_throughout(motion, torques)
+        return _compared(torques, left, moves & within_limits(whole.torque, left, moves), self.stiffness)
+
+    def residual(self, recording: Recording | None = None) -> np.ndarray:
+        """Return measured minus predicted torques (B, joints) [N m | N], see `compare`."""
+        both = self.compare(recording)
+        return both.measured - both.predicted
+
+    def judge(self, recording: Recording) -> TorqueErrors:
+        """Return how far torques are predicted on a recording, see `compare`.
+
+        Raises:
+            RecordingError: as `identify_servos`.
+        """
+        both = self.compare(recording)
+        return torque_errors(self.model, both.predicted, both.measured)
+
+
+def _compared(
+    torques: JointTorques, left: np.ndarray, used: np.ndarray, stiffness: np.ndarray
+) -> TorqueComparison:
+    error = torques.torque * used
+    return TorqueComparison(torques.time, stiffness * error, stiffness * (error - left * used))
 
 
 def is_of_servos(recordings: Sequence[Recording]) -> bool:
@@ -134,6 +181,7 @@ def identify_servos(
         inside = found
     left = shaped.torque - np.einsum("bjn,n->bj", shaped.rows, solved.x)
     parameters, covariance = physical_values(model, whole, solved, servos, inside)
+    used = inside.copy()
     inside |= ~moves  # from here on: not at a limit
     values = {p.name: p.value for p in parameters}
     rates = block_means(motion.v, whole.starts)
@@ -159,7 +207,13 @@ def identify_servos(
         covariance=full,
     )
     described = with_found_shapes(_with_values(description, values), shapes)
-    return ServoIdentification(estimate, described, np.where(inside, left, np.nan), solved.noise, shapes)
+    stiffness = np.array(
+        [values.get(f"{servos[k].name}.stiffness", servos[k].stiffness) for k in sorted(servos)]
+    )
+    own = _compared(torques, left, used, stiffness)
+    return ServoIdentification(
+        estimate, described, model, own, solved.noise, shapes, solved.x, stiffness, length, motion.step
+    )
 
 
 def _servos(model: SpacecraftModel) -> dict[int, Servo]:

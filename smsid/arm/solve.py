@@ -85,7 +85,8 @@ def solve_equations(
         if level:
             torques = level.turned(described, tilt)
         if delayed and late.value:
-            torques = replace(torques, torque=torque_means(motion, torques.starts, late.value))
+            aligned = torque_means(motion, torques.starts, late.value)
+            torques = replace(torques, torque=aligned if described.used is None else aligned * described.used)
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
         rows = torques.rows[:, :, base.independent]
         if not k:  # sizes of friction, for the slopes
@@ -102,7 +103,10 @@ def solve_equations(
         mean, sigma = _shape_prior(shapes, effects, model, motion, count)
         if delayed:
             mean[leaning], sigma[leaning] = -late.value, EXPECTED
-        solved = solve_joints(np.concatenate(columns, axis=2), torques.torque, (mean, sigma))
+        every = np.concatenate(columns, axis=2)
+        if described.used is not None:
+            every *= described.used[:, :, None]
+        solved = solve_joints(every, torques.torque, (mean, sigma))
         sizes = {n: float(solved.x[i]) for n, i in places.items()}
         x = solved.x[: len(base)]
         free = slice(len(base), count)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smsid.arm.identify import ArmIdentification
+from smsid.arm.comparison import JudgedArm
 from smsid.arm.units import torque_unit
 from smsid.errors import SmsidError
 from smsid.recording import Recording
@@ -23,7 +23,7 @@ WELL = 0.1  # relative torque error on data not identified from, up to which the
 
 
 def arm_report(
-    found: ArmIdentification, recordings: Sequence[Recording], origin: Provenance, known: Known | None = None
+    found: JudgedArm, recordings: Sequence[Recording], origin: Provenance, known: Known | None = None
 ) -> Report:
     """Return the report of an arm's identification; it is judged by ``recordings``, its own first."""
     own = reported(found.estimate)
@@ -86,7 +86,7 @@ def arm_report(
     )
 
 
-def torque_traces(found: ArmIdentification, recording: Recording) -> tuple[Trace, ...]:
+def torque_traces(found: JudgedArm, recording: Recording) -> tuple[Trace, ...]:
     """Return measured and predicted torque of every joint of a recording, averaged as for identification."""
     try:
         both = found.compare(recording)
@@ -98,6 +98,8 @@ def torque_traces(found: ArmIdentification, recording: Recording) -> tuple[Trace
     fitted = np.sqrt(np.mean(found.residual() ** 2, axis=0))
     out = []
     for k in range(left.shape[1]):
+        if not both.measured[:, k].any() and not both.predicted[:, k].any():
+            continue  # its torque signal is not used
         label = f"{recording.name}: {names[k]}"
         unit = torque_unit(found.model, k)
         out.append(

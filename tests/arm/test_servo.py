@@ -80,6 +80,24 @@ def test_the_command_identifies_servos_of_a_bare_urdf(arm, tmp_path):
     assert "servo_j1.stiffness" in shows(tmp_path / "e.json")
 
 
+def test_servos_are_judged_by_another_recording_and_reported(arm, tmp_path):
+    train, held = recorded(0, seconds=10.0), recorded(7, seconds=6.0).with_role("validation")
+    for name, log in (("train", train), ("held", held)):
+        save_recording(log.with_name(name), tmp_path / f"{name}.nc")
+    arguments = ["identify", tmp_path / "two.urdf", tmp_path / "train.nc", tmp_path / "held.nc"]
+    arguments += ["-o", tmp_path / "e.json", "--report", tmp_path / "r.html"]
+    shown = CliRunner().invoke(app, [str(x) for x in arguments])
+    assert shown.exit_code == 0, shown.output
+    row = next(line for line in shown.output.splitlines() if "validation" in line)
+    assert float(row.split()[2]) < 0.1
+    assert "held: j1" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    found = identify_servos(arm, train)
+    both = found.compare(held)
+    kept = both.measured[:, 0] != 0.0
+    assert np.corrcoef(both.measured[kept, 0], both.predicted[kept, 0])[0, 1] > 0.99
+    assert found.residual(held).shape == both.measured.shape
+
+
 def test_what_cannot_be_told_is_named(arm):
     with pytest.raises(RecordingError, match=r"command\.joint_position"):
         identify_servos(arm, recorded(0, seconds=2.0).without("command.joint_position"))

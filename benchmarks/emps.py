@@ -1,0 +1,122 @@
+"""EMPS, a linear axis with ball screw: published values, two halves, and pulses it was not identified from.
+
+Least squares by hand on the same data - angles and forces through one Butterworth filter of 20 Hz, forward
+and backward, rates by differences - is judged on the same blocks of time. Needs SMSID_DATA with the folder
+emps.
+
+    python benchmarks/emps.py
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _common import environment, write_result
+from scipy.io import loadmat
+from scipy.signal import butter, sosfiltfilt
+
+from smsid.arm import identify_arm, with_friction_laws, with_joint_effects
+from smsid.arm.joint_torques import block_means
+from smsid.arm.smooth_motion import smooth_motion
+from smsid.description import Description
+from smsid.recording import Recording
+
+URDF = """<robot name="axis"><link name="base"/>
+<link name="carriage"><inertial><mass value="90"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="500" velocity="1"/></joint></robot>"""
+PUBLISHED = {
+    "carriage.m": 95.109,
+    "friction_slide.viscous": 203.503,
+    "friction_slide.coulomb": 20.394,
+    "bias_slide.torque": -3.165,
+}
+HAND_CUTOFF = 20.0  # [Hz]
+
+
+def read(name: str, role: str) -> Recording:
+    data = loadmat(str(Path(os.environ["SMSID_DATA"]) / "emps" / name))
+    t, q, signal = (data[k].ravel() for k in ("t", "qm", "vir"))
+    channels = {
+        "encoder.joint_position": q[:, None],
+        "drive.joint_torque": float(data["gtau"].item()) * signal[:, None],
+    }
+    return Recording.from_arrays(t, channels, labels={"joint": ("slide",)}, role=role, name=name)
+
+
+def by_hand(log: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (N, 4) and force (N,) of mass, viscous and Coulomb friction and offset, all filtered alike."""
+    t = log.time("encoder.joint_position")
+    step = float(np.median(np.diff(t)))
+    sos = butter(4, HAND_CUTOFF * 2.0 * step, output="sos")
+    q = sosfiltfilt(sos, log["encoder.joint_position"][:, 0])
+    v = np.gradient(q, step)
+    columns = np.column_stack([np.gradient(v, step), v, sosfiltfilt(sos, np.sign(v)), np.ones_like(v)])
+    return columns, sosfiltfilt(sos, log["drive.joint_torque"][:, 0])
+
+
+def main() -> None:
+    train, pulses = read("DATA_EMPS.mat", "estimation"), read("DATA_EMPS_PULSES.mat", "validation")
+    columns, force = by_hand(train)
+    hand = np.linalg.lstsq(columns, force, rcond=None)[0]
+    middle = float(train.time("encoder.joint_position").mean())
+    ends = [float(x) for x in train.time("encoder.joint_position")[[0, -1]]]
+    results: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as name:
+        (Path(name) / "axis.urdf").write_text(URDF)
+        bare = Description(
+            name="axis", urdf="axis.urdf", folder=Path(name), root="fixed", gravity=(0.0, 0.0, -9.81)
+        )
+        usual = with_joint_effects(bare, ("slide",), "joint_friction", "torque_offset")
+        for law, arm in (
+            ("viscous and Coulomb", usual),
+            ("and by direction", with_friction_laws(usual, ("slide",), ("direction",))),
+        ):
+            found = identify_arm(arm, train)
+            halves = [
+                identify_arm(arm, train.window(*w)).estimate for w in ((ends[0], middle), (middle, ends[1]))
+            ]
+            scores = {
+                p.name: (p.value - halves[1][p.name].value) / np.hypot(p.sigma, halves[1][p.name].sigma)
+                for p in halves[0].parameters
+            }
+            motion = smooth_motion(found.model, pulses)
+            starts = motion.blocks(found.torques.length)
+            inside = np.isin(pulses.time("encoder.joint_position"), motion.time)
+            rows, _ = by_hand(pulses)
+            measured = block_means(motion.torque[:, 0], starts)
+            own = block_means((rows @ hand)[inside], starts)
+            results[law] = {
+                "values": {p.name: [round(p.value, 3), round(p.sigma, 3)] for p in found.estimate.parameters},
+                "delay_ms": [round(1e3 * found.delay.value, 3), round(1e3 * found.delay.sigma, 3)],
+                "relative_to_published": {
+                    n: round(found.estimate[n].value / x - 1.0, 4)
+                    for n, x in PUBLISHED.items()
+                    if n in {p.name for p in found.estimate.parameters}
+                },
+                "halves_beyond_1.96_sigma": [int(sum(abs(z) > 1.96 for z in scores.values())), len(scores)],
+                "samples_in_a_block": found.torques.length,
+                "held_out_relative_error": round(found.judge(pulses).relative, 4),
+                "held_out_relative_error_by_hand": round(
+                    float(np.linalg.norm(own - measured) / np.linalg.norm(measured)), 4
+                ),
+            }
+            print(law, results[law], flush=True)
+    result = {
+        "claim": "EMPS: published values within 1 %, halves agree, pulses predicted better than by hand",
+        "command": "python benchmarks/emps.py",
+        "environment": environment("pin", "numpy", "scipy"),
+        "data": {"set": "emps", "identified_from": "DATA_EMPS.mat", "judged_on": "DATA_EMPS_PULSES.mat"},
+        "by_hand": {n: round(float(x), 3) for n, x in zip(PUBLISHED, hand, strict=True)},
+        "results": results,
+    }
+    print(write_result("emps", result))
+
+
+if __name__ == "__main__":
+    main()
