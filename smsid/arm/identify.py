@@ -209,7 +209,9 @@ def identify_arm(
         conditions={"torque regressor": solved.condition},
         covariance=_padded(whole.covariance, len(parameters)),
     )
-    return ArmIdentification(estimate, found, base, solved, motion, model, torques, shapes, equations.delay)
+    return ArmIdentification(
+        estimate, found, base, solved, motion, model, torques, shapes, equations.delay, tuple(without)
+    )
 
 
 def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:

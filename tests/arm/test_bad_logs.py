@@ -92,6 +92,8 @@ def test_one_unknown_gain_does_not_stop_the_others(arm, tmp_path, rng):
     assert set(told) == {"joint1", "joint2"}
     assert "gain not told" in told["joint1"]
     assert float(told["joint2"].split()[1]) == pytest.approx(-0.25, rel=0.02)
+    judged = next(line for line in shown.output.splitlines() if "all joints" in line)
+    assert "joint1" not in judged and "joint2" in judged
     estimate = load_estimate(tmp_path / "e.json")
     viscous = estimate["friction_joint2.viscous"]
     assert viscous.value == pytest.approx(DAMPING[1], rel=0.05)
