@@ -188,7 +188,7 @@ def joints_log(tmp_path, torque):
     ("spoil", "text"),
     [
         (lambda x: x, "nothing suspicious"),
-        (lambda x: x * [1.0, 1.0, 0.05], "joint3' is 0.0499"),
+        (lambda x: x * [1.0, 1.0, 0.05], "joint3' is 0.05 "),
         (lambda x: x * [1.0, -1.0, 1.0], "joint2' fits the description with its torque turned round"),
     ],
     ids=["right", "current", "sign"],
