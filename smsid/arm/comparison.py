@@ -1,4 +1,7 @@
-"""Measured torques of an arm beside those that a model predicts."""
+"""Measured torques of an arm beside those that a model predicts.
+
+Relative errors are what the literature on identified robots quotes (Gautier 1997).
+"""
 
 from __future__ import annotations
 

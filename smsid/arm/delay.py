@@ -31,7 +31,7 @@ IN_STEP = AngleDelay(0.0, 0.0)
 
 
 def torque_means(motion: SmoothMotion, starts: np.ndarray, late: float) -> np.ndarray:
-    """Return the mean torques (B, nv) [N m | N] that made the motion of blocks which begin at ``starts``.
+    """Return the mean torques (B, nv) [N m | N] of the motion of blocks, which begin at ``starts`` (B,).
 
     A sample stands for the step around it; a window that is ``late`` [s] earlier holds shares of its first
     and last one. Beyond either end of a stretch its outermost samples stand.
@@ -56,7 +56,8 @@ def torque_means(motion: SmoothMotion, starts: np.ndarray, late: float) -> np.nd
 def delay_column(motion: SmoothMotion, starts: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """Return what a torque signal (B, nv) changes by per second that the angles are later [N m/s | N/s].
 
-    ``predicted`` (B, nv) are the torques of the blocks: what is measured has noise.
+    ``predicted`` (B, nv) are the torques of the blocks that begin at ``starts`` (B,): what is measured has
+    noise.
     """
     at = np.asarray(motion.time)[starts]
     out = np.zeros_like(predicted)

@@ -50,7 +50,11 @@ class TorqueScale:
 
 
 def known_links(model: SpacecraftModel) -> np.ndarray:
-    """Return the inertial parameters of the described links; raises as `torque_scales`."""
+    """Return the inertial parameters (n,) of the described links, as in `Regressor` [SI].
+
+    Raises:
+        DescriptionError: the links have no inertia.
+    """
     theta = Regressor(model).parameters
     if not np.any(theta):
         raise DescriptionError(

@@ -39,6 +39,9 @@ def with_position_errors(model: SpacecraftModel, recording: Recording) -> Record
     """Return the recording with position errors in the place of torques, command minus encoder.
 
     A command is held: half a step to either side of an encoder's sample, its mean is taken.
+
+    Raises:
+        RecordingError: there is no command, or as `with_joint_order`.
     """
     if COMMAND not in recording.channels:
         raise RecordingError(
@@ -72,6 +75,9 @@ def servo_equations(
     """Return ``rows x = e``: x the inverse stiffnesses, and everything else divided by them.
 
     Where a stiffness is known, its links are taken to the other side.
+
+    Raises:
+        DescriptionError: the links have no inertia.
     """
     theta = Regressor(model).parameters
     if not np.any(theta):
@@ -145,7 +151,10 @@ def moves_throughout(motion: SmoothMotion, torques: JointTorques) -> np.ndarray:
 
 
 def within_limits(error: np.ndarray, left: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Return where (B, joints) a torque was not at a limit: there the error grows and the torque does not."""
+    """Return where (B, joints) a torque was not at a limit: there the error grows and the torque does not.
+
+    ``error`` and what the fit has ``left`` of it (B, joints) [rad | m]; ``inside`` (B, joints) what it used.
+    """
     out = np.ones(error.shape, dtype=bool)
     for k in range(error.shape[1]):
         noise = 1.4826 * float(np.median(np.abs(left[inside[:, k], k])))

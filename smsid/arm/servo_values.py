@@ -27,7 +27,13 @@ def physical_values(
     servos: Mapping[int, Servo],
     inside: np.ndarray,
 ) -> tuple[tuple[ParameterEstimate, ...], np.ndarray]:
-    """Return gains, friction, rotors and offsets, and their covariance, from those divided by stiffness."""
+    """Return gains, friction, rotors and offsets, and their covariance (n, n).
+
+    The equations give them divided by stiffness; ``inside`` (B, joints) are the blocks that were fitted.
+
+    Raises:
+        NotIdentifiableError: nothing gives a joint's stiffness.
+    """
     known = {p.name: p for e in model.description.effect for p in e.parameters()}
     joint_of = {e.name: str(getattr(e, "joint", "")) for e in model.description.effect}
     by_joint = {s.joint: (k, s) for k, s in servos.items()}
@@ -88,7 +94,8 @@ def torque_limits(
 ) -> list[ParameterEstimate]:
     """Return the torques that servos were limited to: what moved the joint while the error grew.
 
-    There the controller's damping acts no more, which viscous friction holds: both are regressed.
+    There the controller's damping acts no more, which viscous friction holds: both are regressed. ``rates``
+    (B, joints) [rad/s | m/s], ``inside`` (B, joints) where no limit was reached, see `physical_values`.
 
     Raises:
         NotIdentifiableError: what moves the joint there is not alike.
