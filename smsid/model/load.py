@@ -123,7 +123,9 @@ def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
             )
         one = JointGroup.of(model, [model.getJointId(name)])
         q = set_group_angles(model, one, q, np.array([arm.home.get(name, 0.0)]))
-    return _welded(child, arm.fixed, q)
+    led = {n: m for n, m in child.mimics.items() if m.joint in arm.fixed and n not in arm.home}
+    following = Followers.of(model, led)
+    return _welded(child, arm.fixed, q if following is None else following.placed(model, q))
 
 
 def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
