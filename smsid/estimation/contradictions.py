@@ -77,20 +77,33 @@ def contradictions_of(
         rest = [x for x in parts if x is not part]
         grams = part.gram, np.sum([x.gram for x in rest], axis=0)
         slopes = part.slope, np.sum([x.slope for x in rest], axis=0)
-        covariances = [np.linalg.inv(g + prior) for g in grams]
+        sides = [_told(g, prior) for g in grams]
+        covariances = [covariance for covariance, _ in sides]
         apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
         # what both have from the prior is no difference: of each only what its data say
-        told = [c @ g @ c for c, g in zip(covariances, grams, strict=True)]
-        spread = (told[0] + told[1]) * widening**2
+        spread = (sides[0][1] + sides[1][1]) * widening**2
         shared = _shared(grams, prior)
-        own = shared.T @ apart
-        size, basis = np.linalg.eigh(shared.T @ spread @ shared)
-        seen = size > 1e-10 * size[-1]
+        own, scatter = shared.T @ apart, shared.T @ spread @ shared
+        width = np.sqrt(np.diag(scatter))  # of unlike size: what is told best must not drown
+        own, (size, basis) = own / width, np.linalg.eigh(scatter / np.outer(width, width))
+        seen = size > 1e-8
         statistic = float(np.sum((basis[:, seen].T @ own) ** 2 / size[seen]))
         p_value = float(chi2.sf(statistic, int(seen.sum())))
         if p_value * len(parts) < LEVEL:
             out.append(Contradiction(part.label, p_value, _named(rows, covariances, slopes, spread)))
     return tuple(sorted(out, key=lambda c: c.p_value))
+
+
+def _told(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return C = (G + P)^-1 and C G C (m, m), P diagonal.
+
+    By the eigenvalues of G in standard deviations of the prior: products of the matrices themselves lose what
+    is known a million times better than before beside what is hardly told.
+    """
+    width = np.sqrt(1.0 / np.diag(prior))
+    size, basis = np.linalg.eigh(gram * np.outer(width, width))
+    size, basis = np.maximum(size, 0.0), basis * width[:, None]
+    return (basis / (size + 1.0)) @ basis.T, (basis * size / (size + 1.0) ** 2) @ basis.T
 
 
 def _shared(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarray:

@@ -1,0 +1,59 @@
+"""Whether recordings contradict each other: size under the null, power, parameters told unlike well."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import kstest
+
+from smsid.estimation import contradictions as module
+from smsid.estimation.contradictions import Part, contradictions_of
+from smsid.estimation.inertial_combinations import Reported
+
+LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
+
+
+def grams(rng):
+    """Two recordings' information (15, 15): from nothing to 1e14 times the prior's, in unlike directions."""
+    out = []
+    for _ in range(2):
+        turn = np.linalg.qr(np.eye(15) + 0.3 * np.triu(rng.normal(size=(15, 15)), 1))[0]
+        root = np.sqrt(LARGE)[:, None] * turn
+        out.append(root.T @ root)
+    return out
+
+
+def parts(rng, apart=0.0):
+    """The recordings at their joint optimum, where data scatter as their information says.
+
+    The second was made with another value of what is told best, ``apart`` in standard deviations.
+    """
+    information = grams(rng)
+    both = sum(np.linalg.inv(g + np.eye(15)) for g in information)
+    best = int(np.argmin(np.diag(both)))
+    lows = [np.linalg.cholesky(g) for g in information]
+    slopes = [low @ rng.normal(size=15) for low in lows]
+    slopes[1] = slopes[1] + information[1][:, best] * apart * np.sqrt(both[best, best])
+    step = np.linalg.solve(sum(information) + np.eye(15), sum(slopes))
+    return [Part(name, g, s - g @ step) for name, g, s in zip("ab", information, slopes, strict=True)]
+
+
+def rows():
+    return [Reported(f"p{i}", "1", 1.0, np.eye(15)[i], 1.0) for i in range(15)]
+
+
+def p_value(found_parts, monkeypatch):
+    monkeypatch.setattr(module, "LEVEL", 2.1)  # tell every one
+    return min(c.p_value for c in contradictions_of(found_parts, np.eye(15), rows()))
+
+
+def test_it_is_calibrated_where_parameters_are_told_unlike_well(monkeypatch):
+    rng = np.random.default_rng(5)
+    found = [p_value(parts(rng), monkeypatch) for _ in range(300)]
+    assert kstest(found, "uniform").pvalue > 0.01
+
+
+def test_a_difference_in_what_is_told_best_is_named():
+    rng = np.random.default_rng(6)
+    found = contradictions_of(parts(rng, apart=20.0), np.eye(15), rows())
+    assert found and found[0].p_value < 1e-6
+    assert not contradictions_of(parts(np.random.default_rng(7)), np.eye(15), rows())
