@@ -33,14 +33,17 @@ from tests.hidden.study import run_and_judge
 NAME = "hidden_effects"
 STORE = RESULTS / f"{NAME}.jsonl"
 STRENGTHS = (1.0, 3.0, 10.0, 100.0)
+DECIDING = (
+    "description", "diagnose", "effects", "estimation", "identify", "likelihood", "model", "recording",
+    "sensing", "simulate",
+)  # fmt: skip
+"""Packages that decide a verdict: those that ``smsid.diagnose`` imports."""
 
 
 def digest() -> str:
-    """Digest of the sources that decide a verdict, without comments, docstrings and layout: diagnosis,
-    effects, model, simulation.
-    """
+    """Digest of the sources that decide a verdict, without comments, docstrings and layout."""
     found = hashlib.sha256()
-    for package in ("diagnose", "effects", "model", "simulate", "sensing"):
+    for package in DECIDING:
         for path in sorted((ROOT / "smsid" / package).rglob("*.py")):
             if "torque" not in path.parts:  # for logs of real arms; no part of this study
                 found.update(path.name.encode() + _said(path).encode())
@@ -67,7 +70,11 @@ def stored(fingerprint: str) -> dict[str, dict[str, Any]]:
             continue
         if row["digest"] == fingerprint:
             rows[row["key"]] = row
-    return {k: r for k, r in rows.items() if draw_run(int(r["seed"]), strengths=STRENGTHS).key == k}
+
+    def drawn(row: dict[str, Any]) -> str:
+        return draw_run(int(row["seed"]), strengths=tuple(row.get("strengths", STRENGTHS))).key
+
+    return {k: r for k, r in rows.items() if drawn(r) == k}
 
 
 def ceiling() -> dict[str, Any]:
@@ -79,7 +86,7 @@ def ceiling() -> dict[str, Any]:
 def planned(arguments: argparse.Namespace) -> Iterator[Run]:
     """Give the runs of the study, as drawn from consecutive seeds."""
     for seed in range(arguments.seeds_from, arguments.seeds_from + arguments.runs):
-        run = draw_run(seed, strengths=STRENGTHS)
+        run = draw_run(seed, strengths=tuple(arguments.strengths))
         families = {f for i in run.hidden for f in i.effect.family}
         if arguments.family is None or arguments.family == run.category or arguments.family in families:
             yield run
@@ -91,6 +98,9 @@ def main() -> None:
     parser.add_argument("--seeds-from", type=int, required=True, help="first seed; one run a seed")
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--family", help=f"a family, or one of {', '.join(CATEGORIES)}")
+    parser.add_argument(
+        "--strengths", type=float, nargs="+", default=STRENGTHS, help="of single effects, 1: the limit"
+    )
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many")
     parser.add_argument("--show", action="store_true", help="only sum up what is stored")
     arguments = parser.parse_args()
@@ -104,7 +114,8 @@ def main() -> None:
             if run.key in rows or time.monotonic() > until:
                 continue
             with tempfile.TemporaryDirectory(prefix="hidden-") as folder:
-                row = {"key": run.key, "digest": fingerprint, **run_and_judge(run, Path(folder))}
+                drawn = {"key": run.key, "digest": fingerprint, "strengths": list(arguments.strengths)}
+                row = {**drawn, **run_and_judge(run, Path(folder))}
             rows[run.key] = row
             with STORE.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")

@@ -193,7 +193,7 @@ def _hidden(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
 def _channels(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
     changes: Sensitivities = found.changes
     run, data, out = found.run, found.problem.data, []
-    values, rates = changes.outputs.all(run.states), changes.rates()
+    values, rates = changes.readings(), changes.rates()
     n = len(run.states.time)
 
     def reading(row: int, x: np.ndarray) -> Sensitivity:

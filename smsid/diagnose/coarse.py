@@ -19,7 +19,7 @@ from smsid.diagnose.candidates import Candidate, scored, signatures
 from smsid.diagnose.noise import MISFIT, normalised_rmse
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
-from smsid.estimation.input_timing import timing_of
+from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
 from smsid.estimation.kalman import Problem, run_filter
 from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import Fit, evaluate, fit
@@ -69,7 +69,7 @@ def coarse_cause(
 
     What cannot be filtered or fitted loses that candidate only.
     """
-    coarse = replace(problem, data=problem.data.thinned(RATE), substep=SUBSTEP)
+    coarse = replace(thinned(problem, RATE), substep=SUBSTEP)
     best: dict[tuple[str, str, str], _Start] = {}
     for candidate, start in _starts(point, candidates):
         likely = _likelihood(start, coarse)
@@ -117,8 +117,7 @@ def _likelihood(point: Point, problem: Problem) -> float:
         if not point.physical():
             return -np.inf
         model = point.model()
-        here = replace(problem, data=problem.data.with_blocks(point.sensors()))
-        found = run_filter(model, loosened(model, here, SHARES[0])).log_likelihood
+        found = run_filter(model, loosened(model, at_point(point, problem), SHARES[0])).log_likelihood
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.debug("no likelihood: %s", error)
         return -np.inf
@@ -137,8 +136,7 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
         point = fit(start.point, own, first, iterations=6).point
         unknowns = (*unknowns, *_further(point, start.candidate))
         # only now does it show how commands act between samples
-        timing = timing_of(point, loosened(point.model(), problem, SHARES[1]), problem.timing)
-        problem = replace(problem, timing=timing)
+        problem = timed_like(problem, timed(point, loosened(point.model(), problem, SHARES[1])))
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -13,7 +14,7 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.accept import Levels
 from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.extension import with_inertial_shifts
+from smsid.diagnose.extension import as_now, with_inertial_shifts
 from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
 from smsid.diagnose.foreign import motion_left
 from smsid.diagnose.gain import Gain, gain
@@ -29,12 +30,21 @@ from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_m
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
+from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import locked
-from smsid.estimation.input_timing import timing_of
+from smsid.estimation.joint_problem import (
+    Placed,
+    joint_problem,
+    on_one_clock,
+    on_own_clock,
+    thinned,
+    timed,
+    timed_like,
+)
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
-from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
@@ -80,8 +90,8 @@ def diagnose(
 
     Args:
         description: the model, its values as identified.
-        recordings: what was measured, with the commands that drove it. The first is searched; causes must
-            hold on all (the others join the validation).
+        recordings: what was measured, with the commands that drove it; all are searched together. Parameters
+            and causes are common to all, the state at the start and sensor biases are each recording's own.
         estimate: standard deviations of the nominal parameters; else the description's priors, else defaults.
         validation: recordings the gain is measured on.
         levels: levels of significance.
@@ -142,74 +152,82 @@ def _diagnose(
     names: tuple[str, ...],
 ) -> Diagnosed:
     levels, noise, rate = options
-    recording = recordings[0]
-    recording.check()
-    known = nominal(description, estimate)
+    for recording in recordings:
+        recording.check()
+    labels = labels_of(recordings)
+    known = nominal(description, estimate, labels[1:])
     point, description = known.point, known.point.description
     recordings, validation = (
         [order_columns(r, point.base) for r in given] for given in (recordings, validation)
     )
-    recording = recordings[0]
-    data = measured(point.base, recording, description.effective_sensors())
-    if len(data.times) < SHORTEST:
-        raise RecordingError(
-            f"'{recording.name}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
-            advice="Record longer.",
-        )
-    rounded = quantised_channels(data)
-    faults = stuck_channels(data) + rounded
+    placed = on_one_clock(recordings, labels)
+    read = joint_problem([_problem(point, p, noise, known.joint) for p in placed], placed)
+    whole = read.data
+    rounded = quantised_channels(whole)
+    faults = stuck_channels(whole) + rounded
     coarse = frozenset(f.component for f in rounded)
-    whole = data
-    data = rougher(without(whole, faults).thinned(rate), rounded)
-    thinned = f"{len(data.times)} of {len(whole.times)} samples looked at"
-    thinned = thinned if len(data.times) < len(whole.times) else ""
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), noise, known.joint)
-    problem = replace(problem, timing=timing_of(point, problem))
+
+    def looked_at(faults: Sequence[Fault]) -> Problem:
+        problem = thinned(replace(read, data=without(whole, faults)), rate)
+        return replace(problem, data=rougher(problem.data, rounded))
+
+    problem = timed(point, looked_at(faults), now=False)
+    count = len(problem.data.times)
+    fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
-    problem = replace(problem, timing=found.last.problem.timing)
+    problem = timed_like(problem, found.last.problem)
     rests = resting(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
-        problem = replace(problem, data=rougher(without(whole, faults).thinned(rate), rounded))
+        problem = timed_like(looked_at(faults), problem)
         found = _again(
             found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
         )
-    timing = timing_of(found.last.point, found.last.problem, problem.timing)
-    if timing != problem.timing:  # what was wrong with the model hid it
-        LOGGER.info("commands taken as %s, %s instead", timing.hold, timing.side)
-        problem = replace(problem, timing=timing)
+    again = timed_like(problem, timed(found.last.point, found.last.problem))
+    if _timings(again) != _timings(problem):  # what was wrong with the model hid it
+        LOGGER.info("commands act otherwise: %s", _timings(again))
+        problem = again
         found = _again(
             found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
         )
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        read = problem.data
-        problem = replace(problem, data=without(read, more))
+        every = problem.data
+        problem = replace(problem, data=without(every, more))
         found = _again(found, found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
-        still = counted_again(more, read, found.last.problem, found.last.run)
+        still = counted_again(more, every, found.last.problem, found.last.run)
         faults += still
         if len(still) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
-            problem = replace(problem, data=without(read, still))
+            problem = replace(problem, data=without(every, still))
             at, asked = found.nominal.point, beside if faults else levels
             found = _again(found, at, problem, known.unknowns, candidates, asked, coarse)
-    seen, named = tuple(_fault(f) for f in _per_channel(faults)), causes(found)
+    seen, named = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
     partial, named = (named, ()) if decided == "unexplained" else ((), named)
     extended, told = with_inertial_shifts(found) if decided == "explained" else (description, ())
-    gained, reason = _gain(known.point, found, [*validation, *recordings[1:]], rate, faults)
+    gained, reason = _gain(known.point, found, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:
-        raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=recording.name)
+        raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=", ".join(labels))
     if not any(s.freedom for s in found.scores):
         raise RecordingError(
-            f"'{recording.name}' excites no candidate at all.", advice="Move the arm, the wheels or thrust."
+            f"'{', '.join(labels)}' excites no candidate at all.",
+            advice="Move the arm, the wheels or thrust.",
         )
-    taken = f"commands taken as {problem.timing.hold}, accelerations from the {problem.timing.side}"
+    taken = [
+        f"{f'{where}: ' if where else ''}commands taken as {t.hold}, accelerations from the {t.side}"
+        for where, t in _timings(problem)
+    ]
+    apart = [
+        f"'{p.label}' is taken to follow '{q.label}', {p.shift:.4g} s later than by its own clock"
+        for q, p in pairwise(placed)
+        if p.shift
+    ]
     result = Diagnosis(
         description=description.name,
         recordings=names,
@@ -229,9 +247,26 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, thinned, taken, *found.failed, *told) if n),
+        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told) if n),
     )
     return Diagnosed(result, extended, found)
+
+
+def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
+    """Return a recording as a problem; raises `RecordingError` for one that is too short."""
+    recording = placed.recording
+    data = measured(point.base, recording, point.description.effective_sensors())
+    if len(data.times) < SHORTEST:
+        raise RecordingError(
+            f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
+            advice="Record longer.",
+        )
+    return Problem(recording, data, locked(point.base, recording), Timing(), noise, joint)
+
+
+def _timings(problem: Problem) -> list[tuple[str, Timing]]:
+    """Return how commands are taken to act in every recording, by its name; one alone needs none."""
+    return [(p.label, p.timing) for p in problem.parts] or [("", problem.timing)]
 
 
 def _again(
@@ -260,7 +295,7 @@ def _gain(
     last = found.last
     try:
         nominal = found.nominal.point
-        return gain(given, nominal, last.point, recordings[0], last.problem, rate, faults), ""
+        return gain(given, nominal, as_now(last), recordings[0], last.problem, rate, faults), ""
     except SmsidError as error:
         return None, f"not on '{recordings[0].name}': {error.message}"
     except np.linalg.LinAlgError as error:
@@ -287,11 +322,12 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
     return list(out.values())
 
 
-def _fault(fault: Fault) -> FoundCause:
+def _fault(fault: Fault, problem: Problem) -> FoundCause:
     names = {"stuck": ("time", "s"), "outliers": ("rate", "1"), "quantisation": ("step", "of the channel")}
     name, unit = names[fault.kind]
     unit = "1" if fault.kind == "quantisation" and fault.channel.endswith(".attitude") else unit
-    value = Value(f"{fault.kind}_{fault.channel}.{name}", fault.value, fault.sigma, unit)
+    size, where = on_own_clock(problem, fault.value) if fault.kind == "stuck" else (fault.value, "")
+    value = Value(f"{fault.kind}_{fault.channel}.{name}", size, fault.sigma, unit)
     return FoundCause(
         fault.kind,
         fault.component,
@@ -300,6 +336,7 @@ def _fault(fault: Fault) -> FoundCause:
         (value,),
         (),
         {"samples": float(fault.samples.sum())},
+        recordings=(where,) if where else (),
     )
 
 

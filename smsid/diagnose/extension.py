@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.description.schema import Description
 from smsid.diagnose.search import Search
-from smsid.effects.base import known_effect
+from smsid.effects.base import Effect, known_effect
 from smsid.errors import DescriptionError, SmsidError
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point
@@ -40,8 +40,9 @@ def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
 
     Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
     are the nearest that can, in the sense of the fit's own uncertainty: they simulate as the fit does.
+    Of several recordings, it has the effects of the last.
     """
-    point = found.last.point
+    point = as_now(found.last)
     if not point.inertial:
         return point.description, ()
     try:
@@ -58,6 +59,25 @@ def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
         return point.description, (
             f"extended.toml has the bodies as described: as refitted they could not exist ({error})",
         )
+
+
+def as_now(found: Fit) -> Point:
+    """Return where a fit of several recordings stands in the last: with the effects that this one has."""
+    point, parts = found.point, found.problem.parts
+    if not parts:
+        return point
+    gone = {n for n, (labels, _) in point.only.items() if parts[-1].label not in labels}
+    begins = float(found.problem.data.times[parts[-1].first])
+
+    def now(effect: Effect) -> Effect:
+        start = getattr(effect, "start", None)
+        if start is None:
+            return effect
+        return effect.model_copy(update={"start": None if start <= begins else start - parts[-1].shift})
+
+    effects = tuple(now(e) for e in point.description.effect if e.name not in gone)
+    description = point.description.model_copy(update={"effect": effects})
+    return replace(point, description=description, only={})
 
 
 def _that_can_exist(found: Fit) -> dict[int, float]:

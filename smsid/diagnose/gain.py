@@ -12,6 +12,7 @@ from smsid.diagnose.faults import Fault, stuck_channels, without
 from smsid.diagnose.open_loop import open_loop
 from smsid.diagnose.outliers import outliers
 from smsid.errors import SmsidError
+from smsid.estimation.input_hold import locked
 from smsid.estimation.kalman import FilterRun, Problem, run_filter
 from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point
@@ -79,11 +80,11 @@ def gain(
     Noise levels and timing are those of ``like``. With the extended model, what is stuck or an outlier in
     components with such ``faults`` is left out, as it was where they were found.
     """
-    first, second = (_read(point, recording, like, rate) for point in (given, nominal))
+    first, second = (read_like(point, recording, like, rate) for point in (given, nominal))
     stuck, wild = (frozenset(f.component for f in faults if f.kind == kind) for kind in ("stuck", "outliers"))
     third = second
     if extended is not nominal or stuck or wild:
-        third = _read(extended, recording, like, rate, stuck)
+        third = read_like(extended, recording, like, rate, stuck)
     closed = [run_filter(*first), run_filter(*second)]
     closed.append(closed[1] if third is second else run_filter(*third))
     if wild:
@@ -110,20 +111,27 @@ def gain(
     )
 
 
-def _read(
+def read_like(
     point: Point,
     recording: Recording,
     like: Problem,
     rate: float,
     stuck: frozenset[str] = frozenset(),
 ) -> tuple[SpacecraftModel, Problem]:
+    """Return a model and a recording that was not searched as its problem, thinned to ``rate`` [Hz].
+
+    Noise levels are those of another problem, ``like``, where that has the channel. ``stuck`` components
+    are left out where they are.
+    """
     model = point.model()
     whole = measured(model, recording, point.description.effective_sensors())
     if stuck:
         whole = without(whole, [f for f in stuck_channels(whole) if f.component in stuck])
-    fresh = whole.thinned(rate)
-    data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
-    return model, replace(like, recording=recording, data=data)
+    fresh = whole.thinned(rate).with_blocks(point.sensors())
+    known = dict(zip(like.data.names, like.data.sigma, strict=True))
+    sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
+    data, held = replace(fresh, sigma=sigma), locked(model, recording)
+    return model, replace(like, recording=recording, data=data, locked=held, parts=())
 
 
 def _simulated(model: SpacecraftModel, problem: Problem) -> FilterRun | None:

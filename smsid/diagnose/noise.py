@@ -79,7 +79,8 @@ def _but_for_one(found: Fitted) -> Fitted | None:
     squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
     worst = int(np.argmax(squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)))
     left_out = np.zeros(whole.data.values.shape, dtype=bool)
-    left_out[1:, worst] = True  # where the filter begins is read from the first sample
+    left_out[:, worst] = True
+    left_out[list(found.fit.run.begins), worst] = False  # where the filter begins is read from there
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)

@@ -63,7 +63,7 @@ class Nominal:
         return "standard deviations of the nominal parameters: " + ", ".join(parts)
 
 
-def nominal(description: Description, estimate: Estimate | None) -> Nominal:
+def nominal(description: Description, estimate: Estimate | None, further: Sequence[str] = ()) -> Nominal:
     """Return the nominal parameters of a description with their priors.
 
     With an estimate, values are the estimate's: effects directly, bodies as the nearest physical ones that
@@ -71,7 +71,7 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
     priors, else the stated defaults; a single parameter that is known in combinations only has the wide
     default `BEYOND`. What the estimate knows has its covariance; without one its errors are taken as
     independent, which a note says. Sensor biases are nuisances where the description states their standard
-    deviation.
+    deviation: of a first recording, and by their names each of the ``further`` ones has its own.
 
     Raises `SmsidError` for an estimate that belongs to another spacecraft.
     """
@@ -138,7 +138,7 @@ def nominal(description: Description, estimate: Estimate | None) -> Nominal:
             description=[u.name for u in found][:10],
         )
     joint = _joint_prior(point, estimate, combinations, found, notes)
-    return Nominal(point, (*found, *_biases(point)), joint, len(combinations), sources, tuple(notes))
+    return Nominal(point, (*found, *_biases(point, further)), joint, len(combinations), sources, tuple(notes))
 
 
 def _size(effect: Effect, p: Parameter) -> float:
@@ -233,8 +233,8 @@ def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Poin
     return replace(point, inertial=inertial)
 
 
-def _biases(point: Point) -> list[Unknown]:
-    found = []
+def _biases(point: Point, further: Sequence[str]) -> list[Unknown]:
+    found: list[Unknown] = []
     for sensor in point.description.sensor:
         for quantity in ("acceleration", "angular_rate"):
             if quantity not in sensor.quantities or sensor.kind != "imu":
@@ -248,4 +248,4 @@ def _biases(point: Point) -> list[Unknown]:
                 if s > 0.0:
                     name = f"{sensor.name}.{quantity}.bias.{axis}"
                     found.append(Unknown(name, "bias", unit, 0.0, float(s), float(s), column=i))
-    return found
+    return [*found, *(replace(u, name=f"{label}: {u.name}") for label in further for u in found)]

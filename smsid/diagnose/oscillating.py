@@ -90,7 +90,8 @@ def pulls(
     """
     run = changes.run
     at, middle = (_driving(s, springs.axes, place, springs.moves) for s in (run.states, run.middle))
-    return _forces(at, middle, omega, zeta, float(np.median(np.diff(run.states.time))))
+    step = float(np.median(np.diff(run.states.time)))
+    return _forces(at, middle, omega, zeta, step, run.begins)
 
 
 def _driving(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) -> np.ndarray:
@@ -106,10 +107,15 @@ def _driving(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) 
 
 
 def _forces(
-    at: np.ndarray, middle: np.ndarray, omega: np.ndarray, zeta: np.ndarray, step: float
+    at: np.ndarray,
+    middle: np.ndarray,
+    omega: np.ndarray,
+    zeta: np.ndarray,
+    step: float,
+    begins: Sequence[int] = (0,),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the force of unit masses at the samples (N, f, ...) and between (N - 1, f, ...), driven by
-    accelerations (N, ...) and (N - 1, ...).
+    accelerations (N, ...) and (N - 1, ...); at rest at the samples with which recordings begin.
     """
     shape = at.shape[1:]
     at, middle = at.reshape(len(at), -1), middle.reshape(len(middle), -1)
@@ -126,6 +132,8 @@ def _forces(
     out_at = np.empty((len(at), len(omega), at.shape[1]))
     out_middle = np.empty((len(middle), len(omega), at.shape[1]))
     for n in range(len(at)):
+        if n in begins:
+            x = np.zeros_like(x)
         out_at[n] = (pull @ x)[:, 0] + at[n]
         if n < len(middle):
             push = gamma * middle[n]

@@ -24,6 +24,7 @@ from smsid.effects.mode_error import ModeError
 from smsid.effects.rotor import turns
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
+from smsid.estimation.joint_problem import recordings_of
 from smsid.estimation.kalman import Problem
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.model.regressor import INERTIAL_NAMES
@@ -257,12 +258,8 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
     model = point.base
     if not model.free:
         return
-    force = (
-        np.asarray(problem.recording["command.force"])
-        if "command.force" in problem.recording
-        else np.zeros(1)
-    )
-    if force.any():
+    flown = [p.recording for p in recordings_of(problem)]
+    if any("command.force" in r and np.asarray(r["command.force"]).any() for r in flown):
         yield from _one("thruster_gain", "thruster", "actuator", "gain", {}, _vector("gain", 1e-3))
         yield from _one(
             "thruster_misalignment", "thruster", "actuator", "misalignment", {}, _vector("angles", 1e-3)

@@ -10,9 +10,12 @@ import pinocchio as pin
 
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
+from smsid.estimation.joint_problem import JointSensitivities
 from smsid.estimation.kalman import Applied, applied
 from smsid.estimation.map_estimate import Fit, fit
 from smsid.estimation.process_model import ProcessModel
+from smsid.estimation.sensitivities import Sensitivities
+from smsid.simulate.trajectory import States
 
 LOGGER = logging.getLogger(__name__)
 SEEN = THRESHOLDS.steps_seen
@@ -28,7 +31,7 @@ def finely_stepped(found: Fit) -> Fit:
         size = left_by_steps(found)
         if not size > SEEN:
             break
-        problem = replace(found.problem, substep=0.5 * _substep(found))
+        problem = replace(found.problem, substep=0.5 * _substep(found.changes))
         LOGGER.info("errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep)
         try:
             found = fit(found.point, found.unknowns, problem, iterations=8)
@@ -43,11 +46,19 @@ def left_by_steps(found: Fit) -> float:
 
     By the difference to steps of half the length, taken through the filter as it ran.
     """
-    run, model = found.run, found.changes.model
-    problem, inputs = found.changes.problem, found.changes.inputs
+    changes = found.changes
+    each = changes.each if isinstance(changes, JointSensitivities) else (changes,)
+    shift = np.concatenate([_shift(s) for s in each])
+    left = found.left(shift.reshape(-1, 1))
+    return float(np.vdot(left, left))
+
+
+def _shift(changes: Sensitivities) -> np.ndarray:
+    """Return the same in the innovations (N, rows) of one recording."""
+    run, model, problem = changes.run, changes.model, changes.problem
     plant = ProcessModel(model, problem.locked)
-    coarse = found.changes.applied
-    fine = applied(plant, replace(problem, substep=0.5 * _substep(found)), inputs)
+    coarse = changes.applied
+    fine = applied(plant, replace(problem, substep=0.5 * _substep(changes)), changes.inputs)
     shift = np.empty_like(run.innovations)
     delta = np.zeros(2 * model.nv)
     for k in range(len(shift)):
@@ -55,21 +66,19 @@ def left_by_steps(found: Fit) -> float:
         shift[k] = run.whitening[k] @ predicted
         if k == len(shift) - 1:
             break
-        far, near = (_stepped(plant, found, drive, k) for drive in (coarse, fine))
+        far, near = (_stepped(plant, run.states, drive, k) for drive in (coarse, fine))
         error = np.concatenate([pin.difference(model.pin, far[0], near[0]), near[1] - far[1]])
         delta = run.transition[k] @ (delta - run.gain[k] @ predicted) + error
-    left = found.left(shift.reshape(-1, 1))
-    return float(np.vdot(left, left))
+    return shift
 
 
-def _substep(found: Fit) -> float:
+def _substep(changes: Sensitivities) -> float:
     """Return the step that is taken [s]: an even number of them fills the time between samples."""
-    return float(np.median(np.diff(found.run.states.time))) / found.changes.applied.means.shape[1]
+    return float(np.median(np.diff(changes.run.states.time))) / changes.applied.means.shape[1]
 
 
-def _stepped(plant: ProcessModel, found: Fit, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:
+def _stepped(plant: ProcessModel, states: States, drive: Applied, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return q and v a sample on from the prediction at sample k."""
-    states = found.run.states
     q, v, t = states.q[k], states.v[k], float(states.time[k])
     substeps = drive.means.shape[1]
     h = float(states.time[k + 1] - t) / substeps

@@ -17,6 +17,7 @@ from smsid.diagnose.credible import doubts
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.search import Search
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.estimation.joint_problem import on_own_clock
 from smsid.estimation.parameter_vector import Unknown
 
 POWER = THRESHOLDS.power
@@ -55,6 +56,10 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
+    begun, where = getattr(own.effect, "start", None), own.only
+    if begun is not None and found.last.problem.parts:
+        begun, label = on_own_clock(found.last.problem, begun)
+        where = (label,)
     siblings = [(s, c) for s, c in cause.aliases if _sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not _sibling(s.candidate, own)]
     aliases = tuple(
@@ -82,9 +87,10 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
             "information_gain": float(cause.score.information_gain(found.samples)),
             "siblings_not_rejected": float(len(siblings)),
         },
-        onset=getattr(own.effect, "start", None),
+        onset=begun,
         onset_sigma=None if start is None else start.sigma,
         fitted=own.shape,
+        recordings=where,
     )
 
 
@@ -254,7 +260,10 @@ def describe(cause: FoundCause) -> str:
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
     if cause.onset is not None:
         sigma = cause.onset_sigma
+        own = f" of {cause.recordings[0]!r}" if cause.recordings else ""
         give = "" if sigma is None or not np.isfinite(sigma) else f" +- {NORMAL95 * sigma:.2g}"
-        what += f", from {cause.onset:.4g}{give} s on"
+        what += f", from {cause.onset:.4g}{give} s{own} on"
+    elif cause.recordings:
+        what += f", in {' and '.join(map(repr, cause.recordings))} only"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

@@ -62,7 +62,8 @@ class FilterRun:
     ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are measured minus
     ``predicted``; ``normalised`` the same in their own
     standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
-    samples and, where more follow, of the next one: there are then N transitions.
+    samples and, where more follow, of the next one: there are then N transitions. ``begins`` are the samples
+    with which recordings begin, where there are several.
     """
 
     innovations: np.ndarray
@@ -82,6 +83,7 @@ class FilterRun:
     normalised: np.ndarray
     used: np.ndarray
     edges: np.ndarray
+    begins: tuple[int, ...] = (0,)
 
     @property
     def samples(self) -> int:
@@ -112,12 +114,30 @@ class UnknownInput:
 
 
 @dataclass(frozen=True)
+class Part:
+    """One of the recordings of a problem of several: what of it is its own.
+
+    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s], ``model`` that of
+    the spacecraft where it lacks effects that others have.
+    """
+
+    label: str
+    recording: Recording
+    locked: np.ndarray
+    timing: Timing
+    first: int
+    shift: float = 0.0
+    model: SpacecraftModel | None = None
+
+
+@dataclass(frozen=True)
 class Problem:
     """A recording to be explained: samples, commands, how they are taken, and what is known together before.
 
     ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
     state at the first sample (read from it, with wide standard deviations, when not given).
-    ``unknown_inputs`` are states of the filter, too, after q and v.
+    ``unknown_inputs`` are states of the filter, too, after q and v. ``parts`` are the recordings, where there
+    are several (`joint_problem`): ``recording`` and ``timing`` are then the first's.
     """
 
     recording: Recording
@@ -129,6 +149,7 @@ class Problem:
     substep: float = SUBSTEP
     begin: Belief | None = None
     unknown_inputs: tuple[UnknownInput, ...] = ()
+    parts: tuple[Part, ...] = ()
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
@@ -181,6 +202,12 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
 
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
+    if problem.parts:
+        from smsid.estimation.joint_problem import joined_runs, recordings_of  # which needs what is here
+
+        own = [p.model or model for p in problem.parts]
+        each = zip(own, recordings_of(problem), strict=True)
+        return joined_runs([run_filter(m, p, until=until) for m, p in each])
     return KalmanFilter(model, problem, until=until).advance(len(problem.data.times))
 
 

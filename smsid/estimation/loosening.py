@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.estimation.joint_problem import recordings_of
 from smsid.estimation.kalman import Problem
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -16,10 +17,11 @@ that may err a little has a likelihood without the many maxima of one that may n
 
 def loosened(model: SpacecraftModel, problem: Problem, share: float) -> Problem:
     """Return a problem whose model may err, from sample to sample, by a share of what drives it."""
-    drive = problem.inputs(model).applied(model)
-    times = problem.data.times[:: max(1, len(problem.data.times) // 500)]
-    applied = np.array([drive(float(t)) for t in times])
-    size = np.sqrt(np.mean(applied**2, axis=0))
+    applied: list[np.ndarray] = []
+    for own in recordings_of(problem):
+        drive, times = own.inputs(model).applied(model), own.data.times
+        applied += [drive(float(t)) for t in times[:: max(1, len(times) // 500)]]
+    size = np.sqrt(np.mean(np.square(applied), axis=0))
     for unknown in problem.unknown_inputs:
         size[unknown.dof] = max(size[unknown.dof], unknown.sigma / 3.0)
     noise = replace(problem.noise, more=tuple((int(v), share * float(size[v])) for v in np.flatnonzero(size)))

@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
 from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.joint_problem import at_point, sensitivities
 from smsid.estimation.kalman import FilterRun, Problem, run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
@@ -213,7 +214,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
             point = retract(found.point, unknowns, step * found.scales)
             if point.physical():
                 model = point.model()
-                run = run_filter(model, replace(problem, data=problem.data.with_blocks(point.sensors())))
+                run = run_filter(model, at_point(point, problem))
                 gained = found.objective - objective(point, unknowns, problem, run)
                 if gained > 0.0:
                     share = gained / _promised(found, step)
@@ -234,7 +235,7 @@ def _promised(found: Fit, step: np.ndarray) -> float:
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:
     """Return the normal equations at a point."""
     model = point.model()
-    problem_here = replace(problem, data=problem.data.with_blocks(point.sensors()))
+    problem_here = at_point(point, problem)
     return _normal(point, unknowns, problem, run_filter(model, problem_here), model)
 
 
@@ -255,8 +256,8 @@ def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Pri
 
 
 def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun, model) -> Fit:
-    here = replace(problem, data=problem.data.with_blocks(point.sensors()))
-    changes = Sensitivities(point, model, here, run)
+    here = at_point(point, problem)
+    changes = sensitivities(point, model, here, run)
     whitened = propagate(run, columns_of(changes, unknowns))
     whitened *= np.array([u.scale for u in unknowns])
     flat = whitened.reshape(-1, len(unknowns))

@@ -126,13 +126,15 @@ class JointPrior:
 class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
-    ``biases`` by unknown's name: channel, axis and value are read from the name.
+    ``biases`` by unknown's name: channel, axis and value are read from the name. ``only`` are effects that
+    some recordings alone have, by name: the labels of these, and the effect as it does nothing.
     """
 
     base: SpacecraftModel
     description: Description
     inertial: Mapping[int, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
+    only: Mapping[str, tuple[tuple[str, ...], Effect]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, description: Description) -> Point:
@@ -196,6 +198,15 @@ class Point:
         own = {n.removeprefix(start): x for n, x in self.biases.items() if n.startswith(start)}
         return replace(self, biases=own)
 
+    def as_in(self, label: str) -> Point:
+        """Return the point with the effects that one recording has: the others do nothing."""
+        absent = [e for n, (labels, e) in self.only.items() if label not in labels and n in self._effects]
+        return replace(self, description=self.description.with_effects(*absent)) if absent else self
+
+    @property
+    def _effects(self) -> set[str]:
+        return {e.name for e in self.description.effect}
+
     def with_effect(self, effect: Effect) -> Point:
         """Return the point with an effect more, or another instance of one it has."""
         return replace(self, description=self.description.with_effects(effect))
@@ -228,6 +239,8 @@ class Point:
         """Return the sensors as effects and biases leave them."""
         sensors = {s.name: s for s in self.description.effective_sensors()}
         for name, value in self.biases.items():
+            if ": " in name:  # of another recording, see `for_recording`
+                continue
             source, quantity, _, axis = name.split(".")
             sensor = sensors[source]
             errors = sensor.error(quantity)

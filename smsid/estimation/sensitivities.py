@@ -137,6 +137,10 @@ class Sensitivities:
             np.einsum("nij,nj->ni", self.run.inverse, at),
         )
 
+    def readings(self) -> np.ndarray:
+        """Return what is read along the run (N, rows)."""
+        return self.outputs.all(self.run.states)
+
     def rates(self) -> np.ndarray:
         """Return time derivatives of the readings (N, rows) between jumps of the commands, for delays."""
         if self._rates is None:

@@ -103,7 +103,7 @@ def story_sections(found: Diagnosed, asked: Asked) -> list[Section]:
     search, d = found.search, found.diagnosis
     if search is None or not search.causes:
         return []
-    held = [*asked.validation, *asked.recordings[1:]]
+    held = asked.validation
     recording = held[0] if held else asked.recordings[0]
     given = nominal(asked.description, asked.estimate).point
     models = {"as given": given, "with the cause": search.last.point}
@@ -197,7 +197,13 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     parts_ = _explored("traces", traces, "Measured, and predicted one sample ahead",
                        ("measured", "predicted", "error", "error before any cause"))  # fmt: skip
     out.append(
-        Section("residuals", "Measured against predicted", parts_, asked.recordings[0].name, open=not changed)
+        Section(
+            "residuals",
+            "Measured against predicted",
+            parts_,
+            ", ".join(r.name for r in asked.recordings),
+            open=not changed,
+        )
     )
     return out
 
@@ -210,7 +216,7 @@ def _gain_section(found: Diagnosed, asked: Asked) -> list[Section]:
             Section("gain", "Gain on held-out data", (Text((f"Not evaluated: {reason}.",)),), "not evaluated")
         ]
     parts: list[Text | Table | Figure | Grid] = list(gain_parts(d.gain))
-    held = [*asked.validation, *asked.recordings[1:]]
+    held = asked.validation
     if found.search is not None and held:
         try:
             given = nominal(asked.description, asked.estimate).point

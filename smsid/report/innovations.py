@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.gain import SETTLE
+from smsid.diagnose.gain import SETTLE, read_like
 from smsid.diagnose.search import Search
 from smsid.estimation.kalman import FilterRun, run_filter
-from smsid.estimation.measurements import Measured, measured
+from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.recording.column_order import order_columns
@@ -36,10 +34,8 @@ def open_loop_traces(
     runs, data = [], like.data
     with threadpool_limits(limits=1, user_api="blas"):
         for point in (given, extended):
-            model = point.model()
-            fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
-            data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
-            problem = replace(like, recording=recording, data=data)
+            model, problem = read_like(point, recording, like, rate)
+            data = problem.data
             runs.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
     return _traces(data, runs[1], runs[0], recording, whitened=False)
 
@@ -49,7 +45,7 @@ def _traces(
 ) -> dict[str, tuple[Trace, ...]]:
     out: dict[str, tuple[Trace, ...]] = {}
     for block in data.blocks:
-        unit = "rad" if block.quantity == "attitude" else recording.unit(block.channel)
+        unit = "rad" if block.quantity == "attitude" else recording.units.get(block.channel, "")
         own = []
         for k, row in enumerate(range(block.rows.start, block.rows.stop)):
             error = np.where(run.used[:, row] | (not whitened), run.errors[:, row], np.nan)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.gain import SETTLE
+from smsid.diagnose.gain import SETTLE, read_like
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import Problem, run_filter
-from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.report.axes import Axis
@@ -82,10 +81,8 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
     with threadpool_limits(limits=1, user_api="blas"):
         for name, point in models.items():
             try:
-                model = point.model()
-                fresh = measured(model, recording, point.description.effective_sensors()).thinned(rate)
-                data = replace(fresh.with_blocks(point.sensors()), sigma=like.data.sigma)
-                problem = replace(like, recording=recording, data=data)
+                model, problem = read_like(point, recording, like, rate)
+                data = problem.data
                 runs[name] = run_filter(model, problem, until=float(data.times[0]) + SETTLE)
             except (SmsidError, np.linalg.LinAlgError) as error:
                 LOGGER.info("%s, open loop: %s", name, error)

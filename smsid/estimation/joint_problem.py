@@ -1,0 +1,333 @@
+"""Several recordings as one filter problem: common parameters, and of each its own start, drive and biases.
+
+The samples stand one after the other on one clock. The filter begins anew with each recording, and nothing is
+carried over from the one before: log-likelihoods, residuals and information of the whole are sums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.effects.base import Effect
+from smsid.errors import RecordingError
+from smsid.estimation.input_timing import timing_of
+from smsid.estimation.kalman import Applied, FilterRun, Part, Problem, applied
+from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.process_model import ProcessModel
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.simulate.trajectory import States
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A recording on the clock it shares with others, ``shift`` [s] later than by its own."""
+
+    recording: Recording
+    label: str
+    shift: float
+
+
+def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list[Placed]:
+    """Return recordings on one clock, each after the one before.
+
+    Their own clock where they follow one another by it, as pieces of one flight do; else each begins a sample
+    after the end of the one before.
+    """
+    out: list[Placed] = []
+    end, shift = -np.inf, 0.0
+    for recording, label in zip(recordings, labels, strict=True):
+        clocks = [np.asarray(recording.time(c), dtype=float) for c in recording.channels]
+        first, last = min(c[0] for c in clocks), max(c[-1] for c in clocks)
+        step = min(float(np.median(np.diff(c))) for c in clocks if len(c) > 1)
+        if first + shift <= end:
+            shift = end + step - first
+        data = recording.dataset
+        if shift:
+            data = data.assign_coords({c: data[c] + shift for c in recording.clocks})
+        out.append(Placed(Recording(data) if shift else recording, label, float(shift)))
+        end = last + shift
+    return out
+
+
+def joint_problem(problems: Sequence[Problem], placed: Sequence[Placed]) -> Problem:
+    """Return recordings on one clock (`on_one_clock`) as one problem; of one, itself.
+
+    Channels are those of all together, not a number where a recording has none. Raises `RecordingError` for
+    a channel that has other components in another recording.
+    """
+    if len(problems) == 1:
+        return problems[0]
+    data = joined_data([p.data for p in problems])
+    ends = np.cumsum([0, *(len(p.data.times) for p in problems)])
+    parts = tuple(
+        Part(x.label, p.recording, p.locked, p.timing, int(first), x.shift)
+        for x, p, first in zip(placed, problems, ends, strict=False)
+    )
+    held = set.intersection(*(set(p.locked.tolist()) for p in problems))
+    return replace(problems[0], data=data, locked=np.array(sorted(held), dtype=int), parts=parts)
+
+
+def joined_data(parts: Sequence[Measured]) -> Measured:
+    """Return samples of several recordings, one after the other, with the channels of all."""
+    blocks: dict[str, Block] = {}
+    start = 0
+    for block in (b for part in parts for b in part.blocks):
+        width = block.rows.stop - block.rows.start
+        known = blocks.setdefault(block.channel, replace(block, rows=slice(start, start + width)))
+        if known.names != block.names:
+            raise RecordingError(
+                f"'{block.channel}' has other components in another recording.",
+                advice="Diagnose them one by one.",
+                channel=block.channel,
+            )
+        start = max(start, known.rows.stop)
+    count = sum(len(p.times) for p in parts)
+    values, sigma = np.full((count, start), np.nan), np.zeros(start)
+    attitude = {c: np.full((count, 4), np.nan) for c, b in blocks.items() if b.quantity == "attitude"}
+    first = 0
+    for part in parts:
+        here = slice(first, first + len(part.times))
+        first = here.stop
+        for own in part.blocks:
+            rows = blocks[own.channel].rows
+            values[here, rows] = part.values[:, own.rows]
+            sigma[rows] = np.maximum(sigma[rows], part.sigma[own.rows])
+            if own.channel in attitude:
+                attitude[own.channel][here] = part.attitude[own.channel]
+    times = np.concatenate([p.times for p in parts])
+    return Measured(times, values, attitude, tuple(blocks.values()), sigma)
+
+
+def recordings_of(problem: Problem) -> tuple[Problem, ...]:
+    """Return the problem of every recording by itself, on the common clock; of one, the problem itself."""
+    if not problem.parts:
+        return (problem,)
+    out = []
+    for part, here in zip(problem.parts, _samples(problem), strict=True):
+        data = problem.data
+        attitude = {c: q[here] for c, q in data.attitude.items()}
+        own = replace(data, times=data.times[here], values=data.values[here], attitude=attitude)
+        out.append(
+            replace(
+                problem, recording=part.recording, data=own, locked=part.locked, timing=part.timing, parts=()
+            )
+        )
+    return tuple(out)
+
+
+def _samples(problem: Problem) -> list[slice]:
+    """Return which samples are of which recording."""
+    first = [p.first for p in problem.parts]
+    return [slice(a, b) for a, b in zip(first, [*first[1:], len(problem.data.times)], strict=True)]
+
+
+def on_own_clock(problem: Problem, time: float) -> tuple[float, str]:
+    """Return a time on the common clock as one on that of the recording it is in [s], and its label.
+
+    Of one recording alone the label is empty.
+    """
+    own = [p for p in problem.parts if problem.data.times[p.first] <= time + 1e-9] or problem.parts[:1]
+    return (time - own[-1].shift, own[-1].label) if own else (time, "")
+
+
+def each(problem: Problem, change: Callable[[Problem], Problem]) -> Problem:
+    """Return a problem with every recording's own changed: its samples or its timing."""
+    if not problem.parts:
+        return change(problem)
+    own = [change(p) for p in recordings_of(problem)]
+    data = problem.data
+    attitude = {c: np.concatenate([p.data.attitude[c] for p in own]) for c in data.attitude}
+    times, values = (np.concatenate([getattr(p.data, k) for p in own]) for k in ("times", "values"))
+    ends = np.cumsum([0, *(len(p.data.times) for p in own)])
+    parts = tuple(
+        replace(part, timing=p.timing, first=int(first))
+        for part, p, first in zip(problem.parts, own, ends, strict=False)
+    )
+    data = replace(data, times=times, values=values, attitude=attitude)
+    return replace(problem, data=data, timing=own[0].timing, parts=parts)
+
+
+def thinned(problem: Problem, rate: float) -> Problem:
+    """Return a problem with no more than ``rate`` samples a second of each recording."""
+    return each(problem, lambda p: replace(p, data=p.data.thinned(rate)))
+
+
+def timed(point: Point, problem: Problem, *, now: bool = True) -> Problem:
+    """Return a problem with commands as they act by their likelihood, see `timing_of`, in each recording.
+
+    ``now``: what is taken now stays unless another is clearly better.
+    """
+    here = at_point(point, problem)
+
+    def own(p: Problem) -> Problem:
+        return replace(p, timing=timing_of(point, p, p.timing if now else None))
+
+    found = each(here, own)
+    parts = tuple(replace(p, timing=q.timing) for p, q in zip(problem.parts, found.parts, strict=True))
+    return replace(problem, timing=found.timing, parts=parts)
+
+
+def timed_like(problem: Problem, other: Problem) -> Problem:
+    """Return a problem with commands as they act in another of the same recordings."""
+    parts = tuple(replace(p, timing=q.timing) for p, q in zip(problem.parts, other.parts, strict=True))
+    return replace(problem, timing=other.timing, parts=parts)
+
+
+def at_point(point: Point, problem: Problem) -> Problem:
+    """Return the problem as it is at a point: sensors in each recording with its biases, and its effects.
+
+    Biases of a further recording act from its first sample on, in the place of those of the one before.
+    """
+    data = problem.data.with_blocks(point.sensors())
+    before = data.blocks
+    later: list[list[tuple[float, np.ndarray]]] = [list(b.later) for b in data.blocks]
+    for part in problem.parts[1:]:
+        own = problem.data.with_blocks(point.for_recording(part.label).sensors()).blocks
+        for steps, old, new in zip(later, before, own, strict=True):
+            if (new.bias != old.bias).any():
+                steps.append((float(data.times[part.first]), new.bias - old.bias))
+        before = own
+    blocks = tuple(replace(b, later=tuple(x)) for b, x in zip(data.blocks, later, strict=True))
+    parts = problem.parts
+    if point.only:
+        own_points = [point.as_in(p.label) for p in parts]
+        models = [None if q is point else q.model() for q in own_points]
+        parts = tuple(replace(p, model=m) for p, m in zip(parts, models, strict=True))
+    return replace(problem, data=replace(data, blocks=blocks), parts=parts)
+
+
+def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
+    """Return the runs over several recordings as one, in which nothing passes from one to the next."""
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(r, name) for r in runs])
+
+    def between(name: str) -> np.ndarray:
+        """Join arrays of one fewer than samples; where recordings meet, what is there is zero."""
+        nothing = np.zeros((1, *getattr(runs[0], name).shape[1:]))
+        parts = [x for r in runs for x in (getattr(r, name), nothing)]
+        return np.concatenate(parts[:-1])
+
+    middles = [r.middle for r in runs]
+    for k in range(len(runs) - 1):  # a state stands where recordings meet, for nothing acts there
+        at = 0.5 * (runs[k].states.time[-1:] + runs[k + 1].states.time[:1])
+        middles[k] = _states([middles[k], replace(_last(runs[k].states), time=at)])
+    return FilterRun(
+        whole("innovations"), sum(r.log_likelihood for r in runs), whole("whitening"), whole("gain"),
+        whole("sensitivity"), whole("by_a"), between("transition"), between("forcing"),
+        _states([r.states for r in runs]), _states(middles), whole("inverse"), between("middle_inverse"),
+        whole("predicted"), whole("errors"), whole("normalised"), whole("used"), whole("edges"),
+        tuple(np.cumsum([0, *(len(r.innovations) for r in runs[:-1])]).tolist()),
+    )  # fmt: skip
+
+
+def run_of_each(run: FilterRun) -> list[FilterRun]:
+    """Return a run over several recordings one by one."""
+    count = len(run.innovations)
+    out = []
+    for a, b in zip(run.begins, [*run.begins[1:], count], strict=True):
+        at, mid = slice(a, b), slice(a, b - 1)
+        parts = {
+            name: getattr(run, name)[at]
+            for name in (
+                "innovations", "whitening", "gain", "sensitivity", "by_a", "inverse", "predicted", "errors",
+                "normalised", "used", "edges",
+            )
+        }  # fmt: skip
+        between = {name: getattr(run, name)[mid] for name in ("transition", "forcing", "middle_inverse")}
+        states, middle = _cut(run.states, at), _cut(run.middle, mid)
+        out.append(replace(run, **parts, **between, states=states, middle=middle, begins=(0,)))
+    return out
+
+
+def _states(parts: Sequence[States]) -> States:
+    names = ("time", "q", "v", "a", "tau", "reaction")
+    return States(*(np.concatenate([getattr(s, n) for s in parts]) for n in names))
+
+
+def _cut(states: States, where: slice) -> States:
+    return States(*(getattr(states, n)[where] for n in ("time", "q", "v", "a", "tau", "reaction")))
+
+
+def _last(states: States) -> States:
+    return _cut(states, slice(len(states.time) - 1, None))
+
+
+class JointSensitivities(Sensitivities):
+    """Changes by any parameter along a run over several recordings, each with its own drive and biases."""
+
+    def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
+        runs = run_of_each(run)
+        self.each = tuple(
+            Sensitivities(point.as_in(part.label), part.model or model, p, r)
+            for part, p, r in zip(problem.parts, recordings_of(problem), runs, strict=True)
+        )
+        super().__init__(point, model, problem, run)
+
+    def _applied(self, model: SpacecraftModel) -> Applied:
+        found = [
+            applied(ProcessModel(model, s.problem.locked), s.problem, s.inputs, s.run.edges)
+            for s in self.each
+        ]
+        none = np.zeros((1, model.nv))
+        middle = np.concatenate([x for f in found for x in (f.middle, none)][:-1])
+        # of the course within a step only the number of steps is asked here
+        means = np.repeat(middle[:, None], max(f.means.shape[1] for f in found), axis=1)
+        return Applied(means, middle, np.concatenate([f.at for f in found]), np.zeros_like(means))
+
+    def effect(self, plain: Effect, changed: Effect, step: float) -> Sensitivity:
+        """Return the change by an effect, in the recordings that have it."""
+        found = super().effect(plain, changed, step)
+        if changed.name not in self.point.only:
+            return found
+        labels, _ = self.point.only[changed.name]
+        return self.within(found, labels)
+
+    def within(self, change: Sensitivity, labels: Sequence[str]) -> Sensitivity:
+        """Return a change as it is in some recordings, and none in the others."""
+        there = np.zeros(len(self.run.innovations), dtype=bool)
+        for part, here in zip(self.problem.parts, _samples(self.problem), strict=True):
+            there[here] = part.label in labels
+        at, middle = there[:, None], there[:-1, None]
+        return Sensitivity(
+            None if change.middle is None else change.middle * middle,
+            None if change.at is None else change.at * at,
+            None if change.reading is None else change.reading * at,
+        )
+
+    def bias(self, unknown) -> Sensitivity:
+        """Return the change by the bias of one axis in the recording it is named after, if not the first."""
+        label, named, name = unknown.name.rpartition(": ")
+        own = replace(unknown, name=name) if named else unknown
+        readings = []
+        for k, (part, s) in enumerate(zip(self.problem.parts, self.each, strict=True)):
+            reading = s.bias(own).reading
+            assert reading is not None
+            readings.append(reading if (part.label == label if named else k == 0) else np.zeros_like(reading))
+        return Sensitivity(reading=np.concatenate(readings))
+
+    def readings(self) -> np.ndarray:
+        """Return what is read along the run (N, rows)."""
+        return np.concatenate([s.readings() for s in self.each])
+
+    def rates(self) -> np.ndarray:
+        """Return time derivatives of the readings (N, rows) between jumps of the commands."""
+        return np.concatenate([s.rates() for s in self.each])
+
+    def _reading(
+        self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
+    ) -> np.ndarray | None:
+        found = [s._reading(base, other, origin, model) for s in self.each]
+        parts = [x for x in found if x is not None]
+        return np.concatenate(parts) if len(parts) == len(found) else None
+
+
+def sensitivities(point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> Sensitivities:
+    """Return the changes by any parameter at a point, along a run there."""
+    return (JointSensitivities if problem.parts else Sensitivities)(point, model, problem, run)
