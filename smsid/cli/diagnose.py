@@ -133,7 +133,11 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         yield (
             f"whitened rms (noise: 1): {_short(gain['whitened_given'])} as given, "
             f"{_short(gain['whitened_nominal'])} refitted, {_short(gain['whitened_extended'])} extended; "
-            f"{100 * (gain['explained'] or 0.0):.1f} % of the excess gone"
+            + (
+                "nothing exceeds the noise"
+                if gain["explained"] is None
+                else f"{100 * gain['explained']:.1f} % of the excess gone"
+            )
             + (f"; {left_out} readings of faulty sensors left out" if left_out else "")
         )
     elif gain.get("reason"):

@@ -144,6 +144,16 @@ def accept(
     return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
 
 
+def simplest(best: Score, scores: Sequence[Score], samples: int, levels: Levels) -> Score:
+    """Return the simplest law of the same place that the best candidate is not told from, or that one."""
+    for shape in best.candidate.simpler:
+        for s in scores:
+            own = best.candidate.extends(s.candidate) and s.candidate.shape == shape and s.freedom > 0
+            if own and correlation(best, s) > NEAR and not told_apart(best, s, samples, levels):
+                return s
+    return best
+
+
 def _begins(s: Score) -> bool:
     return getattr(s.candidate.effect, "start", None) is not None
 
@@ -198,6 +208,8 @@ def told_apart(winner: Score, rival: Score, samples: int, levels: Levels) -> boo
     if winner.ratio <= levels.linear and lead > float(chi2.isf(chance, max(winner.freedom, 1))):
         return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
+        if b.extends(a):
+            return -lead < float(chi2.isf(NESTED, more))
         if set(a.free) <= set(b.free):
             weak = winner.ratio <= levels.linear  # else what it adds would show
             return -lead < float(chi2.isf(NESTED, more)) and not (weak and _open(winner, rival))

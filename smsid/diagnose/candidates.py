@@ -30,7 +30,8 @@ class Candidate:
     sizes of them. With ``effect`` ``None`` the candidate is that nominal parameters (``free``) are wrong by
     more than their prior allows. ``also`` are parameters freed once the effect is there (a payload's centre
     of mass has no meaning without its mass). ``grid`` counts the variants searched, for the correction.
-    ``only`` names the recordings that have it, where not all do.
+    ``only`` names the recordings that have it, where not all do. ``simpler`` are shapes at its location that
+    come first: what one of them explains as well is not its own.
     """
 
     kind: str
@@ -43,11 +44,17 @@ class Candidate:
     also: tuple[str, ...] = ()
     grid: int = 1
     only: tuple[str, ...] = ()
+    simpler: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[str, str, str]:
         """What makes it itself: kind, location, shape."""
         return self.kind, self.location, self.shape
+
+    def extends(self, other: Candidate) -> bool:
+        """Whether another is a simpler law of the same place."""
+        same = (self.location, self.family) == (other.location, other.family)
+        return same and other.shape in self.simpler
 
     def holds(self, other: Candidate) -> bool:
         """Whether another is a special case of it: the same effect with fewer parameters free."""

@@ -20,6 +20,7 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
 from smsid.effects.mode_error import ModeError
 from smsid.effects.rotor import turns
 from smsid.effects.slosh import Slosh
@@ -82,9 +83,10 @@ def _one(
     free: dict[str, float],
     also: Sequence[str] = (),
     part: str = "",
+    simpler: Sequence[str] = (),
 ) -> Iterator[Candidate]:
     """Yield a candidate; ``free`` gives the step of each parameter, vectors as ``key.x``. ``part`` tells
-    effects of a kind apart that may stand at one location together.
+    effects of a kind apart that may stand at one location together; ``simpler`` as in `Candidate`.
     """
     name = re.sub(r"\W+", "_", f"{kind}_{location}_{part}").strip("_")
     effect = _instance(kind, name, **fields)
@@ -96,7 +98,8 @@ def _one(
         LOGGER.info("no candidate %s: it has %s", name, sorted(known))
         return
     more = tuple(f"{name}.{key}" for key in also if f"{name}.{key}" in known)
-    yield Candidate(kind, location, family, shape, effect, names, tuple(free.values()), more)
+    steps = tuple(free.values())
+    yield Candidate(kind, location, family, shape, effect, names, steps, more, simpler=tuple(simpler))
 
 
 def _as(cls: type[Candidate], c: Candidate, **more: Any) -> Candidate:
@@ -118,6 +121,12 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             at = {"joint": name}
             yield from _one("joint_friction", name, "friction", "viscous", at, {"viscous": 1e-3})
             yield from _one("joint_friction", name, "friction", "coulomb", at, {"coulomb": 1e-3})
+            for shape, simpler in SIMPLER.items():
+                free = dict.fromkeys(fields_of(LAW_OF_SHAPE[shape]), 1e-3)
+                yield from _one("joint_friction", name, "friction", shape, at, free, simpler=simpler)
+            with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
+            curve = ["stribeck_rate", "stribeck_exponent"]
+            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck, curve)
             yield from _one("torque_gain", name, "actuator", "torque constant", at, {"error": 1e-3})
             late = {"actuator": name}
             yield from _one("actuator_delay", name, "actuator", "delay", late, {"delay": 1e-3})
@@ -131,9 +140,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("joint_friction", name, "friction", "load-dependent", at, {"load": 1e-3})
             varying = {"position_cos": 1e-3, "position_sin": 1e-3}
             yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
-            with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
-            curve = ["stribeck_rate", "stribeck_exponent"]
-            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck, curve)
+            cable = {"stiffness": 1e-3}
+            yield from _one("joint_cable", name, "drivetrain", "cable", at, cable, ["rest"])
             none = at | {"inertia": 0.0}
             yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
             gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
@@ -172,9 +180,11 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         last = int(arm.joints[-1])
         links = [f.name for f in model.pin.frames if f.parentJoint == last and f.type == pin.FrameType.BODY]
         frame = links[-1] if links else model.pin.names[last]  # the URDF's last link is the tool
-        yield from _one(
-            "payload", frame, "inertia", "payload", {"frame": frame, "mass": 0.0}, {"mass": 1e-2}, COM
-        )
+        held = {"frame": frame, "mass": 0.0}
+        yield from _one("payload", frame, "inertia", "payload", held, {"mass": 1e-2}, COM)
+        whole = {"mass": 1e-2, **_vector("first_moment", 1e-2)}
+        whole |= {f"inertia.{label.removeprefix('I')}": 1e-2 for label in INERTIAL_NAMES[4:]}
+        yield from _one("grasped_body", frame, "inertia", "grasped body", held, whole, simpler=("payload",))
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
         where: dict[str, Any] = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
@@ -235,6 +245,8 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
             at = {**mode, "rate": 0.0}
             shape = f"drift of mode {k}"
             yield from _one("frequency_drift", part.name, "appendage", shape, at, {"rate": 1e-4}, part=f"{k}")
+        at = {"appendage": part.name}
+        yield from _one("thermal_snap", part.name, "appendage", "thermal snap", at, {"deflection": 1e-3})
         stiff = [f"{part.name}.youngs_modulus"]
         yield from _shift(part.kind, part.name, "appendage", "stiffness", stiff, nominal)
         yield from _shift(part.kind, part.name, "appendage", "damping", [f"{part.name}.damping"], nominal)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.accept import Cause, Levels, accept
+from smsid.diagnose.accept import Cause, Levels, accept, simplest
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.candidates import Candidate, Score, scored, signatures
 from smsid.diagnose.exchange import judged_again, sought_again, weighed
@@ -102,6 +102,7 @@ class State:
             return False
         counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
         best = max(counting, key=lambda s: s.odds(self.samples))
+        best = simplest(best, [*counting, *self.scores], self.samples, self._asked)
         if not self.fitted.misfit:  # else the tests do not decide
             self.held = self._memory(best)
         if self.held:  # the next would stand in for a piece of it

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import norm
@@ -19,6 +20,11 @@ from smsid.diagnose.search import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.joint_problem import on_own_clock
 from smsid.estimation.parameter_vector import Unknown
+
+if TYPE_CHECKING:
+    from smsid.diagnose.torque.candidates import TorqueCandidate
+
+    Named = Candidate | TorqueCandidate
 
 POWER = THRESHOLDS.power
 IN_TURN = THRESHOLDS.in_turn
@@ -60,19 +66,10 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     if begun is not None and found.last.problem.parts:
         begun, label = on_own_clock(found.last.problem, begun)
         where = (label,)
-    siblings = [(s, c) for s, c in cause.aliases if _sibling(s.candidate, own)]
-    others = [(s, c) for s, c in cause.aliases if not _sibling(s.candidate, own)]
-    aliases = tuple(
-        Alias(
-            s.candidate.kind,
-            s.candidate.location,
-            s.candidate.family,
-            s.candidate.shape,
-            float(c),
-            separate(own, s.candidate),
-        )
-        for s, c in [*siblings[: max(1, FEW - len(others))], *others]
-    )
+    siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
+    others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
+    told = [*siblings[: max(1, FEW - len(others))], *others]
+    aliases = tuple(alias(own, s.candidate, c) for s, c in told)
     return FoundCause(
         effect=own.kind,
         location=own.location,
@@ -128,15 +125,26 @@ def _assumed(found: Search, candidate: Candidate) -> list[Unknown]:
     ]
 
 
-def _sibling(a: Candidate, b: Candidate) -> bool:
+def is_sibling(a: Named, b: Named) -> bool:
+    """Whether two are of one family at one place."""
     return a.location == b.location and a.family == b.family
 
 
-def separate(a: Candidate, b: Candidate) -> str:
+def alias(own: Named, other: Named, correlation: float) -> Alias:
+    """Return a candidate as one that a cause is not told from."""
+    told = other.kind, other.location, other.family, other.shape
+    return Alias(*told, float(correlation), separate(own, other))
+
+
+def separate(a: Named, b: Named) -> str:
     """Return in words which experiment would tell two candidates apart."""
     for pair in (frozenset((a.shape, b.shape)), frozenset((a.family, b.family))):
         if pair in SEPARATE:
             return SEPARATE[pair]
+    if "load-dependent" in (a.shape, b.shape):
+        return "repeat the same motion with and without a payload"
+    if a.location == b.location and "motor inertia" in (a.shape, b.shape):
+        return f"accelerate {a.location} harder in several poses of the arm"
     if a.location != b.location:
         return f"move {a.location} and {b.location} one after the other"
     return "a longer recording with more varied motion"

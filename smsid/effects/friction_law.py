@@ -65,6 +65,26 @@ TERMS: tuple[FrictionTerm, ...] = (
 and Stribeck's; Taghirad and Belanger (1998) for the load; Bittencourt and Gunnarsson (2012) for temperature,
 of which this is the linear part."""
 
+LAW_OF_SHAPE: Mapping[str, str] = MappingProxyType(
+    {
+        "load-dependent": "load",
+        "position-dependent": "position",
+        "by direction": "direction",
+        "quadratic drag": "quadratic",
+        "cubic drag": "cubic",
+    }
+)
+"""Laws by the shape that a diagnosis names."""
+
+SIMPLER: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "by direction": ("viscous", "coulomb"),
+        "quadratic drag": ("viscous",),
+        "cubic drag": ("viscous", "quadratic drag"),
+    }
+)
+"""Shapes of friction that come only where simpler ones, by name, explain clearly less."""
+
 BY_FIELD: Mapping[str, FrictionTerm] = MappingProxyType({t.field: t for t in TERMS})
 
 
@@ -108,4 +128,15 @@ def friction_columns(effect: Any, fields: Iterable[str], at: Sliding) -> dict[st
     return {f: BY_FIELD[f].column(at) for f in fields}
 
 
-__all__ = ["BY_FIELD", "TERMS", "FrictionTerm", "Law", "Sliding", "fields_of", "friction_columns", "sliding"]
+__all__ = [
+    "BY_FIELD",
+    "LAW_OF_SHAPE",
+    "SIMPLER",
+    "TERMS",
+    "FrictionTerm",
+    "Law",
+    "Sliding",
+    "fields_of",
+    "friction_columns",
+    "sliding",
+]

@@ -224,7 +224,16 @@ CASES: dict[str, Case] = {
         lambda s, seed: recorded(dahl(2, 15.0 * s, 150.0 * s), seed=seed), None, "joint3", "friction"
     ),
     "drag": Case(
-        _hides(lambda s: on(1, lambda q, v, a, load: 10.0 * s * v * np.abs(v))), None, "joint2", "friction"
+        _hides(lambda s: on(1, lambda q, v, a, load: 10.0 * s * v * np.abs(v))),
+        "joint_friction", "joint2", parameter=("quadratic", 10.0),
+    ),
+    "cubic drag": Case(
+        _hides(lambda s: on(1, lambda q, v, a, load: 10.0 * s * v**3)),
+        "joint_friction", "joint2", parameter=("cubic", 10.0),
+    ),
+    "direction": Case(
+        _hides(lambda s: on(1, lambda q, v, a, load: 5.0 * s * (np.abs(v) > 0.0))),
+        "joint_friction", "joint2", parameter=("coulomb_direction", 5.0),
     ),
 }  # fmt: skip
 """What can be hidden, by name; made from a size (about 1) and a seed."""

@@ -31,19 +31,22 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
-from smsid.effects.friction_law import BY_FIELD, fields_of, sliding
+from smsid.effects.friction_law import BY_FIELD, LAW_OF_SHAPE, SIMPLER, fields_of, sliding
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES, Regressor
 from smsid.recording import Recording
 
 STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
-"""Rates tried for Stribeck's curve [rad/s]; it sticks out of Coulomb's below that."""
+"""Rates tried for Stribeck's curve [rad/s | m/s]; it sticks out of Coulomb's below that."""
+
+SLOW = 0.5
+"""Share of a joint's largest rate (95 of 100 instants are below that) which such a rate is below: a curve as
+wide as the motion is none of breaking loose."""
 
 SHAPES: Mapping[str, tuple[str, ...]] = {
     "viscous": ("viscous",),
     "coulomb": ("coulomb",),
-    "load-dependent": fields_of("load"),
-    "position-dependent": fields_of("position"),
+    **{shape: fields_of(law) for shape, law in LAW_OF_SHAPE.items()},
 }
 """Parameters of friction that a cause frees, by its name."""
 
@@ -76,6 +79,11 @@ class TorqueCandidate:
     moves: Moves = ""
 
     @property
+    def simpler(self) -> tuple[str, ...]:
+        """Shapes at its place that come first: what one of them explains as well is not its own."""
+        return SIMPLER.get(self.shape, ())
+
+    @property
     def key(self) -> tuple[str, str, str]:
         """What makes it itself: kind, location, shape."""
         return self.kind, self.location, self.shape
@@ -100,7 +108,7 @@ def torque_candidates(
     description = equations.description
     found: list[TorqueCandidate] = []
     for j, joint in enumerate(equations.names):
-        found += _friction(joint, j)
+        found += _friction(equations, joint, j)
         found += _drivetrain(equations, joint, j)
         if known:
             found.append(_gain(joint, j))
@@ -154,7 +162,7 @@ def _at(j: int, *parts: Callable[[TorqueEquations, np.ndarray], np.ndarray]) -> 
     return columns
 
 
-def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
+def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[TorqueCandidate]:
     effect = JointFriction(name=_name("joint_friction", joint), joint=joint)
     units = {p.name.partition(".")[2]: p.unit for p in effect.parameters()}
     lower = {p.name.partition(".")[2]: p.lower for p in effect.parameters()}
@@ -180,9 +188,13 @@ def _friction(joint: str, j: int) -> Iterator[TorqueCandidate]:
             tuple(units[x] for x in fields), tuple(lower[x] for x in fields), _at(j, *parts), grid, needs,
         )  # fmt: skip
 
+    slide = slides(equations.model, joint)
     for shape, own in SHAPES.items():
+        if slide and shape == "position-dependent":
+            continue  # a place has no cosine
         yield make(shape, own, *columns(*own))
-    for rate in STRIBECK_RATES:
+    largest = float(np.quantile(np.abs(equations.motion.v[:, j]), 0.95))
+    for rate in (x for x in STRIBECK_RATES if x < SLOW * largest):
         curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
         own = ("coulomb", "stribeck")
         yield make("stribeck", own, *columns(*own, of=curve), with_=curve, grid=len(STRIBECK_RATES), needs=1)

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from smsid.description import Description
 from smsid.diagnose.blocks import Block
 from smsid.diagnose.gain import ChannelGain, Gain
-from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
@@ -20,7 +20,7 @@ from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
-from smsid.diagnose.verdict import POWER, SEPARATE, describe
+from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
 from smsid.errors import RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
@@ -113,10 +113,10 @@ def diagnose_torques(
         causes=named,
         gain=gained,
         gain_reason=reason,
-        remaining=_told(left, len(blocks)),
+        remaining=tested(left, len(blocks)),
         tests={
-            "nominal": _told(before, len(before)),
-            "extended": _told(blocks, len(blocks)),
+            "nominal": tested(before, len(before)),
+            "extended": tested(blocks, len(blocks)),
         },
         limits=torque_limits(found),
         whitened_rms=whitened,
@@ -131,14 +131,6 @@ def diagnose_torques(
         ),
     )
     return result, extended, found
-
-
-def _told(blocks: Sequence[Block], tests: int) -> tuple[Remaining, ...]:
-    """Generic tests in the form of the result, their p-values corrected for ``tests`` of them."""
-    return tuple(
-        Remaining(b.where, b.dependence, b.ratio, b.freedom, float(min(1.0, b.p_value * tests)))
-        for b in blocks
-    )
 
 
 def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) -> FoundCause:
@@ -160,14 +152,8 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
         Value(n, float(x), float(s), u, nominal)
         for n, x, s, u in zip(cause.term.names, values, sigma, units, strict=True)
     )
-    siblings = [s for s, _ in cause.aliases if _sibling(s.candidate, own)]
-    aliases = tuple(
-        Alias(
-            s.candidate.kind, s.candidate.location, s.candidate.family, s.candidate.shape, float(c),
-            _separate(own, s.candidate),
-        )
-        for s, c in cause.aliases
-    )  # fmt: skip
+    siblings = [s for s, _ in cause.aliases if is_sibling(s.candidate, own)]
+    aliases = tuple(alias(own, s.candidate, c) for s, c in cause.aliases)
     return FoundCause(
         effect=own.kind,
         location=own.location,
@@ -183,22 +169,6 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
         },
         fitted=own.shape,
     )
-
-
-def _sibling(a, b) -> bool:
-    return a.location == b.location and a.family == b.family
-
-
-def _separate(a, b) -> str:
-    """Return in words which experiment would tell two candidates apart."""
-    for pair in (frozenset((a.shape, b.shape)), frozenset((a.family, b.family))):
-        if pair in SEPARATE:
-            return SEPARATE[pair]
-    if "load-dependent" in (a.shape, b.shape):
-        return "repeat the same motion with and without a payload"
-    if "motor inertia" in (a.shape, b.shape):
-        return f"accelerate {a.location} harder in several poses of the arm"
-    return "a longer recording with more varied motion"
 
 
 def _verdict(named: tuple[FoundCause, ...], left: Sequence[Block], share: float) -> tuple[Verdict, str]:

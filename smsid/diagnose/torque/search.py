@@ -92,7 +92,8 @@ def search_torques(
     """
     levels = levels or TorqueLevels()
     simple = [c for c in candidates if c.shape in SIMPLE]
-    whitening = learn_noise(equations, candidates)
+    # laws that come after simpler ones are spanned by those well enough, and each column takes noise away
+    whitening = learn_noise(equations, [c for c in candidates if not c.simpler])
     nominal = current = fit_torques(equations, prior, (), whitening)
     causes: list[TorqueCause] = []
     rest, tried = list(candidates), len(candidates)
@@ -111,6 +112,7 @@ def search_torques(
             LOGGER.info("%s does not hold everywhere", best.candidate.key)
             refused.add(id(best.candidate))
             continue
+        best = _simplest(best, scores, current, tried, levels)
         LOGGER.info("%s: ratio %.1f", best.candidate.key, best.ratio)
         rest = [c for c in rest if c is not best.candidate]
         refused.clear()  # what another hid may hold now
@@ -127,6 +129,19 @@ def search_torques(
         c if c.term.candidate.moves else _beside_all(current, causes, c, candidates, levels) for c in causes
     ]
     return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried, levels)
+
+
+def _simplest(
+    best: TorqueScore, scores: Sequence[TorqueScore], current: TorqueFit, tried: int, levels: TorqueLevels
+) -> TorqueScore:
+    """Return the simplest law of the same joint that explains about as much as the best, or that one."""
+    enough = best.gain(current.samples) - levels.alias
+    for shape in best.candidate.simpler:
+        for s in scores:
+            same = (s.candidate.location, s.candidate.shape) == (best.candidate.location, shape)
+            if same and s.gain(current.samples) > enough and _significant(s, current, tried, levels):
+                return s
+    return best
 
 
 def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: TorqueLevels) -> bool:
