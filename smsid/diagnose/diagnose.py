@@ -157,9 +157,7 @@ def _diagnose(
     labels = labels_of(recordings)
     known = nominal(description, estimate, labels[1:])
     point, description = known.point, known.point.description
-    recordings, validation = (
-        [order_columns(r, point.base) for r in given] for given in (recordings, validation)
-    )
+    recordings = [order_columns(r, point.base) for r in recordings]
     placed = on_one_clock(recordings, labels)
     read = joint_problem([_problem(point, p, noise, known.joint) for p in placed], placed)
     whole = read.data
@@ -294,8 +292,8 @@ def _gain(
         return None, "no validation recording was given"
     last = found.last
     try:
-        nominal = found.nominal.point
-        return gain(given, nominal, as_now(last), recordings[0], last.problem, rate, faults), ""
+        nominal, held = found.nominal.point, order_columns(recordings[0], given.base)
+        return gain(given, nominal, as_now(last), held, last.problem, rate, faults), ""
     except SmsidError as error:
         return None, f"not on '{recordings[0].name}': {error.message}"
     except np.linalg.LinAlgError as error:

@@ -139,7 +139,8 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
                 continue
             yield from _one("joint_friction", name, "friction", "load-dependent", at, {"load": 1e-3})
             varying = {"position_cos": 1e-3, "position_sin": 1e-3}
-            yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
+            if turns(model.pin, model.pin.getJointId(name)):  # a place has no cosine
+                yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
             cable = {"stiffness": 1e-3}
             yield from _one("joint_cable", name, "drivetrain", "cable", at, cable, ["rest"])
             none = at | {"inertia": 0.0}

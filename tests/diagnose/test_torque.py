@@ -21,7 +21,7 @@ from smsid.diagnose.torque.fit import Prior, Term, effects_of, fit_torques, lear
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction
 from smsid.model import build_model
-from smsid.recording import save_recording
+from smsid.recording import Recording, save_recording
 from tests.diagnose.torque_world import CASES, Case, described, on, recorded
 
 
@@ -83,6 +83,41 @@ def test_what_is_outside_the_catalogue_is_not_given_a_wrong_name(name, estimate)
     assert any(case.location in r.where for r in found.remaining)
     for cause in found.causes:
         assert cause.family == case.family and cause.location == case.location and cause.shape is None
+
+
+def test_weak_recordings_name_together_what_none_does_alone():
+    """A drag of about two and a half standard deviations in each."""
+    logs = [recorded(on(1, lambda q, v, a, load: 0.13 * v), seed=seed) for seed in (11, 12, 13, 14)]
+    assert not any(diagnose(described(), [log]).diagnosis.causes for log in logs)
+    found = diagnose(described(), logs).diagnosis
+    ((effect, location),) = {(c.effect, c.location) for c in found.causes}
+    assert (effect, location) == ("joint_friction", "joint2")
+    assert found.recordings == tuple(log.name for log in logs)
+
+
+def test_equations_of_several_recordings_are_stacked():
+    logs = [recorded(seed=seed, seconds=8.0) for seed in (1, 2)]
+    both = torque_equations(described(), logs, cutoff=20.0)
+    alone = [torque_equations(described(), log, cutoff=20.0) for log in logs]
+    assert np.array_equal(both.rows, np.concatenate([e.rows for e in alone]))
+    assert np.array_equal(both.torque, np.concatenate([e.torque for e in alone]))
+    assert (np.diff(both.time) > 0.0).all() and (np.diff(both.motion.time) > 0.0).all()
+    values = [e.motion.v[:, :, None] for e in alone]
+    filtered = [e.filtered(x) for e, x in zip(alone, values, strict=True)]
+    assert np.array_equal(both.filtered(np.concatenate(values)), np.concatenate(filtered))
+
+
+def test_a_validation_log_of_another_arm_is_a_reason_and_no_end():
+    other = recorded(seed=4, role="validation")
+    renamed = Recording.from_arrays(
+        other.time(),
+        {c: other[c] for c in other.channels},
+        labels={"joint": ("a", "b", "c")},
+        role="validation",
+        name="other",
+    )
+    found = diagnose(described(), [recorded(seed=1)], validation=[renamed]).diagnosis
+    assert found.verdict == "adequate" and found.gain is None and "not on 'other'" in found.gain_reason
 
 
 def test_two_effects_are_both_found(estimate):

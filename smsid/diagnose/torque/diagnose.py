@@ -21,7 +21,7 @@ from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
@@ -56,7 +56,7 @@ def diagnose_torques(
 
     Args:
         description: a welded arm.
-        recordings: angles and torques; the first is searched, the others join the validation.
+        recordings: angles and torques; all are searched together.
         estimate: standard deviations of the combinations.
         validation: recordings the gain is measured on.
         levels: levels of significance.
@@ -66,27 +66,28 @@ def diagnose_torques(
         RecordingError: the recording cannot be used, or is of another arm.
     """
     begin = time.process_time()
-    recording = recordings[0]
-    recording.check()
-    equations = torque_equations(description, recording, cutoff=cutoff)
-    require_excitation(equations, recording)
+    for recording in recordings:
+        recording.check()
+    together = ", ".join(r.name for r in recordings)
+    equations = torque_equations(description, recordings, cutoff=cutoff)
+    require_excitation(equations, together)
     if len(equations.time) < SHORTEST:
         raise RecordingError(
-            f"'{recording.name}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",
+            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",
             advice="Record longer, or raise the cutoff.",
         )
     prior, stated, notes = prior_of(equations, estimate)
-    candidates = torque_candidates(equations, recording, known=links_known(equations, prior))
-    found = search_torques(equations, recording, prior, candidates, levels)
+    candidates = torque_candidates(equations, recordings[0], known=links_known(equations, prior))
+    found = search_torques(equations, recordings, prior, candidates, levels)
     last = found.last
     if not found.scores and not found.causes:
-        raise RecordingError(f"'{recording.name}' excites no candidate at all.", advice="Move the joints.")
+        raise RecordingError(f"'{together}' excites no candidate at all.", advice="Move the joints.")
     left_over = float(np.linalg.norm(last.residual) / np.linalg.norm(last.equations.torque))
     if left_over > FOREIGN:
         raise RecordingError(
             f"Even with everything refitted, {100 * left_over:.0f} % of the torque is left unexplained.",
             advice="Is it of another arm? `smsid inspect --description` looks for turned signs and currents.",
-            recording=recording.name,
+            recording=together,
         )
     searched = time.process_time()
     blocks = dependences(last)
@@ -96,9 +97,11 @@ def diagnose_torques(
     named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
     extended, more = extended_description(last) if named else (description, ())
     gained, reason = None, "no validation recording was given"
-    judged = [*validation, *recordings[1:]]
-    if judged:
-        gained, reason = torque_gain(found, judged[0]), ""
+    if validation:
+        try:
+            gained, reason = torque_gain(found, validation[0]), ""
+        except SmsidError as error:
+            reason = f"not on '{validation[0].name}': {error.message}"
     decided, sentence = _verdict(named, left, left_over)
     whitened = {
         name: float(np.sqrt(np.mean(f.left[: f.rows] ** 2)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,7 +48,8 @@ class TorqueEquations:
     ``fine`` (N, joints, b) are the rows before that, ``rows`` (n, joints, b) after, ``torque`` (n, joints)
     [N m], ``base`` the identifiable combinations, ``band`` [Hz], ``noise`` (joints,) the level [N m] of the
     torque's white noise within the band, ``interval`` between samples of the recording, ``late`` by how
-    much the angles were taken to be late [s].
+    much the angles were taken to be late [s]. Of several recordings all stand one after the other, and
+    ``parts`` are the equations of each: filters do not reach from one into the next.
     """
 
     description: Description
@@ -63,6 +65,7 @@ class TorqueEquations:
     interval: float
     late: float = 0.0
     turns: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
+    parts: tuple[TorqueEquations, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,12 +94,16 @@ class TorqueEquations:
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
         """Return values (N, ...) on the motion's instants low-passed to the instants of the equations."""
+        if self.parts:
+            ends = np.cumsum([len(p.motion.time) for p in self.parts])[:-1]
+            own = zip(self.parts, np.split(values, ends), strict=True)
+            return np.concatenate([p.filtered(x) for p, x in own])
         return _banded(values, self.motion.rate, self.band)
 
 
 def torque_equations(
     description: Description,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     *,
     cutoff: float | None = None,
     band: float | None = None,
@@ -106,7 +113,7 @@ def torque_equations(
 
     Args:
         description: a welded arm.
-        recording: joint angles and torques, see `joint_motion`.
+        recording: joint angles and torques, see `joint_motion`; or several, stacked.
         cutoff: low-pass of the motion [Hz]; default `motion_cutoff`.
         band: highest frequency at which torques are compared [Hz].
         late: by how much the angles are late against the torques [s].
@@ -116,6 +123,11 @@ def torque_equations(
         RecordingError: as `joint_motion`, or the record is shorter than its filters.
     """
     model = rigid_arm(description)
+    if not isinstance(recording, Recording):
+        if cutoff is None:
+            cutoff = min(motion_cutoff(model, r) for r in recording)
+        parts = [torque_equations(description, r, cutoff=cutoff, band=band, late=late) for r in recording]
+        return parts[0] if len(parts) == 1 else _stacked(parts)
     top = motion_cutoff(model, recording) if cutoff is None else float(cutoff)
     motion = joint_motion(model, recording, top, late=late)
     within = min(SHARE * top, BAND) if band is None else float(band)
@@ -133,13 +145,39 @@ def torque_equations(
     )  # fmt: skip
 
 
-def require_excitation(equations: TorqueEquations, recording: Recording) -> None:
-    """Raise `RecordingError` for a recording without motion, or without torque."""
+def _stacked(parts: Sequence[TorqueEquations]) -> TorqueEquations:
+    """Return equations of several recordings as one: each begins a sample after the one before."""
+    motion = _following([p.motion.time for p in parts])
+    joined = JointMotion(
+        motion,
+        *(np.concatenate([getattr(p.motion, k) for p in parts]) for k in ("q", "v", "a", "torque")),
+        parts[0].motion.cutoff,
+    )
+    fine, rows, torque = (np.concatenate([getattr(p, k) for p in parts]) for k in ("fine", "rows", "torque"))
+    counts = np.array([len(p.torque) for p in parts])
+    noise = np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=counts))
+    return replace(
+        parts[0], motion=joined, fine=fine, rows=rows, torque=torque, noise=noise,
+        time=_following([p.time for p in parts]), interval=max(p.interval for p in parts), turns={},
+        parts=tuple(parts),
+    )  # fmt: skip
+
+
+def _following(clocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Return clocks as one."""
+    out = [clocks[0]]
+    for clock in clocks[1:]:
+        out.append(clock + (out[-1][-1] + float(np.median(np.diff(clock))) - clock[0]))
+    return np.concatenate(out)
+
+
+def require_excitation(equations: TorqueEquations, named: str) -> None:
+    """Raise `RecordingError` for recordings without motion, or without torque."""
     moved = np.ptp(equations.angles, axis=0) if len(equations.angles) else np.zeros(0)
     still = [n for n, size in zip(equations.names, moved, strict=True) if not size > 0.0]
     if len(still) == len(equations.names):
         raise RecordingError(
-            f"No joint of '{recording.name}' moves: {', '.join(still)}.",
+            f"No joint of '{named}' moves: {', '.join(still)}.",
             advice="Record a motion.",
             still=still,
         )
@@ -150,7 +188,7 @@ def require_excitation(equations: TorqueEquations, recording: Recording) -> None
     ]
     if len(idle) == len(equations.names):
         raise RecordingError(
-            f"The torques of '{recording.name}' are constant: {', '.join(idle)}.",
+            f"The torques of '{named}' are constant: {', '.join(idle)}.",
             advice="Is the right channel mapped?",
             idle=idle,
         )

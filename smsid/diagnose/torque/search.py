@@ -76,7 +76,7 @@ class TorqueSearch:
 
 def search_torques(
     equations: TorqueEquations,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     prior: Prior,
     candidates: Sequence[TorqueCandidate],
     levels: TorqueLevels | None = None,
@@ -191,7 +191,7 @@ def _beside_all(
 def _refitted(
     current: TorqueFit,
     causes: list[TorqueCause],
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
 ) -> tuple[list[TorqueCause], TorqueFit]:
     """Fit all causes; where a joint's zero is among them, on equations made with it, until it stays."""
     equations = current.equations
@@ -227,7 +227,7 @@ def _refitted(
 def _pruned(
     causes: list[TorqueCause],
     current: TorqueFit,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     tried: int,
     levels: TorqueLevels,
 ) -> tuple[list[TorqueCause], TorqueFit]:
@@ -248,7 +248,9 @@ def _pruned(
     return causes, current
 
 
-def _moved_back(equations: TorqueEquations, cause: TorqueCause, recording: Recording) -> TorqueEquations:
+def _moved_back(
+    equations: TorqueEquations, cause: TorqueCause, recording: Recording | Sequence[Recording]
+) -> TorqueEquations:
     """Return the equations without what a joint's zero or the clock moved them by."""
     own = cause.score.candidate
     assert own.effect is not None
