@@ -251,13 +251,19 @@ def _diagnose(
 
 
 def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
-    """Return a recording as a problem; raises `RecordingError` for one that is too short."""
+    """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measured(point.base, recording, point.description.effective_sensors())
     if len(data.times) < SHORTEST:
         raise RecordingError(
             f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
             advice="Record longer.",
+        )
+    read = [*data.values.T, *(q for quaternions in data.attitude.values() for q in quaternions.T)]
+    if all(len(np.unique(x[np.isfinite(x)])) < 2 for x in read):
+        raise RecordingError(
+            f"There is nothing in '{placed.label}': none of the sensors' channels ever changes.",
+            advice="Are the right channels mapped?",
         )
     return Problem(recording, data, locked(point.base, recording), Timing(), noise, joint)
 
