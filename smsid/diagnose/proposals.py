@@ -183,9 +183,6 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         frame = links[-1] if links else model.pin.names[last]  # the URDF's last link is the tool
         held = {"frame": frame, "mass": 0.0}
         yield from _one("payload", frame, "inertia", "payload", held, {"mass": 1e-2}, COM)
-        whole = {"mass": 1e-2, **_vector("first_moment", 1e-2)}
-        whole |= {f"inertia.{label.removeprefix('I')}": 1e-2 for label in INERTIAL_NAMES[4:]}
-        yield from _one("grasped_body", frame, "inertia", "grasped body", held, whole, simpler=("payload",))
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
         where: dict[str, Any] = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
