@@ -232,8 +232,8 @@ CASES: dict[str, Case] = {
         "joint_friction", "joint2", parameter=("cubic", 10.0),
     ),
     "direction": Case(
-        _hides(lambda s: on(1, lambda q, v, a, load: 5.0 * s * (np.abs(v) > 0.0))),
-        "joint_friction", "joint2", parameter=("coulomb_direction", 5.0),
+        _hides(lambda s: on(1, lambda q, v, a, load: 8.0 * s * np.abs(v))),
+        "joint_friction", "joint2", parameter=("viscous_direction", 8.0),
     ),
 }  # fmt: skip
 """What can be hidden, by name; made from a size (about 1) and a seed."""
