@@ -30,8 +30,7 @@ class Candidate:
     sizes of them. With ``effect`` ``None`` the candidate is that nominal parameters (``free``) are wrong by
     more than their prior allows. ``also`` are parameters freed once the effect is there (a payload's centre
     of mass has no meaning without its mass). ``grid`` counts the variants searched, for the correction.
-    ``only`` names the recordings that have it, where not all do. ``simpler`` are shapes at its location that
-    come first: what one of them explains as well is not its own.
+    ``simpler`` are shapes at its location that come first: what one of them explains as well is not its own.
     """
 
     kind: str
@@ -43,7 +42,6 @@ class Candidate:
     steps: tuple[float, ...]
     also: tuple[str, ...] = ()
     grid: int = 1
-    only: tuple[str, ...] = ()
     simpler: tuple[str, ...] = ()
 
     @property
@@ -111,13 +109,6 @@ class Candidate:
         assert self.effect is not None
         mine = [e for e in point.description.effect if e.name == self.effect.name]
         return mine[0] if mine else self.effect
-
-    def put_into(self, point: Point) -> Point:
-        """Return a point that has its effect, as it does nothing, in the recordings that it is of."""
-        effect = self.instance(point)
-        if self.only:
-            point = replace(point, only={**point.only, effect.name: (self.only, effect)})
-        return point.with_effect(effect)
 
     def scored(self, found: Fit, own: Projected) -> Score:
         """Return its score on a fit, from its whitened columns beside the fitted parameters.

@@ -340,7 +340,7 @@ def _fault(fault: Fault, problem: Problem) -> FoundCause:
         (value,),
         (),
         {"samples": float(fault.samples.sum())},
-        recordings=(where,) if where else (),
+        recording=where,
     )
 
 

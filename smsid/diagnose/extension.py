@@ -62,11 +62,10 @@ def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
 
 
 def as_now(found: Fit) -> Point:
-    """Return where a fit of several recordings stands in the last: with the effects that this one has."""
+    """Return where a fit of several recordings stands in the last: with effects beginning by its clock."""
     point, parts = found.point, found.problem.parts
     if not parts:
         return point
-    gone = {n for n, (labels, _) in point.only.items() if parts[-1].label not in labels}
     begins = float(found.problem.data.times[parts[-1].first])
 
     def now(effect: Effect) -> Effect:
@@ -75,9 +74,9 @@ def as_now(found: Fit) -> Point:
             return effect
         return effect.model_copy(update={"start": None if start <= begins else start - parts[-1].shift})
 
-    effects = tuple(now(e) for e in point.description.effect if e.name not in gone)
+    effects = tuple(now(e) for e in point.description.effect)
     description = point.description.model_copy(update={"effect": effects})
-    return replace(point, description=description, only={})
+    return replace(point, description=description)
 
 
 def _that_can_exist(found: Fit) -> dict[int, float]:

@@ -22,13 +22,12 @@ def motion_left(fit: Fit, noise: dict[str, float]) -> float:
     nothing moves, or where the model runs away.
     """
     left: list[float] = []
-    whole, model = at_point(fit.point, fit.problem), fit.point.model()
-    models = [p.model or model for p in whole.parts] or [model]
-    for own, problem in zip(models, recordings_of(whole), strict=True):
+    model = fit.point.model()
+    for problem in recordings_of(at_point(fit.point, fit.problem)):
         data = problem.data
         until = float(data.times[0]) + SETTLE
         try:
-            run = run_filter(own, problem, until=until)
+            run = run_filter(model, problem, until=until)
         except SimulationError:  # it runs away by itself: that says nothing of what it follows when corrected
             return float("nan")
         later = data.times > until

@@ -14,7 +14,6 @@ from smsid.diagnose.starts import Starts, cut
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
-from smsid.estimation.joint_problem import JointSensitivities
 from smsid.estimation.kalman import FilterRun
 from smsid.estimation.map_estimate import Fit, continued, evaluate, fit, within_reach
 from smsid.estimation.sensitivities import Sensitivity, propagate
@@ -45,9 +44,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     the effect, a thousandth of a large ratio may make up a beginning. Where an effect of its name is there
     already, it begins as one of its own, which may be one that cannot be: `Score.another` is kept then, too.
     """
-    some = in_some_recordings(current, s, alias)
-    if some is not s or not _may_begin(s.candidate):
-        return some
+    if not _may_begin(s.candidate):
+        return s
     times, loud = current.run.states.time, loudest(current.run)
     begins = s.candidate.apart({e.name for e in current.point.description.effect})
     try:
@@ -84,28 +82,6 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     if best.ratio - s.ratio <= price(alias, grid):
         return s
     return best if best.ratio < STRONG and begins is s.candidate else replace(best, another=s)
-
-
-def in_some_recordings(current: Fit, s: Score, alias: float) -> Score:
-    """Return the score of an effect that one of several recordings has alone, or lacks alone, where that
-    explains clearly more: what the search of these costs is paid.
-    """
-    changes, candidate = current.changes, s.candidate
-    if not isinstance(changes, JointSensitivities) or type(candidate) is not Candidate:
-        return s
-    known = {e.name for e in current.point.description.effect}
-    if candidate.effect is None or candidate.effect.name in known:
-        return s
-    labels = [p.label for p in current.problem.parts]
-    sets = [(x,) for x in labels]
-    sets += [tuple(y for y in labels if y != x) for x in labels] if len(labels) > 2 else []
-    own, grid = changes_of(current, candidate), 1 + len(sets)
-    tried = [replace(candidate, only=some, grid=grid) for some in sets]
-    parts = [changes.within(c, some) for some in sets for c in own]
-    whole = propagate(current.run, parts).reshape(-1, len(parts))
-    scores = scored(current, tried, np.split(whole, len(sets), axis=1))
-    best = max(scores, key=lambda x: x.ratio, default=s)
-    return replace(best, another=s) if best.ratio - s.ratio > price(alias, grid) else s
 
 
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:

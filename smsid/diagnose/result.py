@@ -63,8 +63,8 @@ class Alias:
 class FoundCause:
     """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
     the parameters are of. ``onset`` [s] if it began midway, and its standard deviation, which those of the
-    parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value. ``recordings``,
-    where several were searched: the only ones that have it, or the one it began in.
+    parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value. ``recording``:
+    where several were searched, the one it began in.
     """
 
     effect: str
@@ -77,7 +77,7 @@ class FoundCause:
     onset: float | None = None
     onset_sigma: float | None = None
     fitted: str = ""
-    recordings: tuple[str, ...] = ()
+    recording: str = ""
 
     @property
     def label(self) -> str:

@@ -62,10 +62,9 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
-    begun, where = getattr(own.effect, "start", None), own.only
+    begun, where = getattr(own.effect, "start", None), ""
     if begun is not None and found.last.problem.parts:
-        begun, label = on_own_clock(found.last.problem, begun)
-        where = (label,)
+        begun, where = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
     told = [*siblings[: max(1, FEW - len(others))], *others]
@@ -87,7 +86,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
         onset=begun,
         onset_sigma=None if start is None else start.sigma,
         fitted=own.shape,
-        recordings=where,
+        recording=where,
     )
 
 
@@ -268,10 +267,8 @@ def describe(cause: FoundCause) -> str:
         what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
     if cause.onset is not None:
         sigma = cause.onset_sigma
-        own = f" of {cause.recordings[0]!r}" if cause.recordings else ""
+        own = f" of {cause.recording!r}" if cause.recording else ""
         give = "" if sigma is None or not np.isfinite(sigma) else f" +- {NORMAL95 * sigma:.2g}"
         what += f", from {cause.onset:.4g}{give} s{own} on"
-    elif cause.recordings:
-        what += f", in {' and '.join(map(repr, cause.recordings))} only"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

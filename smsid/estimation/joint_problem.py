@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.effects.base import Effect
 from smsid.errors import RecordingError
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Applied, FilterRun, Part, Problem, applied
@@ -180,7 +179,7 @@ def timed_like(problem: Problem, other: Problem) -> Problem:
 
 
 def at_point(point: Point, problem: Problem) -> Problem:
-    """Return the problem as it is at a point: sensors in each recording with its biases, and its effects.
+    """Return the problem read through the sensors as they are at a point, in each recording with its biases.
 
     Biases of a further recording act from its first sample on, in the place of those of the one before.
     """
@@ -194,12 +193,7 @@ def at_point(point: Point, problem: Problem) -> Problem:
                 steps.append((float(data.times[part.first]), new.bias - old.bias))
         before = own
     blocks = tuple(replace(b, later=tuple(x)) for b, x in zip(data.blocks, later, strict=True))
-    parts = problem.parts
-    if point.only:
-        own_points = [point.as_in(p.label) for p in parts]
-        models = [None if q is point else q.model() for q in own_points]
-        parts = tuple(replace(p, model=m) for p, m in zip(parts, models, strict=True))
-    return replace(problem, data=replace(data, blocks=blocks), parts=parts)
+    return replace(problem, data=replace(data, blocks=blocks))
 
 
 def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
@@ -265,8 +259,7 @@ class JointSensitivities(Sensitivities):
     def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
         runs = run_of_each(run)
         self.each = tuple(
-            Sensitivities(point.as_in(part.label), part.model or model, p, r)
-            for part, p, r in zip(problem.parts, recordings_of(problem), runs, strict=True)
+            Sensitivities(point, model, p, r) for p, r in zip(recordings_of(problem), runs, strict=True)
         )
         super().__init__(point, model, problem, run)
 
@@ -280,26 +273,6 @@ class JointSensitivities(Sensitivities):
         # of the course within a step only the number of steps is asked here
         means = np.repeat(middle[:, None], max(f.means.shape[1] for f in found), axis=1)
         return Applied(means, middle, np.concatenate([f.at for f in found]), np.zeros_like(means))
-
-    def effect(self, plain: Effect, changed: Effect, step: float) -> Sensitivity:
-        """Return the change by an effect, in the recordings that have it."""
-        found = super().effect(plain, changed, step)
-        if changed.name not in self.point.only:
-            return found
-        labels, _ = self.point.only[changed.name]
-        return self.within(found, labels)
-
-    def within(self, change: Sensitivity, labels: Sequence[str]) -> Sensitivity:
-        """Return a change as it is in some recordings, and none in the others."""
-        there = np.zeros(len(self.run.innovations), dtype=bool)
-        for part, here in zip(self.problem.parts, _samples(self.problem), strict=True):
-            there[here] = part.label in labels
-        at, middle = there[:, None], there[:-1, None]
-        return Sensitivity(
-            None if change.middle is None else change.middle * middle,
-            None if change.at is None else change.at * at,
-            None if change.reading is None else change.reading * at,
-        )
 
     def bias(self, unknown) -> Sensitivity:
         """Return the change by the bias of one axis in the recording it is named after, if not the first."""

@@ -117,8 +117,7 @@ class UnknownInput:
 class Part:
     """One of the recordings of a problem of several: what of it is its own.
 
-    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s], ``model`` that of
-    the spacecraft where it lacks effects that others have.
+    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s].
     """
 
     label: str
@@ -127,7 +126,6 @@ class Part:
     timing: Timing
     first: int
     shift: float = 0.0
-    model: SpacecraftModel | None = None
 
 
 @dataclass(frozen=True)
@@ -205,9 +203,7 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     if problem.parts:
         from smsid.estimation.joint_problem import joined_runs, recordings_of  # which needs what is here
 
-        own = [p.model or model for p in problem.parts]
-        each = zip(own, recordings_of(problem), strict=True)
-        return joined_runs([run_filter(m, p, until=until) for m, p in each])
+        return joined_runs([run_filter(model, p, until=until) for p in recordings_of(problem)])
     return KalmanFilter(model, problem, until=until).advance(len(problem.data.times))
 
 

@@ -126,15 +126,13 @@ class JointPrior:
 class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
-    ``biases`` by unknown's name: channel, axis and value are read from the name. ``only`` are effects that
-    some recordings alone have, by name: the labels of these, and the effect as it does nothing.
+    ``biases`` by unknown's name: channel, axis and value are read from the name.
     """
 
     base: SpacecraftModel
     description: Description
     inertial: Mapping[int, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
-    only: Mapping[str, tuple[tuple[str, ...], Effect]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, description: Description) -> Point:
@@ -197,15 +195,6 @@ class Point:
         start = f"{label}: "
         own = {n.removeprefix(start): x for n, x in self.biases.items() if n.startswith(start)}
         return replace(self, biases=own)
-
-    def as_in(self, label: str) -> Point:
-        """Return the point with the effects that one recording has: the others do nothing."""
-        absent = [e for n, (labels, e) in self.only.items() if label not in labels and n in self._effects]
-        return replace(self, description=self.description.with_effects(*absent)) if absent else self
-
-    @property
-    def _effects(self) -> set[str]:
-        return {e.name for e in self.description.effect}
 
     def with_effect(self, effect: Effect) -> Point:
         """Return the point with an effect more, or another instance of one it has."""

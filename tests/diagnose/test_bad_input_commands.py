@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,6 @@ from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.description import Description, load_description
-from smsid.diagnose import load_diagnosis
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
@@ -50,7 +51,7 @@ def judged(tmp_path, monkeypatch):
         assert shown.exception is None or isinstance(shown.exception, SystemExit), shown.exception
         assert "Traceback" not in shown.output
         assert not re.search(r"\b(nan|inf)\b", shown.output, re.IGNORECASE), shown.output
-        found = load_diagnosis("d.json")
+        found = json.loads(Path("d.json").read_text())
         assert shown.exit_code == CODES[found["verdict"]]
         told = [found["sentence"], *found["notes"], found["gain"].get("reason", "")]
         assert found["sentence"] and not any(re.search(r"\b(nan|inf)\b", x) for x in told)

@@ -147,12 +147,14 @@ def torque_equations(
 
 def _stacked(parts: Sequence[TorqueEquations]) -> TorqueEquations:
     """Return equations of several recordings as one: each begins a sample after the one before."""
-    motion = _following([p.motion.time for p in parts])
-    joined = JointMotion(
-        motion,
-        *(np.concatenate([getattr(p.motion, k) for p in parts]) for k in ("q", "v", "a", "torque")),
-        parts[0].motion.cutoff,
-    )
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(p.motion, name) for p in parts])
+
+    joined = replace(
+        parts[0].motion, time=_following([p.motion.time for p in parts]),
+        q=whole("q"), v=whole("v"), a=whole("a"), torque=whole("torque"),
+    )  # fmt: skip
     fine, rows, torque = (np.concatenate([getattr(p, k) for p in parts]) for k in ("fine", "rows", "torque"))
     counts = np.array([len(p.torque) for p in parts])
     noise = np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=counts))
