@@ -98,17 +98,6 @@ def test_nothing_in_it(judged, description, recording):
     assert found["verdict"] == "not_evaluated" and "nothing in 'changed'" in found["sentence"]
 
 
-@pytest.mark.parametrize(("rate", "seconds"), [(1000.0, 5.0), (1.0, 110.0)])
-def test_fast_and_slow_sampling(judged, description, rate, seconds):
-    model = build_model(description)
-    plan = named_experiment("exp2", model).model_copy(update={"duration": seconds})
-    flown = fly(model, plan, np.random.default_rng(3)).recording
-    times = np.arange(0.0, seconds - 1.0 / rate, 1.0 / rate)
-    found = judged(toml_of(description), flown.resampled(times), more=("--unchecked",))
-    if rate > 100.0:
-        assert any("samples looked at" in n for n in found["notes"])
-
-
 def test_an_arm_of_one_joint(judged, tmp_path):
     """From measured torques; a torque of the joint's own is named, or said to be left."""
     (tmp_path / "lever.urdf").write_text(ONE_JOINT)
