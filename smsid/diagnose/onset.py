@@ -85,10 +85,12 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
 
 
 def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
-    """Return the scores of the ``count`` candidates that explain most when they begin midway.
+    """Return the scores of the ``count`` candidates that explain most when they begin midway, one a place.
 
-    Over a coarse grid and the loudest sample, at which a sensor that jumps does so: what a candidate does
-    from a time on is what it does all the time, cut off before.
+    Of several shapes of one effect at one place it is that with the largest criterion.
+
+    Looked at are a coarse grid and the loudest sample, at which a sensor that jumps does so: what a candidate
+    does from a time on is what it does all the time, cut off before.
     """
     tried = [s for s in scores if s.freedom and _may_begin(s.candidate) and _may_be_cut(s.candidate)]
     times = current.run.states.time
@@ -96,7 +98,11 @@ def beginning(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
     every = [(s.candidate, changes_of(current, s.candidate), t) for s in tried for t in marks]
     ratios = np.array([x.ratio for x in _cut_scores(current, every)])
     best = ratios.reshape(len(tried), len(marks)).max(axis=1, initial=0.0)
-    chosen = sorted(range(len(tried)), key=lambda i: -best[i])[:count]
+    price = float(np.log(current.run.samples))
+    places: dict[tuple[str, str], int] = {}
+    for i in sorted(range(len(tried)), key=lambda i: tried[i].freedom * price - best[i]):
+        places.setdefault((tried[i].candidate.kind, tried[i].candidate.location), i)
+    chosen = sorted(places.values(), key=lambda i: -best[i])[:count]
     return [tried[i] for i in chosen if best[i] > tried[i].ratio]
 
 

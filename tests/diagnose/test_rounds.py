@@ -17,7 +17,7 @@ FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other",
 
 
 def candidate(key):
-    return SimpleNamespace(key=key, location=key[1], effect=None, holds=lambda other: False)
+    return SimpleNamespace(key=key, location=key[1], effect=None, simpler=(), holds=lambda other: False)
 
 
 def score_of(candidate):

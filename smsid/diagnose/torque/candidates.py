@@ -166,6 +166,7 @@ def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torque
     effect = JointFriction(name=_name("joint_friction", joint), joint=joint)
     units = {p.name.partition(".")[2]: p.unit for p in effect.parameters()}
     lower = {p.name.partition(".")[2]: p.lower for p in effect.parameters()}
+    lower |= {"quadratic": 0.0, "cubic": 0.0}  # a drag that pushes is no cause, whatever it fits
 
     def columns(*own: str, of: JointFriction = effect) -> tuple[Callable[..., np.ndarray], ...]:
         def part(e: TorqueEquations, load: np.ndarray, name: str) -> np.ndarray:
