@@ -11,6 +11,7 @@ from smsid.diagnose.thresholds import THRESHOLDS
 LEFT = THRESHOLDS.own_channel
 READS = THRESHOLDS.sensor_reads
 LEAST = THRESHOLDS.body_left
+DRAGS = ("viscous", "quadratic", "cubic")
 OF_JOINTS = ("joint_position", "joint_velocity")
 
 
@@ -32,6 +33,8 @@ def impossible(cause: FoundCause) -> str:
             return f"with {p.name} = {p.value:.4g} the sensor would read nothing"
         if own == "density" and 1.0 + p.value < LEAST:
             return f"with {p.name} = {p.value:.4g} {cause.location} would have no mass"
+        if cause.effect == "joint_friction" and own in DRAGS and p.value < 0.0:
+            return f"with {p.name} = {p.value:.4g} {p.unit} the drag would push"
         if own in ("mass", "m") and p.value < 0.0 and (cause.effect == "payload" or p.nominal is not None):
             return f"{p.name} = {p.value:.4g} {p.unit} is below zero"
     return ""

@@ -15,6 +15,7 @@ def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=N
 
 
 GYRO = ("sensor_scale", "sensor", "imu.angular_rate", "scale.error.z")
+SEAL = ("joint_friction", "friction", "joint2")
 MOTOR = ("torque_gain", "actuator", "joint2", "gain.error")
 
 
@@ -29,6 +30,8 @@ MOTOR = ("torque_gain", "actuator", "joint2", "gain.error")
         (cause("body_error", "inertia", "link1", "body.density", 1.0), False),
         (cause("slosh", "slosh", "tank", "tank.mass", -3.0, unit="kg", nominal=20.0), True),
         (cause(*MOTOR, float("nan")), True),
+        (cause(*SEAL, "seal.quadratic", -0.4), True),  # a drag that pushes
+        (cause(*SEAL, "seal.coulomb_direction", -0.4), False),
     ],
 )
 def test_an_absurd_value_is_never_explained(one, cannot_be):
