@@ -25,7 +25,10 @@ def read_modal_json(path: Path) -> dict[str, Any]:
 
 
 def read_modal_csv(path: Path) -> dict[str, Any]:
-    """Read a mode a row: frequency, damping, tx ty tz, rx ry rz, and of each station s1x s1y s1z, ..."""
+    """Read a mode a row: frequency, damping, tx ty tz, rx ry rz, and of each station s1x s1y s1z, ...
+
+    Raises `DescriptionError` for columns that are missing or unknown.
+    """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         rows = [{k.strip(): v for k, v in row.items() if k} for row in csv.DictReader(stream)]
     names = list(rows[0]) if rows else []

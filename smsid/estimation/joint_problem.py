@@ -73,7 +73,10 @@ def joint_problem(problems: Sequence[Problem], placed: Sequence[Placed]) -> Prob
 
 
 def joined_data(parts: Sequence[Measured]) -> Measured:
-    """Return samples of several recordings, one after the other, with the channels of all."""
+    """Return samples of several recordings, one after the other, with the channels of all.
+
+    Raises `RecordingError` where a channel has other components in another recording.
+    """
     blocks: dict[str, Block] = {}
     start = 0
     for block in (b for part in parts for b in part.blocks):

@@ -119,7 +119,10 @@ def bent_intervals(
 
 
 def poorly_known(found: NormalEquations, covariance: np.ndarray) -> list[int]:
-    """Return the parameters of effects, zero at least, that are known to `POORLY` or worse; worst first."""
+    """Return the parameters of effects, zero at least, that are known to `POORLY` or worse; worst first.
+
+    ``covariance`` (m, m) is that of the unknowns, in their scales.
+    """
     share: Mapping[int, float] = {
         i: np.sqrt(covariance[i, i]) * u.scale / abs(found.point.value(u))
         for i, u in enumerate(found.unknowns)

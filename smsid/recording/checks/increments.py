@@ -89,7 +89,7 @@ class KinematicPair:
 
 
 def crosses_a_gap(t: FloatArray, begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
-    """Mark spans (M,) that reach over a gap of the clock ``t`` (N,) [s]."""
+    """Mark spans from ``begins`` (M,) to ``ends`` (M,) that reach over a gap of the clock ``t`` (N,) [s]."""
     gaps = find_gaps(t)
     if not gaps:
         return np.zeros(begins.size, dtype=bool)

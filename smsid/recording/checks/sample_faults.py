@@ -128,9 +128,10 @@ def longest_constant_run(x: FloatArray) -> tuple[int, int]:
 
 
 def beyond_the_end(marked: NDArray[np.bool_], x: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
-    """Keep those stretches at an extreme of ``x`` in which the integral of its rate goes out and comes back.
+    """Keep of ``marked`` (N,) stretches at an extreme of ``x`` (N,) those whose rate goes out and comes back.
 
-    Where it only goes out, the rate is late: the component rests at a turn of its motion. All are (N,).
+    ``driven`` (N,) is the integral of the rate. Where it only goes out, the rate is late: the component
+    rests at a turn of its motion.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
     kept = marked.copy()
