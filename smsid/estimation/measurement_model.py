@@ -102,12 +102,14 @@ class MeasurementModel:
             case "position":
                 return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.position(rows, r, h, cq)
             case "attitude":
-                cq[index, range(3, 6)] = float(model.free)
+                if model.free:
+                    cq[index, range(3, 6)] = 1.0
                 return lambda *_: None
             case "velocity":
                 return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.velocity(rows, r, h, cq, cv)
             case "angular_rate":
-                cv[index, range(3, 6)] = float(model.free)
+                if model.free:
+                    cv[index, range(3, 6)] = 1.0
 
                 def part(bus, q, v, a, h, cq, cv, ca):
                     if bus:
@@ -116,7 +118,8 @@ class MeasurementModel:
                 return part
         if sensor.kind == "accelerometers":
             return self._panel(block)
-        ca[index, range(3)] = float(model.free)
+        if model.free:
+            ca[index, range(3)] = 1.0
         return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.force(rows, r[None], h, cq, cv, ca)
 
     def _panel(self, block: Block) -> Callable[..., None]:
@@ -134,7 +137,8 @@ class MeasurementModel:
             drawn = np.outer(panel.scale, panel.scale) * panel.drawn[stations]
             drawn = np.pad(drawn, ((0, 0), *2 * [(0, len(panel.more))]))
         moving_ca = self._constant[2][rows].reshape(n, 3, -1)
-        moving_ca[:, :, :3] += np.eye(3)
+        if self.model.free:
+            moving_ca[:, :, :3] += np.eye(3)
         if drawn is None:
             moving_ca[:, :, kv] += shapes
 

@@ -4,8 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.description import load_description
 from smsid.effects import BeamMode, GearCompliance, GeometricStiffness
 from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.measurements import measured
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.sensing import Sensor
 from smsid.simulate.trajectory import States
 
 STEP = 1e-6
@@ -72,3 +77,30 @@ def test_encoder_sees_a_gear_that_gives_at_once(known, problem, locked):
     expected[rows.start + 1] += twist
     assert abs(behind[k]) > 1e-3 * abs(twist)
     np.testing.assert_allclose(h, expected, rtol=1e-12, atol=1e-18)
+
+
+def test_a_welded_arm_reads_its_encoder_beside_sensors_of_a_bus_it_does_not_have(tmp_path):
+    """One joint: there are fewer columns than a free bus has coordinates."""
+    (tmp_path / "one.urdf").write_text(
+        '<robot name="one"><link name="base"/><link name="hand"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="wrist" type="revolute"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    sensors = tuple(Sensor(name=k, kind=k, rate=10.0) for k in ("imu", "pose", "encoder"))
+    (tmp_path / "one.toml").write_text(
+        'schema = 1\nname = "one"\nurdf = "one.urdf"\nroot = "fixed"\n'
+        '[[arm]]\nname = "arm"\njoints = ["wrist"]\n'
+    )
+    model = build_model(load_description(tmp_path / "one.toml").with_sensors(*sensors))
+    rng, times = np.random.default_rng(1), np.arange(20) / 10.0
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
+    channels = {"imu.angular_rate": (20, 3), "imu.acceleration": (20, 3), "encoder.joint_position": (20, 1)}
+    arrays = {name: rng.normal(size=shape) for name, shape in channels.items()}
+    recording = Recording.from_arrays(times, arrays | {"pose.attitude": still}, labels={"joint": ("wrist",)})
+    outputs = MeasurementModel(model, measured(model, recording, sensors))
+    h, by_q, by_v, by_a = outputs.predict(np.array([0.3]), np.array([0.1]), np.array([0.2]))
+    (encoder,) = (b for b in outputs.data.blocks if b.quantity == "joint_position")
+    np.testing.assert_allclose(h[encoder.rows], 0.3)
+    assert by_q.sum() == by_q[encoder.rows].sum() == 1.0
+    assert not by_v.any() and not by_a.any()
