@@ -84,7 +84,9 @@ def main() -> None:
             row = row_of(known[name], seed)
             print(json.dumps(row), flush=True)
             rows.append(row)
-            write_result(NAME, {**environment("smsid", "mujoco"), "summary": summary(rows), "rows": rows})
+            write_result(
+                NAME, {"environment": environment("smsid", "mujoco"), "summary": summary(rows), "rows": rows}
+            )
     print(json.dumps(summary(rows), indent=1))
 
 

@@ -201,7 +201,7 @@ def main() -> None:
                 continue
             rows.append(row_of(rung, name, torque, motion, limit, seed))
             print(json.dumps(rows[-1]), flush=True)
-            write_result(NAME, {**environment("smsid"), "summary": summary(rows), "rows": rows})
+            write_result(NAME, {"environment": environment("smsid"), "summary": summary(rows), "rows": rows})
     for line in summary(rows):
         print(json.dumps(line))
 
