@@ -11,8 +11,7 @@ import typer
 
 from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
-from smsid.cli.places import Writes
-from smsid.cli.track import rates_of
+from smsid.cli.track import Changes, NotFollowed, SavedTracker, rates_of
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -34,9 +33,7 @@ def stream_command(
         list[str] | None,
         typer.Option(metavar="PARAM=RATE", help="parameter (or pattern) to follow, as in `smsid track`"),
     ] = None,
-    hold: Annotated[
-        list[str] | None, typer.Option(metavar="PARAM", help="parameter (or pattern) that is not followed")
-    ] = None,
+    hold: NotFollowed = None,
     estimate: Annotated[
         Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
     ] = None,
@@ -60,16 +57,8 @@ def stream_command(
             help="a file that grows: go on until nothing was written for so long; without it, to its end",
         ),
     ] = 0.0,
-    changes: Annotated[
-        bool,
-        typer.Option(
-            "--changes",
-            help="also say what jumped, when and by how much: at most one false alarm in ten hours",
-        ),
-    ] = False,
-    save: Annotated[
-        Path | None, typer.Option(help="file for the tracker as it ends, to go on from"), Writes((".npz",))
-    ] = None,
+    changes: Changes = False,
+    save: SavedTracker = None,
 ) -> Outcome:
     """Follow telemetry as it comes: JSON lines in, what is believed as JSON lines out."""
     from smsid.description import load_description

@@ -25,6 +25,21 @@ LONGEST = 44  # characters of a name in the table, unless all is asked for
 SHOWN = 24  # parameters in the table, unless all are asked for
 
 
+Changes = Annotated[
+    bool,
+    typer.Option(
+        "--changes",
+        help="also say what jumped, when and by how much: at most one false alarm in ten hours",
+    ),
+]
+SavedTracker = Annotated[
+    Path | None, typer.Option(help="file for the tracker as it ends, to go on from"), Writes((".npz",))
+]
+NotFollowed = Annotated[
+    list[str] | None, typer.Option(metavar="PARAM", help="parameter (or pattern) that is not followed")
+]
+
+
 def track_command(
     description: DescriptionPath,
     recordings: Annotated[list[Path], typer.Argument(help="recordings, in the order they were made")],
@@ -54,9 +69,7 @@ def track_command(
             "unknown parameters if left out",
         ),
     ] = None,
-    hold: Annotated[
-        list[str] | None, typer.Option(metavar="PARAM", help="parameter (or pattern) that is not followed")
-    ] = None,
+    hold: NotFollowed = None,
     estimate: Annotated[
         Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
     ] = None,
@@ -74,16 +87,8 @@ def track_command(
             help="without an estimate: how much of the first recording is searched for where to start [s]",
         ),
     ] = 120.0,
-    changes: Annotated[
-        bool,
-        typer.Option(
-            "--changes",
-            help="also say what jumped, when and by how much: at most one false alarm in ten hours",
-        ),
-    ] = False,
-    save: Annotated[
-        Path | None, typer.Option(help="file for the tracker as it ends, to go on from"), Writes((".npz",))
-    ] = None,
+    changes: Changes = False,
+    save: SavedTracker = None,
     report: ReportPath = None,
     show_all: ShowAll = False,
     unchecked: Annotated[
