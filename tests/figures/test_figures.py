@@ -18,8 +18,7 @@ from smsid.figures.recording import recording_figure
 from smsid.figures.stabilisation import stabilisation_figure
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording, save_recording
-
-from .test_builders import ESTIMATE, TESTS, records
+from tests.report.test_builders import ESTIMATE, TESTS, records
 
 
 @pytest.fixture
