@@ -33,7 +33,7 @@ def test_levels_are_those_of_the_table():
 
 
 def test_the_docs_have_the_table():
-    text = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "diagnosis_steps.md").read_text(encoding="utf-8")
     assert text.split(BEGIN)[1].split(END)[0].strip() == thresholds_reference().strip(), (
-        "write it anew with smsid.diagnose.thresholds.write_thresholds('docs/diagnosis.md')"
+        "write it anew with smsid.diagnose.thresholds.write_thresholds('docs/diagnosis_steps.md')"
     )

@@ -102,7 +102,7 @@ def test_a_simulation_errs_by_what_the_first_flight_left_unknown(monkeypatch, fi
 def test_what_stays_unknown_costs_on_the_held_out_flight_what_the_tool_says_too(tmp_path):
     """The filter's own derivatives and covariance predict the same excess as simulations of the world."""
     from smsid.diagnose.diagnose import RATE
-    from smsid.diagnose.gain import _read
+    from smsid.diagnose.gain import read_like
     from smsid.estimation.map_estimate import evaluate
     from smsid.recording import load_recording
 
@@ -112,7 +112,7 @@ def test_what_stays_unknown_costs_on_the_held_out_flight_what_the_tool_says_too(
     files = write_run("arm", tmp_path, [60017, 79])
     found, _ = diagnosed(files, tmp_path)
     last = found.search.last
-    _, problem = _read(last.point, load_recording(files.validation), last.problem, RATE)
+    _, problem = read_like(last.point, load_recording(files.validation), last.problem, RATE)
     w = evaluate(last.point, last.unknowns, problem).whitened.reshape(-1, len(last.unknowns))
     own = float(np.sum((w @ np.linalg.inv(last.gram)) * w))
     assert held_out("arm").sum() == pytest.approx(own, rel=0.15)
