@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from smsid.control.trajectory import PAPER_ACCELERATION
-from smsid.identify.paper.table4 import PRINTED_UNITS, cases
+from smsid.paper.table4 import PRINTED_UNITS, cases
 
 GYRO = "integrated gyro"
 

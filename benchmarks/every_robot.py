@@ -22,11 +22,11 @@ import pinocchio as pin
 from _common import ROOT, environment, write_result
 
 from smsid.description import Arm, Description, Mount, load_description
+from smsid.description.robots import robot_files
 from smsid.errors import DescriptionError, SmsidError
 from smsid.export import export_folder
+from smsid.export.regressor_check import mujoco_torques
 from smsid.model import SpacecraftModel, build_model
-from smsid.model.regressor_check import mujoco_torques
-from smsid.model.robots import robot_files
 from smsid.simulate import Inputs, Tolerance, simulate
 
 SEED = 5

@@ -40,8 +40,8 @@ from smsid.control.trajectory import PAPER_ACCELERATION  # noqa: E402
 from smsid.control.weights import weights_from_level  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.errors import SmsidError  # noqa: E402
-from smsid.identify.paper.table4 import DESIGN_LEVEL, Study, Variant, cases  # noqa: E402
 from smsid.model import build_model  # noqa: E402
+from smsid.paper.table4 import DESIGN_LEVEL, Study, Variant, cases  # noqa: E402
 
 STORE = ROOT / "build" / "hinf_benefit.jsonl"
 ATTITUDE, GYRO = 2e-6, 1e-6  # [rad], [rad/s] of a sample

@@ -26,8 +26,8 @@ from smsid.control.robust_term import design_robust_term, error_plant  # noqa: E
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft  # noqa: E402
 from smsid.control.weights import Weights  # noqa: E402
 from smsid.description import load_description  # noqa: E402
-from smsid.identify.paper.table4 import Study, Variant, cases  # noqa: E402
 from smsid.model import build_model  # noqa: E402
+from smsid.paper.table4 import Study, Variant, cases  # noqa: E402
 
 SEEDS = 16
 

@@ -33,11 +33,11 @@ from likelihood import twin
 from smsid.description.schema import Description
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.streamed import identify_streamed
+from smsid.inputs.signals import Fourier
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 from smsid.simulate import Inputs, simulate
-from smsid.simulate.signals import Fourier
 
 NAME = "long_recordings"
 RATE, PATH, PERIOD = 100.0, 80.0, 160.0

@@ -19,11 +19,11 @@ from _common import ROOT, environment, interleaved, relative_error, spread, writ
 from _mjcf import UnsupportedError, mujoco_twin
 
 from smsid.description.files import load_description
+from smsid.description.robots import robot_urdf
 from smsid.description.schema import Arm, Description, Mount
 from smsid.errors import SmsidError
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
-from smsid.model.robots import robot_urdf
 from smsid.model.spacecraft import SpacecraftModel
 
 SEED = 20

@@ -19,8 +19,8 @@ from _common import environment, spread, write_result
 from _engines import Basilisk, Case, Engine, MujocoRollout, PinocchioRk4, Smsid, SmsidFixedStep
 from _exp2 import DURATION, FREQUENCY, RATE, moving_start, paper_model, smooth_inputs
 
+from smsid.inputs.signals import sample
 from smsid.simulate import Inputs, Sampled
-from smsid.simulate.signals import sample
 
 TARGET = 5e-9
 PATIENCE = 30.0  # [s] an engine that has taken longer in one case sits out the remaining rounds

@@ -27,11 +27,11 @@ from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.arm.solve import settled_load, solve_equations
 from smsid.description import Description
 from smsid.effects import BaseTilt, Effect
+from smsid.effects.assembly import Assembly
 from smsid.effects.base_tilt import tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, judged
 from smsid.model import SpacecraftModel, build_model
-from smsid.model.assembly import Assembly
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording

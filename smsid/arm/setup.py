@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description import Description
+from smsid.description.robots import robot_urdf
 from smsid.description.urdf_reading import Mimic
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers
-from smsid.model.robots import robot_urdf
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 

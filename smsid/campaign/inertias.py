@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.campaign.vary import Generators, Variation, matched
+from smsid.description.robots import robot_urdf
 from smsid.description.schema import Arm, Description
 from smsid.description.urdf_check import read_urdf
 from smsid.errors import ExperimentError
-from smsid.model.robots import robot_urdf
 
 
 @dataclass(frozen=True)

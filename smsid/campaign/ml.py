@@ -6,13 +6,13 @@ import numpy as np
 
 from smsid.campaign.case import Case
 from smsid.campaign.outcome import Findings, Outcome
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.identify.hidden_states import Modal
 from smsid.identify.pipeline import identify
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.refine import reported
 from smsid.model import build_model
-from smsid.model.assembly import pseudo_inertia
 
 GROUP = "physical consistency"
 

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-import smsid
+from smsid._version import __version__
 from smsid.campaign.case import PreparedCampaign
 from smsid.campaign.outcome import RunRecord
 from smsid.errors import SmsidError
@@ -50,7 +50,7 @@ class StoreHeader(BaseModel):
             plan=prepared.campaign.tables(),
             inputs=prepared.inputs,
             versions={
-                "smsid": smsid.__version__,
+                "smsid": __version__,
                 "pinocchio": pin.__version__,
                 "numpy": np.__version__,
                 "python": platform.python_version(),

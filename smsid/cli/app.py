@@ -71,7 +71,7 @@ ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
 
 def _version(asked: bool) -> None:
     if asked:
-        from smsid import __version__
+        from smsid._version import __version__
 
         print(__version__)
         raise typer.Exit

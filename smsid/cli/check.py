@@ -11,7 +11,7 @@ from smsid.errors import SmsidError
 def check_command(description: DescriptionPath) -> Outcome:
     """Tell all that is wrong or doubtful in a description, its URDFs and the model; exit code 1 if wrong."""
     from smsid.cli.file_kind import kind_of
-    from smsid.description.review import review_description
+    from smsid.model.review import review_description
 
     kind = kind_of(
         description

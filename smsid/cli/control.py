@@ -79,7 +79,7 @@ def control_command(
     if study is not None:
         flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
         if report is not None:
-            from smsid.identify.paper.table4_report import study_report
+            from smsid.paper.table4_report import study_report
 
             _write(
                 study_report(flown, described.name, _origin(described, description, estimate, seed)), report
@@ -133,8 +133,8 @@ def _fly_study(
 ) -> dict[str, Any]:
     """Fly the paper's Table 4, write the document and print it."""
     from smsid._files import atomic_write
-    from smsid.identify.paper.table4 import Variant
-    from smsid.identify.paper.table4_study import fly_study
+    from smsid.paper.table4 import Variant
+    from smsid.paper.table4_study import fly_study
 
     own = Variant().rate if rate is None else rate
     with working("flying") as tell:
@@ -157,7 +157,7 @@ def _fly_study(
 def study_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
     """Yield what to print of a study of Table 4: which is smaller, by how much, every case."""
     from smsid.cli.tables import plain_table
-    from smsid.identify.paper.table4_study import COLUMNS, study_cells, study_lines
+    from smsid.paper.table4_study import COLUMNS, study_cells, study_lines
 
     yield from study_lines(d)
     table = plain_table(*COLUMNS, left=COLUMNS[:2])

@@ -101,7 +101,7 @@ def _silent() -> None:
 def _table_2(estimate: Estimate) -> Table:
     """Return the paper's Table 2 beside an estimate."""
     from smsid.cli.tables import plain_table
-    from smsid.identify.paper.tables import table_2_cells
+    from smsid.paper.tables import table_2_cells
 
     columns, rows = table_2_cells(estimate)
     table = plain_table(*columns, left=("parameter", "status"))
@@ -137,7 +137,7 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 def _page(
     which: Demonstration, craft: CraftRun, paper: PaperRun, output: Path, seed: int, picture: Frame | None
 ) -> tuple[Path, tuple[str, ...]]:
-    from smsid.identify.paper.tables import Found, paper_section
+    from smsid.paper.tables import Found, paper_section
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import Craft, demo_report
     from smsid.report.diagnose import Asked, diagnose_report

@@ -175,7 +175,7 @@ def identify_command(
     if states is not None:
         method = check_states(method, described.root)
     if described.root == "fixed":
-        from smsid.arm.command import identify_and_judge
+        from smsid.cli.arm import identify_and_judge
 
         inputs = files if robot else (description, *files)
         judged = identify_and_judge(

@@ -118,8 +118,8 @@ def _carried(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndar
     from smsid.arm.joints import with_joint_order
     from smsid.arm.motion import measured_channel
     from smsid.description import load_description
+    from smsid.effects.assembly import find_frame
     from smsid.model import build_model
-    from smsid.model.assembly import find_frame
 
     name, _, axis = frame.rpartition(".")
     if axis not in ("x", "y", "z"):

@@ -34,8 +34,8 @@ def plot_command(
     title: Annotated[str, typer.Option(help="above the figure")] = "",
 ) -> Outcome:
     """Draw a figure for a paper as PNG, SVG or PDF, by the suffix of the output (extra: plot)."""
-    from smsid.report.papers import draw
-    from smsid.report.papers.draw import Request
+    from smsid.figures import draw
+    from smsid.figures.draw import Request
 
     with working("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)

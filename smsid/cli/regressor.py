@@ -14,7 +14,7 @@ from smsid.cli.output import console, working
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from smsid.model.regressor_check import RegressorCheck
+    from smsid.export.regressor_check import RegressorCheck
 
 NAME = 80  # characters of a combination in the table
 
@@ -30,8 +30,8 @@ def regressor_command(
     import numpy as np
 
     from smsid.description import load_description
+    from smsid.export.regressor_check import check_regressor
     from smsid.model import build_model
-    from smsid.model.regressor_check import check_regressor
 
     described = load_description(description)
     if fixed:

@@ -155,8 +155,8 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
 
 def shown_unit(recording: Recording, name: str) -> str:
     """Return the unit of a channel; of joints that slide their own, as in 'rad, rail m'."""
+    from smsid.model.column_order import joints_imported
     from smsid.recording.channels import SLIDING
-    from smsid.recording.column_order import joints_imported
 
     unit = recording.unit(name)
     sliding = joints_imported(recording, "sliding")

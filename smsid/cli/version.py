@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import smsid
+from smsid._version import __version__
 from smsid.cli.manners import Outcome
 
 
 def version_command() -> Outcome:
     """Print the version."""
-    print(smsid.__version__)
-    return Outcome({"version": smsid.__version__})
+    print(__version__)
+    return Outcome({"version": __version__})

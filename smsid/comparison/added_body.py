@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from smsid.comparison.explanations import Explained
 from smsid.comparison.result import Finding, FindingKind, Quantity
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.effects.payload import point_parameters
-from smsid.model.assembly import pseudo_inertia
 
 SURE = 4.0  # standard deviations beyond which a mass is not zero
 SAME_PLACE = 1e-3  # probability above which two places may be one

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import smsid
 from smsid._files import atomic_write, json_ready
 from smsid._reading import read_json
+from smsid._version import __version__
 from smsid.comparison.result import Comparison, Finding, NotComparable, ParameterChange, Quantity
 from smsid.errors import SmsidError
 
@@ -23,7 +23,7 @@ def comparison_json(found: Comparison) -> str:
     document = {
         "schema": SCHEMA_VERSION,
         "kind": "comparison",
-        "smsid": smsid.__version__,
+        "smsid": __version__,
         "first": found.first,
         "second": found.second,
         "changed": found.changed,

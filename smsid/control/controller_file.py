@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-import smsid
 from smsid._files import atomic_write
 from smsid._reading import read_json
+from smsid._version import __version__
 from smsid.control.design import Design
 from smsid.control.gains import Gains
 from smsid.control.reduced import ReducedDynamics
@@ -32,7 +32,7 @@ def controller_document(made: Design) -> dict[str, Any]:
     document: dict[str, Any] = {
         "schema": SCHEMA_VERSION,
         "kind": "controller",
-        "smsid": smsid.__version__,
+        "smsid": __version__,
         "description": made.description,
         "law": "Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c)",
         "coordinates": list(coordinates),

@@ -46,9 +46,9 @@ def draft_arm(source: str) -> DraftArm:
     Raises `DescriptionError` for a file that is no URDF and an unknown name, `MissingDependencyError` for a
     name without example-robot-data.
     """
+    from smsid.description.robots import robot_urdf
     from smsid.description.urdf_check import read_urdf
     from smsid.description.urdf_reading import parse_urdf
-    from smsid.model.robots import robot_urdf
 
     robot = not Path(source).is_file() and not Path(source).suffix and "\\" not in source
     path = robot_urdf(source)[0] if robot else Path(source)

@@ -69,7 +69,8 @@ class Arm(Table):
     """An arm: joints of the spacecraft's own URDF, or another URDF mounted on the bus.
 
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
-    name of example-robot-data, see `smsid.model.robots`). Names of a mounted URDF get the prefix ``<name>/``.
+    name of example-robot-data, see `smsid.description.robots`). Names of a mounted URDF get the prefix
+    ``<name>/``.
     ``home`` gives joint positions by name (without prefix) [rad | m]; joints of the URDF listed in ``fixed``
     are welded there. ``arguments`` are those of a xacro file. ``inertias = "trusted"`` takes the
     inertias of a mounted URDF as they are, where ``"checked"`` refuses those no rigid body can have.

@@ -18,6 +18,7 @@ from scipy.interpolate import make_interp_spline
 from smsid.description.schema import Description
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, fly
+from smsid.inputs.signals import Fourier, sample
 from smsid.likelihood.channels import QUANTITIES, Channel, described_sigma, measured_channels
 from smsid.likelihood.drive import Drive
 from smsid.likelihood.local import Local, Nuisance, initial, slots_of
@@ -32,7 +33,6 @@ from smsid.likelihood.timeline import Timeline
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.simulate.signals import Fourier, sample
 
 RATE = 8.0  # [Hz] of the thinned samples, or more for fast modes
 PER_MODE = 10.0  # samples a period of the fastest mode

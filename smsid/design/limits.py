@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.effects.appendage import Appendage
+from smsid.effects.assembly import AppendageJoints
 from smsid.effects.beam import Cantilever
 from smsid.errors import ExperimentError
 from smsid.experiments.fly import LimitUse, limit_use
-from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 

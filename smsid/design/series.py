@@ -15,8 +15,8 @@ from smsid.design.forecast import once_integrated, wheel_inertias
 from smsid.design.limits import Limits
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, FourierProfile
+from smsid.inputs.signals import Fourier
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.signals import Fourier
 
 LOOKS = 600  # times at which a series is held against its limits
 

@@ -22,7 +22,7 @@ from smsid.effects.beam_mode import BeamMode
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.simulate.truth import find_appendage, station_indices
+from smsid.model.stations import find_appendage, station_indices
 
 OFF = np.linspace(-0.08, 0.08, 17)  # relative errors of the frequency that are tried first
 COARSE = 0.01  # least damping ratio there: wide enough to be seen between two of them

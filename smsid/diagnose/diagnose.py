@@ -46,9 +46,9 @@ from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.identify.estimate import Estimate
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
-from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
 SHORTEST = THRESHOLDS.shortest

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-import smsid
 from smsid._files import atomic_write, json_ready
 from smsid._listing import some_of
 from smsid._reading import read_json
 from smsid._short_repr import as_html, as_text
 from smsid._statistics import NORMAL95
+from smsid._version import __version__
 from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.errors import SmsidError, require
 
@@ -174,7 +174,7 @@ class Diagnosis:
             MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
             SmsidError: nothing was tested.
         """
-        from smsid.report.papers.diagnosis import diagnosis_figure
+        from smsid.figures.diagnosis import diagnosis_figure
 
         return diagnosis_figure(self)
 
@@ -183,7 +183,7 @@ class Diagnosis:
         document = {
             "schema": SCHEMA_VERSION,
             "kind": "diagnosis",
-            "smsid": smsid.__version__,
+            "smsid": __version__,
             "description": self.description,
             "recordings": list(self.recordings),
             "verdict": self.verdict,

@@ -14,10 +14,10 @@ from smsid.effects.base import Name, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
+    from smsid.inputs.inputs import Inputs
+    from smsid.inputs.signals import Signal
     from smsid.model.spacecraft import SpacecraftModel
-    from smsid.simulate.inputs import Inputs
-    from smsid.simulate.signals import Signal
 
 THRUSTER = "thruster"
 
@@ -62,7 +62,7 @@ class ActuatorEffect(Starting):
             return inputs
         after = change(signal, column)
         if self.start is not None:
-            from smsid.simulate.changed import Switched  # simulation needs effects, hence here
+            from smsid.inputs.changed import Switched  # simulation needs effects, hence here
 
             after = Switched(signal, after, self.start)
         return replace(inputs, **{field: after})
@@ -235,8 +235,8 @@ class ActuatorDelay(ActuatorEffect):
         """Delay the signal."""
         if self.delay == 0.0:
             return inputs
-        from smsid.simulate.changed import Delayed  # simulation needs effects, hence here
-        from smsid.simulate.signals import Sum
+        from smsid.inputs.changed import Delayed  # simulation needs effects, hence here
+        from smsid.inputs.signals import Sum
 
         def change(signal: Signal, column: int) -> Signal:
             if self.actuator == THRUSTER:

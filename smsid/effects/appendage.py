@@ -24,7 +24,7 @@ from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 class Mode(Table):

@@ -12,7 +12,7 @@ from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.appendage import Mode
-    from smsid.model.assembly import AppendageJoints, Assembly
+    from smsid.effects.assembly import AppendageJoints, Assembly
 
 
 @register

@@ -18,10 +18,10 @@ from smsid.parameter import Parameter
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
+    from smsid.inputs.inputs import Inputs
     from smsid.model.spacecraft import SpacecraftModel
     from smsid.sensing.sensor import Sensor
-    from smsid.simulate.inputs import Inputs
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]

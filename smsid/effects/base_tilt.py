@@ -10,7 +10,7 @@ import numpy as np
 from smsid.effects.base import Effect, physical, register
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

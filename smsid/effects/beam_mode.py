@@ -13,7 +13,7 @@ from smsid.effects.base import Effect, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import AppendageJoints, Assembly
+    from smsid.effects.assembly import AppendageJoints, Assembly
 
 
 @register

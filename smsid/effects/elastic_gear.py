@@ -28,7 +28,7 @@ from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 class ElasticGear(Effect):

@@ -13,7 +13,7 @@ from smsid.effects.base import Depends, Effect, Starting, Vector3, physical, reg
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 TWISTED = np.zeros((9, 3))  # the vector of a matrix's antisymmetric part: yz - zy, zx - xz, xy - yx

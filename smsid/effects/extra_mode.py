@@ -13,7 +13,7 @@ from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -12,7 +12,7 @@ from smsid.effects.base import Starting, physical, register
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""

@@ -41,7 +41,7 @@ from smsid.effects.spatial import Motion, skew
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import AppendageJoints, Assembly
+    from smsid.effects.assembly import AppendageJoints, Assembly
 
 AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 

@@ -10,10 +10,11 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.base import AXES, Effect, Vector3, Vector6, physical, register
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.effects.payload import point_parameters
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 CENTRAL = ("centre", "central_inertia")  # given instead of first moment and inertia about the frame's origin
 LARGEST_DEFECT = 1e-9  # relative to the pseudo-inertia's largest eigenvalue: rounding
@@ -79,8 +80,6 @@ class GraspedBody(Effect):
     def _is_a_body(self, info: Any) -> GraspedBody:
         if (info.context or {}).get("estimated"):
             return self
-        from smsid.model.assembly import pseudo_inertia  # the model needs effects, hence here
-
         size = np.linalg.eigvalsh(pseudo_inertia(self.inertial_parameters()))
         if size[0] < -LARGEST_DEFECT * max(float(size[-1]), 1e-12):
             raise ValueError(

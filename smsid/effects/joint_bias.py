@@ -13,7 +13,7 @@ from smsid.sensing.component import ComponentError
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
     from smsid.sensing.sensor import Sensor
 
 

@@ -12,7 +12,7 @@ from smsid.effects.payload import point_parameters
 from smsid.effects.spatial import ExtraInertia
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

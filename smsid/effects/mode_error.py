@@ -11,7 +11,7 @@ from smsid.effects.appendage_drift import attached_mode
 from smsid.effects.base import Effect, physical, register
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -11,7 +11,7 @@ from smsid.effects.base import Effect, physical, register
 from smsid.effects.spatial import ConstantInertia
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -12,7 +12,7 @@ from pydantic import Field
 from smsid.effects.base import Effect, Vector3, Vector6, physical, register
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -14,7 +14,7 @@ from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -13,7 +13,7 @@ from smsid.effects.base import Starting, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

@@ -12,7 +12,7 @@ from smsid.effects.base import Effect, physical, register
 from smsid.effects.spatial import joint_jacobian
 
 if TYPE_CHECKING:
-    from smsid.model.assembly import Assembly
+    from smsid.effects.assembly import Assembly
 
 
 @register

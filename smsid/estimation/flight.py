@@ -17,10 +17,10 @@ from smsid.estimation.kalman import Noise, Problem, Timing, UnknownInput
 from smsid.estimation.measurements import Block, Measured, measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.checks.sample_faults import outliers
-from smsid.recording.column_order import order_columns
 
 LOGGER = logging.getLogger(__name__)
 LONGEST = 0.1  # [s] between times of the filter: what it linearises over

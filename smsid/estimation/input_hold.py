@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 
 from smsid.errors import RecordingError
+from smsid.inputs.changed import Delayed, Switched
+from smsid.inputs.signals import Constant, Sampled, Signal, Sum, sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs
-from smsid.simulate.changed import Delayed, Switched
-from smsid.simulate.signals import Constant, Sampled, Signal, Sum, sample
 
 Hold = Literal["held", "linear", "jumps"]
 JUMP = 5.0  # times its neighbours' changes together that a change is a jump between samples

@@ -9,8 +9,9 @@ import numpy as np
 from smsid.estimation.bus_readings import Bus, cross_matrices
 from smsid.estimation.measurements import Block, Measured
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
+from smsid.model.stations import find_appendage, station_indices
 from smsid.simulate.trajectory import States
-from smsid.simulate.truth import find_appendage, sensed, station_indices
+from smsid.simulate.truth import sensed
 
 
 class MeasurementModel:

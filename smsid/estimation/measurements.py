@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import RecordingError
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor
 
 WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-import smsid
 from smsid._short_repr import short_repr
+from smsid._version import __version__
 from smsid.errors import ExperimentError
 from smsid.experiments.plausibility import check_plausible
 from smsid.experiments.scaling import bus_size
@@ -108,7 +108,7 @@ def fly(
         role=role,
         name=experiment.name,
         provenance={
-            "simulated_by": f"smsid {smsid.__version__}",
+            "simulated_by": f"smsid {__version__}",
             "pinocchio": pin.__version__,
             "python": platform.python_version(),
             "description": model.description.name,

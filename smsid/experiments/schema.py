@@ -14,9 +14,9 @@ from smsid._files import atomic_write
 from smsid._short_repr import as_html, as_text
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
+from smsid.inputs.inputs import Inputs, JointMotion
+from smsid.inputs.signals import Constant, Fourier, Signal, Steps
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.inputs import Inputs, JointMotion
-from smsid.simulate.signals import Constant, Fourier, Signal, Steps
 
 
 class _Table(BaseModel):

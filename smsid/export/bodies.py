@@ -18,12 +18,12 @@ from scipy.optimize import least_squares
 
 from smsid._short_repr import short_repr
 from smsid.description import Description
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of
 from smsid.model import SpacecraftModel
-from smsid.model.assembly import pseudo_inertia
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.regressor import Regressor
 

@@ -14,7 +14,9 @@ from smsid._files import atomic_folder, atomic_write, file_stem
 from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
+from smsid.description.robots import robot_urdf
 from smsid.effects import JointFriction, MotorCoupling
+from smsid.effects.assembly import find_frame
 from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
@@ -23,10 +25,8 @@ from smsid.export.mjcf_friction import dry_friction
 from smsid.export.urdf import rewritten_urdf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
-from smsid.model.assembly import find_frame
 from smsid.model.load import load_bus
 from smsid.model.regressor import INERTIAL_UNITS, Regressor
-from smsid.model.robots import robot_urdf
 
 ROOT = "root_joint"
 """Pinocchio's name of the free joint of the bus."""

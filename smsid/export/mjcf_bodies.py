@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix
 from smsid.errors import DescriptionError
-from smsid.model.assembly import move_parameters, parameters_to_matrix
 
 LENT = 1e-6
 """[kg], [kg m^2] lent to bodies that lack it."""

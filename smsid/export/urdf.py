@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.description.robot_sources import robot_xml
 from smsid.description.urdf_check import read_urdf
-from smsid.model.assembly import parameters_to_matrix
+from smsid.effects.inertial_parameters import parameters_to_matrix
 
 
 def rewritten_urdf(

@@ -52,8 +52,8 @@ def acting(model: SpacecraftModel, recording: Recording, *, torque: bool = False
 
 def _driven(model: SpacecraftModel, commanded: Acting) -> Acting:
     # simulation is not needed without such effects, hence the imports here
-    from smsid.simulate.inputs import Inputs
-    from smsid.simulate.signals import Sampled
+    from smsid.inputs.inputs import Inputs
+    from smsid.inputs.signals import Sampled
 
     times, degree = commanded.times, 0 if commanded.steps else 3
     force, torque = (Sampled.from_samples(times, x, degree) for x in np.split(commanded.values, 2, axis=1))

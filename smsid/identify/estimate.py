@@ -192,7 +192,7 @@ class Estimate:
         Raises:
             MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
         """
-        from smsid.report.papers.estimate import estimate_figure
+        from smsid.figures.estimate import estimate_figure
 
         return estimate_figure(self, truth)
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-import smsid
 from smsid._files import json_ready
 from smsid._reading import read_json
+from smsid._version import __version__
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, with_distinct_names
 
@@ -35,7 +35,7 @@ def estimate_json(estimate: Estimate) -> str:
     document: dict[str, Any] = {
         "schema": SCHEMA_VERSION,
         "kind": "estimate",
-        "smsid": smsid.__version__,
+        "smsid": __version__,
         "description": estimate.description,
         "method": estimate.method,
         "recordings": list(estimate.recordings),

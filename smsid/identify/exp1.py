@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
 from smsid.identify.commanded import acting
@@ -31,12 +32,11 @@ from smsid.identify.rest import check_at_rest, with_rest_before
 from smsid.identify.robust import white_sigma
 from smsid.identify.shaken import covariance_of_moves, shaken
 from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
-from smsid.model.assembly import AppendageJoints
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.stations import station_indices
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor, settling_time, zero_phase, zero_phase_transposed
-from smsid.simulate.truth import station_indices
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 ABOVE_MODES = 1.5  # times the highest described mode: a cantilever's next is at twice, and is not in its p

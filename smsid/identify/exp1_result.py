@@ -9,6 +9,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.effects.appendage import Mode
+from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
 from smsid.identify.combined import Combined, combine
 from smsid.identify.estimate import ParameterEstimate, judged
@@ -18,7 +19,6 @@ from smsid.identify.identified import match_modes
 from smsid.identify.mode_noise import ModeSigma
 from smsid.identify.panel_modes import PanelModes
 from smsid.identify.translation import AxisEstimate
-from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 
 LEAST_MASS = 1e-3  # [kg]

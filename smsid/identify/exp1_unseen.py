@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
 from smsid.identify.combined import is_shared
 from smsid.identify.estimate import ParameterEstimate, judged
 from smsid.identify.exp1_result import participates, participation_along
 from smsid.identify.still import constant
 from smsid.identify.translation import AxisEstimate
-from smsid.model.assembly import AppendageJoints
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

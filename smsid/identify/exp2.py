@@ -23,9 +23,9 @@ from smsid.identify.pose_point import PosePoint, refine_pose_point
 from smsid.identify.rest import check_at_rest
 from smsid.identify.shaken import shaken
 from smsid.identify.still import Still, not_seen
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 
 STILL = 1e-3  # [rad/s] joint or wheel rate below which nothing was excited
 SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be told from motion

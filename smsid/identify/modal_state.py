@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from smsid._short_repr import short_repr
+from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
 from smsid.identify.motion import Motion
-from smsid.model.assembly import AppendageJoints
 
 
 @short_repr

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.effects.inertial_parameters import move_parameters
 from smsid.identify.motion import Motion
 from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.robust import hac_covariance
 from smsid.identify.tls import TlsSolution, total_least_squares
-from smsid.model.assembly import move_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 

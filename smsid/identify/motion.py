@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from smsid._short_repr import short_repr
 from smsid.errors import RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sampled
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.model.stations import station_indices
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.sensing import Sensor, differentiate
-from smsid.simulate.truth import station_indices
 
 NOT_SAMPLED = ("panels", "stations", "pose_point", "imu_point", "again")
 Rates = dict[str, tuple[np.ndarray, np.ndarray, str]]

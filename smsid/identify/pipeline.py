@@ -23,9 +23,9 @@ from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
 from smsid.identify.mended import LONGEST, Mended, mended
 from smsid.model import SpacecraftModel, build_model
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
-from smsid.recording.column_order import order_columns
 
 BRIDGED = "its interval does not count what was bridged"
 """How the note of a parameter begins that a long bridge in a recording has spoiled."""

@@ -15,9 +15,9 @@ from smsid.identify.robust import white_sigma
 from smsid.identify.usable import enough_usable
 from smsid.likelihood.timeline import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.stations import find_appendage
 from smsid.recording import Recording
 from smsid.sensing import Sensor
-from smsid.simulate.truth import find_appendage
 
 QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration")
 BIASED = ("angular_rate", "acceleration")

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.effects.inertial_parameters import move_parameters
 from smsid.identify.momentum_rows import Split, first_moments
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.pseudo_inertia import SIZE
-from smsid.model.assembly import move_parameters
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 

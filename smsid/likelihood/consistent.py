@@ -14,8 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of, tangent
-from smsid.model.assembly import pseudo_inertia
 
 ITERATIONS = 200
 ENOUGH = 1e-4  # decrease of half the sum of squares that no longer matters

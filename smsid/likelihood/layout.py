@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.effects.assembly import AppendageJoints
+from smsid.effects.inertial_parameters import move_parameters
 from smsid.likelihood.pseudo_inertia import SIZE
-from smsid.model.assembly import AppendageJoints, move_parameters
 from smsid.model.regressor import body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 

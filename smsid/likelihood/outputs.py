@@ -17,8 +17,8 @@ from smsid.likelihood.prediction import Prediction, rotation_matrices
 from smsid.likelihood.sensitivity import Sensitivity
 from smsid.likelihood.timeline import Timeline
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
+from smsid.model.stations import find_appendage, station_indices
 from smsid.sensing import Sensor
-from smsid.simulate.truth import find_appendage, station_indices
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.appendage import ModalAppendage
+from smsid.effects.inertial_parameters import parameters_to_matrix
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described, described_modes
 from smsid.identify.identified import identified_modes
 from smsid.likelihood.layout import Layout, appendage_parts, wheel_spins
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
 from smsid.likelihood.scalars import Scalar, scalars_of
-from smsid.model.assembly import parameters_to_matrix
 from smsid.model.regressor import INERTIAL_NAMES, body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 

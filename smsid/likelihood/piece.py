@@ -31,9 +31,9 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
 from smsid.likelihood.readings import agreement, misfit, refitted
 from smsid.likelihood.timeline import Timeline
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 
 PHASE = 0.3  # [rad] of the fastest mode per step: its frequency comes out right to 2e-7, damping to 1e-7
 LONGEST = 0.1  # [s]

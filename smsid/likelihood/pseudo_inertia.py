@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.errors import DescriptionError
-from smsid.model.assembly import pseudo_inertia
 
 SIZE = 10
 PLACES = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3))

@@ -12,9 +12,9 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.description.schema import Arm, Description, Wheel
+from smsid.effects.assembly import Assembly
 from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
-from smsid.model.assembly import Assembly
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
 from smsid.model.joint_limits import outside_limits

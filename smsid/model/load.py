@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid._listing import some_of
+from smsid.description.robots import robot_urdf
 from smsid.description.schema import Arm, Description, did_you_mean
 from smsid.description.urdf_check import (
     check_inertias,
@@ -23,11 +24,10 @@ from smsid.description.urdf_check import (
     without_meshes,
 )
 from smsid.description.urdf_reading import Mimic, UrdfReading, parse_urdf
+from smsid.effects.assembly import find_frame
 from smsid.errors import DescriptionError
-from smsid.model.assembly import find_frame
 from smsid.model.built_check import check_built
 from smsid.model.followers import Followers, mimics_of
-from smsid.model.robots import robot_urdf
 from smsid.model.spacecraft import JointGroup, set_group_angles
 
 logger = logging.getLogger(__name__)

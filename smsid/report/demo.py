@@ -57,7 +57,7 @@ def demo_report(
 
     Args:
         craft: the craft with something hidden.
-        paper: the paper's tables beside what was found (`smsid.identify.paper.tables`).
+        paper: the paper's tables beside what was found (`smsid.paper.tables`).
         links: files beside the page.
         origin: versions, command, files.
         picture: of the craft in motion, if it could be drawn.

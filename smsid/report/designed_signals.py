@@ -8,11 +8,11 @@ import numpy as np
 
 from smsid.experiments import Experiment
 from smsid.experiments.schema import Profile
+from smsid.inputs.signals import Signal, sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.report.axes import Axis
 from smsid.report.model import Figure, Grid
 from smsid.report.plot import Curve, Plot
-from smsid.simulate.signals import Signal, sample
 
 POINTS = 1200
 HEIGHT = 150

@@ -11,8 +11,8 @@ from smsid.diagnose.search import Search
 from smsid.estimation.kalman import FilterRun, run_filter
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.report.traces import Trace
 
 

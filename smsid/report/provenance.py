@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import smsid
+from smsid._version import __version__
 from smsid.report.model import Provenance
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def provenance(inputs: Iterable[str | os.PathLike[str]] = (), *, seed: object = 
 
     The machine is told by system and processor, without its name.
     """
-    versions = {"smsid": smsid.__version__, "python": platform.python_version()}
+    versions = {"smsid": __version__, "python": platform.python_version()}
     for name, package in PACKAGES.items():
         try:
             versions[name] = metadata.version(package)

@@ -17,9 +17,9 @@ from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_input import ssi_cov_input
 from smsid.identify.stabilisation import stable_poles
 from smsid.lab.modal import AmbientMode
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.report.axes import Axis
 from smsid.report.model import Figure
 from smsid.report.plot import Curve, Plot, Rule

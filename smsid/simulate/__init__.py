@@ -1,11 +1,11 @@
 """Simulation: adaptive with dense output, and fixed-step for closed loops."""
 
 from smsid._callable import make_callable
-from smsid.simulate.changed import Delayed, Switched
+from smsid.inputs.changed import Delayed, Switched
+from smsid.inputs.inputs import Inputs, JointMotion
+from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
 from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
-from smsid.simulate.inputs import Inputs, JointMotion
 from smsid.simulate.integrate import Tolerance, simulate
-from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
 from smsid.simulate.trajectory import Audit, States, Trajectory
 from smsid.simulate.truth import truth_of
 

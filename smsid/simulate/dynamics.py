@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid.inputs.inputs import Inputs, Prescribed
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
-from smsid.simulate.inputs import Inputs, Prescribed
 
 
 class Dynamics:

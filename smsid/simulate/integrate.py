@@ -19,10 +19,10 @@ import pinocchio as pin
 from scipy.integrate import DOP853, DenseOutput
 
 from smsid.errors import SimulationError
+from smsid.inputs.inputs import Inputs
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.chart_derivative import ChartDerivative, Enforce
 from smsid.simulate.dynamics import Dynamics
-from smsid.simulate.inputs import Inputs
 from smsid.simulate.short_step import ShortPiece, short_step
 from smsid.simulate.stiff_steps import Stiffness, StiffSteps, failed
 from smsid.simulate.trajectory import Chart, Trajectory

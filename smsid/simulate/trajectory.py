@@ -11,10 +11,10 @@ from scipy.integrate._ivp.base import DenseOutput
 
 from smsid._short_repr import short_repr
 from smsid.errors import SimulationError
+from smsid.inputs.inputs import Inputs
+from smsid.inputs.signals import sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
-from smsid.simulate.inputs import Inputs
-from smsid.simulate.signals import sample
 
 
 @dataclass(frozen=True)

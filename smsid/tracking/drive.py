@@ -11,9 +11,9 @@ from smsid.errors import RecordingError
 from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
 from smsid.estimation.kalman import Applied
 from smsid.estimation.process_model import ProcessModel
+from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate import Inputs
-from smsid.simulate.signals import Constant, Sampled, Signal
 
 MEMORY = 2.0  # [s] of commands that are remembered: more than any delay
 

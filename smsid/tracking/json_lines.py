@@ -13,9 +13,9 @@ import numpy as np
 
 from smsid._files import json_ready
 from smsid.errors import RecordingError
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.tracking.sample import Sample, samples_of
 
 LONGEST_LINE = 1_000_000  # characters

@@ -14,7 +14,7 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import Noise, UnknownInput
 from smsid.estimation.measurements import Block, Measured, _block, _labels
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.truth import find_appendage, station_indices
+from smsid.model.stations import find_appendage, station_indices
 
 WIDTHS = {"attitude": 3, "position": 3, "velocity": 3, "angular_rate": 3, "acceleration": 3}
 

@@ -11,8 +11,8 @@ from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.identify_flights import labels_of
 from smsid.identify.estimate import Estimate
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
 from smsid.tracking.momentum_tracker import EQUATIONS, WINDOW, MomentumTracker

@@ -19,9 +19,9 @@ from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.likelihood.prior import Cad
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.tracking.change_detection import ChangeDetector
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from smsid.model.assembly import AppendageJoints
+from smsid.effects.assembly import AppendageJoints
 from smsid.model.spacecraft import SloshJoint, SpacecraftModel
-from smsid.simulate.truth import station_indices
+from smsid.model.stations import station_indices
 from smsid.view.drivers import Driver, StripDriver
 from smsid.view.look import Look
 from smsid.view.motion import Motion

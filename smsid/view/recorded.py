@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from smsid.errors import RecordingError
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.view.channels import Samples, commanded, hidden, sensed
 from smsid.view.motion import Motion, grid, interpolated
 from smsid.view.velocity import SMOOTHED, recorded_velocity

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from smsid.errors import RecordingError
+from smsid.inputs.inputs import JointMotion
+from smsid.inputs.signals import Sampled
+from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.simulate import Inputs, Trajectory, simulate
-from smsid.simulate.inputs import JointMotion
-from smsid.simulate.signals import Sampled
 from smsid.view.channels import Samples, channel, sensed
 from smsid.view.motion import motion_of
 

@@ -15,9 +15,9 @@ from smsid.effects.rotor import turns
 from smsid.effects.spatial import Motion
 from smsid.errors import RecordingError
 from smsid.model import build_model
+from smsid.model.column_order import order_columns
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording, save_recording
-from smsid.recording.column_order import order_columns
 from smsid.recording.mapping import parse_mapping
 
 URDF = """<robot name="axis"><link name="base"/>

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("mujoco")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+from smsid.description.robots import robots_folder
 from smsid.errors import MissingDependencyError
-from smsid.model.robots import robots_folder
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "solo12"])

@@ -10,8 +10,8 @@ import pytest
 
 from smsid.campaign import load_campaign, prepare
 from smsid.campaign.inertias import drawn_inertia
+from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.model import build_model
-from smsid.model.assembly import pseudo_inertia
 
 BODY = np.array([[3.0, 0.2, -0.1], [0.2, 4.0, 0.3], [-0.1, 0.3, 5.0]])
 

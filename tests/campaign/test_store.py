@@ -157,7 +157,7 @@ def test_other_versions_are_told(
     path: Path, prepared: PreparedCampaign, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     fill(path, prepared)
-    monkeypatch.setattr("smsid.__version__", "9.9")
+    monkeypatch.setattr("smsid.campaign.store.__version__", "9.9")
     with caplog.at_level(logging.WARNING):
         fill(path, prepared)
     assert "not 9.9: runs may differ" in caplog.text

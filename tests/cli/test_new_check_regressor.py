@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.description import load_description
+from smsid.description.robots import robots_folder
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
-from smsid.model.robots import robots_folder
 from smsid.paths import urdf_folder
 
 ARM = str(urdf_folder() / "arm3.urdf")

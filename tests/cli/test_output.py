@@ -16,9 +16,9 @@ from smsid.cli.app import main
 from smsid.cli.file_kind import KINDS, kind_of
 from smsid.cli.notes import clipped, told
 from smsid.cli.show import SHOWN
+from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
-from smsid.model.robots import robot_urdf
 from smsid.recording import load_recording, save_recording
 from tests.screen import COLUMNS, fits
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from smsid.description import Arm, Description, Mount, Thrust, Thruster, Wheel, load_description
+from smsid.description.robots import robot_files, robots_folder
 from smsid.effects import Mode, catalogue
 from smsid.effects.reference import BEGIN, END, effects_reference, write_reference
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
-from smsid.model.robots import robot_files, robots_folder
 from smsid.sensing.sensor import MEASURES, Sensor
 
 ROOT = Path(__file__).resolve().parents[2]

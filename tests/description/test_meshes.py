@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from smsid.description import load_description
-from smsid.description.review import review_description
 from smsid.errors import DescriptionError
 from smsid.model import build_model
+from smsid.model.review import review_description
 
 URDF = """<robot name="r"><link name="bus">
 <inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>

@@ -11,12 +11,12 @@ from smsid.diagnose.rest import resting
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measured
+from smsid.inputs.inputs import JointMotion
+from smsid.inputs.signals import Sampled
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import observe
 from smsid.simulate import Inputs, simulate, truth_of
-from smsid.simulate.inputs import JointMotion
-from smsid.simulate.signals import Sampled
 
 CHANNEL, STEP = "encoder.joint_position", 2e-3
 STOP = 9.0  # [s]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from smsid.estimation.input_hold import _with_ramps, jumping, limits, means, mixed, stepwise, unevenness
-from smsid.simulate.changed import Delayed
-from smsid.simulate.signals import Fourier, Sampled
+from smsid.inputs.changed import Delayed
+from smsid.inputs.signals import Fourier, Sampled
 
 TIMES = np.arange(21) * 0.05
 VALUES = np.random.default_rng(2).standard_normal((21, 2))

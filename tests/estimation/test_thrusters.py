@@ -11,11 +11,11 @@ from smsid.errors import DescriptionError, ExperimentError, RecordingError
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.input_hold import commanded
+from smsid.inputs.signals import Constant
 from smsid.model import build_model
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.simulate import Inputs
-from smsid.simulate.signals import Constant
 
 from .satellite import Satellite, guess, recorded
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.description import Arm, Description, Mount, load_description
+from smsid.description.robots import robot_urdf
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.export import export_folder
 from smsid.export.bodies import parse_combination, urdf_bodies
@@ -21,7 +22,6 @@ from smsid.likelihood.pseudo_inertia import factor, is_body, moved, parameters_o
 from smsid.model import build_model
 from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
-from smsid.model.robots import robot_urdf
 
 from .machines import MACHINES, URDF, random_state, to_mujoco
 

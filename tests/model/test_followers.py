@@ -14,12 +14,12 @@ from smsid.experiments import fly
 from smsid.experiments.schema import Experiment, FourierProfile
 from smsid.export import export_folder
 from smsid.identify import identify
+from smsid.inputs.inputs import JointMotion
+from smsid.inputs.signals import Constant, Fourier
 from smsid.model import build_model
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 from smsid.simulate import Inputs, simulate
-from smsid.simulate.inputs import JointMotion
-from smsid.simulate.signals import Constant, Fourier
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 {1} 0.1"/><mass value="{2}"/>
 <inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0.001" ixz="0" iyz="0.002"/></inertial></link>"""

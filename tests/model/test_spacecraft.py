@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from smsid.description import Arm, Description, Wheel, load_description
 from smsid.effects import Slosh
+from smsid.effects.inertial_parameters import move_parameters, pseudo_inertia
 from smsid.model import build_model
-from smsid.model.assembly import move_parameters, pseudo_inertia
 from smsid.model.spacecraft import JointGroup, group_angles, set_group_angles
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"

@@ -15,7 +15,7 @@ from smsid.campaign.summary import summarise
 from smsid.control.robustness import Robustness
 from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause, Gain, Limit, Remaining, Value
 from smsid.identify.estimate import Estimate, judged
-from smsid.identify.paper.table4_report import study_report
+from smsid.paper.table4_report import study_report
 from smsid.report import render
 from smsid.report.campaign import campaign_report
 from smsid.report.control import _robust

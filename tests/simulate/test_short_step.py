@@ -8,10 +8,10 @@ from scipy.integrate import RK45
 from scipy.linalg import expm
 
 from smsid.description import load_description
+from smsid.inputs.signals import Sampled, merge
 from smsid.model import build_model
 from smsid.simulate import Inputs, Tolerance, simulate
 from smsid.simulate.short_step import ShortPiece, short_step
-from smsid.simulate.signals import Sampled, merge
 
 A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 0.5], [0.0, -0.3, -0.2]])
 START = np.array([1.0, -0.5, 0.3])

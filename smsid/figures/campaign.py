@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from smsid.campaign.summary import ParameterSummary, Summary
 from smsid.errors import SmsidError
-from smsid.report.papers.canvas import COLOURS, canvas
+from smsid.figures.canvas import COLOURS, canvas
 from smsid.report.parameters import clipped
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from smsid.description import load_description
 from smsid.effects import ExternalWrench
+from smsid.inputs.signals import sample
 from smsid.model import build_model
 from smsid.simulate import (
     Constant,
@@ -25,7 +26,6 @@ from smsid.simulate import (
     Switched,
     simulate,
 )
-from smsid.simulate.signals import sample
 
 RNG = np.random.default_rng(0)
 SERIES = Fourier(0.1, RNG.normal(size=(2, 3)), RNG.normal(size=(2, 3)), RNG.normal(size=2))

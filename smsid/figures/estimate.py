@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError
+from smsid.figures.canvas import COLOURS, canvas, legend_above
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate
-from smsid.report.papers.canvas import COLOURS, canvas, legend_above
 from smsid.report.parameters import SMALLEST, clipped, reported
 
 if TYPE_CHECKING:

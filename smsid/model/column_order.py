@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smsid.errors import RecordingError
+from smsid.model.follower_columns import with_followers
 from smsid.recording.channels import split_channel
-from smsid.recording.follower_columns import with_followers
 from smsid.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def _check_units_of_joints(
 def _station_order(
     recording: Recording, labels: Sequence[str], model: SpacecraftModel, source: str
 ) -> np.ndarray:
-    from smsid.simulate.truth import station_indices
+    from smsid.model.stations import station_indices
 
     sensor = next(s for s in model.description.effective_sensors() if s.name == source)
     joints = next((a for a in model.appendages if a.appendage.name == sensor.appendage), None)

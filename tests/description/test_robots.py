@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.description import Arm, Description, Mount
+from smsid.description import Arm, Description, Mount, robots
+from smsid.description.robots import robot_files, robot_urdf
 from smsid.effects import JointFriction
 from smsid.errors import DescriptionError, MissingDependencyError
-from smsid.model import build_model, robots
-from smsid.model.robots import robot_files, robot_urdf
+from smsid.model import build_model
 from smsid.simulate import Inputs, simulate
 
 ROOT = Path(__file__).resolve().parents[2]

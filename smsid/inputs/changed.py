@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.simulate.signals import Sampled, Signal, sample
+from smsid.inputs.signals import Sampled, Signal, sample
 
 
 @dataclass(frozen=True)

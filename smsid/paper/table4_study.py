@@ -10,7 +10,8 @@ from smsid.control.identified_model import identified_model
 from smsid.description.schema import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate
-from smsid.identify.paper.table4 import (
+from smsid.model import build_model
+from smsid.paper.table4 import (
     CONTROLLERS,
     CROSSOVER,
     INTEGRATED_GYRO,
@@ -19,8 +20,7 @@ from smsid.identify.paper.table4 import (
     Variant,
     cases,
 )
-from smsid.identify.paper.table4_summary import improvements, orderings, summarise
-from smsid.model import build_model
+from smsid.paper.table4_summary import improvements, orderings, summarise
 
 TOGETHER = 20
 """Flights side by side."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from smsid.diagnose.result import Diagnosis
 from smsid.errors import SmsidError
+from smsid.figures.canvas import canvas
 from smsid.report.diagnosis_map import EDGES, LEVEL, diagnosis_map
 from smsid.report.heat import STEPS, HeatMap
-from smsid.report.papers.canvas import canvas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

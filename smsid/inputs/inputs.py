@@ -8,8 +8,8 @@ import numpy as np
 
 from smsid.effects.spatial import skew
 from smsid.errors import ExperimentError
+from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Stacked, merge
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.signals import Constant, Fourier, Sampled, Signal, Stacked, merge
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from smsid.description import load_description
 from smsid.errors import RecordingError
 from smsid.experiments import fly, named_experiment
 from smsid.model import SpacecraftModel, build_model
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.column_order import order_columns
 
 URDF = Path(__file__).parents[2] / "urdf"
 STATIONS = ("2 m", "4 m", "6 m")

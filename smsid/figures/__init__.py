@@ -1,5 +1,5 @@
 """Figures for papers, drawn by matplotlib: PNG, SVG or PDF (extra: plot)."""
 
-from smsid.report.papers.draw import KINDS, draw
+from smsid.figures.draw import KINDS, draw
 
 __all__ = ["KINDS", "draw"]

@@ -30,8 +30,8 @@ def review_description(path: str | os.PathLike[str]) -> Review:
 
     A fault in one part does not hide those of the others. Raises nothing that a description can cause.
     """
+    from smsid.description.robots import robot_urdf
     from smsid.model.build import build_model
-    from smsid.model.robots import robot_urdf
 
     wrong: list[str] = []
     doubtful: list[str] = []

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from smsid.errors import NotIdentifiableError
+from smsid.figures.canvas import COLOURS, canvas, legend_above
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.report.papers.canvas import COLOURS, canvas, legend_above
 from smsid.report.stabilisation import diagrams
 
 if TYPE_CHECKING:

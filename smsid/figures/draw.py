@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from smsid.errors import SmsidError
-from smsid.report.papers.canvas import save
+from smsid.figures.canvas import save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,15 +43,15 @@ def draw(kind: str, request: Request, output: Path) -> Path:
 
 
 def _recording(request: Request) -> Figure:
+    from smsid.figures.recording import recording_figure
     from smsid.recording import load_recording
-    from smsid.report.papers.recording import recording_figure
 
     return recording_figure(load_recording(request.file), request.channels, request.title)
 
 
 def _estimate(request: Request) -> Figure:
+    from smsid.figures.estimate import estimate_figure
     from smsid.identify.estimate import load_estimate
-    from smsid.report.papers.estimate import estimate_figure
 
     truth = load_estimate(request.truth) if request.truth is not None else None
     return estimate_figure(load_estimate(request.file), truth, request.title)
@@ -59,9 +59,9 @@ def _estimate(request: Request) -> Figure:
 
 def _stabilisation(request: Request) -> Figure:
     from smsid.description import load_description
+    from smsid.figures.stabilisation import stabilisation_figure
     from smsid.model import build_model
     from smsid.recording import load_recording
-    from smsid.report.papers.stabilisation import stabilisation_figure
 
     if request.description is None:
         raise SmsidError(
@@ -74,7 +74,7 @@ def _stabilisation(request: Request) -> Figure:
 
 def _diagnosis(request: Request) -> Figure:
     from smsid.diagnose import load_diagnosis
-    from smsid.report.papers.diagnosis import diagnosis_figure
+    from smsid.figures.diagnosis import diagnosis_figure
 
     return diagnosis_figure(load_diagnosis(request.file), request.title)
 
@@ -82,7 +82,7 @@ def _diagnosis(request: Request) -> Figure:
 def _campaign(request: Request) -> Figure:
     from smsid.campaign.store import read_store
     from smsid.campaign.summary import summarise
-    from smsid.report.papers.campaign import campaign_figure
+    from smsid.figures.campaign import campaign_figure
 
     header, records = read_store(request.file)
     return campaign_figure(summarise(records), request.title or str(header.plan["name"]))

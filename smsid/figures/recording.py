@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from smsid.figures.canvas import COLOURS, canvas
 from smsid.recording import Recording
 from smsid.recording._checks import check_clocks
 from smsid.report.numbers import unit
-from smsid.report.papers.canvas import COLOURS, canvas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

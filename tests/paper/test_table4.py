@@ -16,10 +16,10 @@ from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
 from smsid.control.uncertainty import perturbed
 from smsid.description import load_description
 from smsid.errors import ControlError
-from smsid.identify.paper import table4_study
-from smsid.identify.paper.table4 import Run, Study, Variant, cases
-from smsid.identify.paper.table4_summary import improvements, orderings, summarise
 from smsid.model import SpacecraftModel, build_model
+from smsid.paper import table4_study
+from smsid.paper.table4 import Run, Study, Variant, cases
+from smsid.paper.table4_summary import improvements, orderings, summarise
 from smsid.paths import urdf_folder
 
 URDF = urdf_folder()

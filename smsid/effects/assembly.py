@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.effects.base import Depends, ForceTerm, InertiaTerm, Twist
+from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -259,50 +260,3 @@ def find_frame(model: pin.Model, name: str) -> int:
             frame=name,
         )
     return next((k for k in found if model.frames[k].type == pin.FrameType.BODY), found[0])
-
-
-def move_parameters(placement: pin.SE3, theta: np.ndarray) -> np.ndarray:
-    """Return inertial parameters (10,) expressed in the parent axes of ``placement``; linear in theta."""
-    rotation, shift = placement.rotation, placement.translation
-    first = rotation @ theta[1:4]
-    about = rotation @ parameters_to_matrix(theta) @ rotation.T
-    mass = theta[0]
-    # parallel axis, written so that an indefinite theta needs no centre of mass
-    cross = np.outer(first, shift) + np.outer(shift, first)
-    matrix = about + (2 * first @ shift) * np.eye(3) - cross
-    matrix = matrix + mass * ((shift @ shift) * np.eye(3) - np.outer(shift, shift))
-    return np.concatenate([[mass], first + mass * shift, matrix_to_parameters(matrix)])
-
-
-def parameters_to_matrix(theta: np.ndarray) -> np.ndarray:
-    """Return the inertia matrix (3, 3) of parameters (m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)."""
-    xx, xy, yy, xz, yz, zz = theta[4:]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def matrix_to_parameters(matrix: np.ndarray) -> np.ndarray:
-    """Return (Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of an inertia matrix."""
-    return np.array([matrix[0, 0], matrix[0, 1], matrix[1, 1], matrix[0, 2], matrix[1, 2], matrix[2, 2]])
-
-
-def pseudo_inertia(theta: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inertia (4, 4) of parameters (10,); positive definite exactly for a physical body."""
-    matrix = parameters_to_matrix(theta)
-    sigma = 0.5 * np.trace(matrix) * np.eye(3) - matrix
-    return np.block([[sigma, theta[1:4, None]], [theta[None, 1:4], theta[:1, None]]])
-
-
-def inertia_from_parameters(theta: np.ndarray, name: str, *, trusted: bool = False) -> pin.Inertia:
-    """Return the `pin.Inertia` of parameters (10,).
-
-    Raises `DescriptionError` if no body can have them; ``trusted`` asks for a positive mass only.
-    """
-    physical = trusted or np.linalg.eigvalsh(pseudo_inertia(theta))[0] >= -1e-9 * np.abs(theta).max()
-    if theta[0] <= 0.0 or not physical:
-        raise DescriptionError(
-            f"The inertia left to body '{name}' is not physical (mass {theta[0]:.6g} kg).",
-            advice="What wheels and appendages take from it is more than it has: check their mass, "
-            "participation factors and spin inertia, and `inertia_in_bus`.",
-            parameters=theta,
-        )
-    return pin.Inertia.FromDynamicParameters(theta)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smsid.errors import ExperimentError
+from smsid.inputs.signals import merge, sample
 from smsid.simulate import Constant, Fourier, Sampled, Stacked, Steps, Sum
-from smsid.simulate.signals import merge, sample
 
 RNG = np.random.default_rng(0)
 TIMES = np.array([0.0, 0.5, 1.25, 2.0, 2.5, 3.5, 4.0])

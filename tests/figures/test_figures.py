@@ -10,16 +10,15 @@ pytest.importorskip("matplotlib")
 from smsid.diagnose import Diagnosis, save_diagnosis
 from smsid.diagnose.result import Remaining
 from smsid.errors import MissingDependencyError, NotIdentifiableError, SmsidError
+from smsid.figures import KINDS, draw
+from smsid.figures.campaign import campaign_figure
+from smsid.figures.draw import Request
+from smsid.figures.estimate import estimate_figure
+from smsid.figures.recording import recording_figure
+from smsid.figures.stabilisation import stabilisation_figure
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording, save_recording
-from smsid.report.papers import KINDS, draw
-from smsid.report.papers.campaign import campaign_figure
-from smsid.report.papers.draw import Request
-from smsid.report.papers.estimate import estimate_figure
-from smsid.report.papers.recording import recording_figure
-from smsid.report.papers.stabilisation import stabilisation_figure
-
-from .test_builders import ESTIMATE, TESTS, records
+from tests.report.test_builders import ESTIMATE, TESTS, records
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smsid.identify.paper.table4 import CONTROLLERS, PRINTED_UNIT, PRINTED_UNITS, Case, Run
+from smsid.paper.table4 import CONTROLLERS, PRINTED_UNIT, PRINTED_UNITS, Case, Run
 
 FEWEST = 5
 """Draws below which no ordering is decided."""

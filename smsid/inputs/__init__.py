@@ -1,0 +1,1 @@
+"""What drives a spacecraft: signals over time, and the inputs that are made of them."""
