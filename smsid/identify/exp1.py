@@ -216,6 +216,7 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     raw = recording[f"{imu.name}.acceleration"][kept, k]
     thrust = acting(model, recording)
     force = _held(thrust.times, thrust.values[:, k], time)
+    force[time == begin] *= 0.5
     fs = rate_of(recording, imu, "acceleration")
 
     def smooth(x: np.ndarray) -> np.ndarray:
@@ -234,7 +235,7 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         drift=drift,
         drift_time=drift_time,
         before=int(np.searchsorted(time, begin)),
-        constant=smooth((time >= begin).astype(float)),
+        constant=smooth(np.heaviside(time - begin, 0.5)),
     )
     one = len(model.appendages) == 1
     return _with_panels(data, recording, roles, moving, k, fs, cutoff, one=one) if moving else data

@@ -97,13 +97,15 @@ def with_rest_before(recording: Recording, sources: Sequence[str], duration: flo
     """Return a recording that starts at rest with that rest before it: ``duration`` [s] of zeros of sources.
 
     A filter that has to guess what came before takes the first sample for it, noise and all: integrated, that
-    one sample's noise would be an offset of the whole record.
+    one sample's noise would be an offset of the whole record. What jumps at the first sample is half there: a
+    trapezoid then has its step where it is.
     """
     longer = {}
     for name in (c for c in recording.channels if c.rpartition(".")[0] in sources):
         time, values = recording.time(name), np.asarray(recording[name], dtype=float)
         step = float(np.median(np.diff(time)))
         count = math.ceil(duration / step)
+        values = np.concatenate([0.5 * values[:1], values[1:]])
         early = time[0] - step * np.arange(count, 0, -1)
         longer[name] = (
             np.concatenate([early, time]),

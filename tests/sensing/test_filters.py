@@ -166,7 +166,7 @@ def test_order_is_positive():
 
 
 def test_the_transposed_zero_phase_filter_is_the_transposed_matrix_at_the_ends_too():
-    """Taken as its own transpose it would be off by 0.8 of the largest element: the ends' samples count much."""
+    """Taken as its own transpose it would be off by 0.8: the samples at the ends count much."""
     matrix = zero_phase(np.eye(300), 100.0, 5.0)
     assert np.abs(zero_phase_transposed(np.eye(300), 100.0, 5.0) - matrix.T).max() < 2e-4
     assert np.abs(matrix - matrix.T).max() > 0.5
