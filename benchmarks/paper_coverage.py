@@ -93,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--seeds-from", type=int, default=0, help="seed of the first draw")
-    parser.add_argument("--minutes", type=float, default=60.0, help="stop starting draws after this long")
+    parser.add_argument("--minutes", type=float, default=90.0, help="stop starting draws after this long")
     parser.add_argument("--store", type=Path, default=STORE)
     options = parser.parse_args()
     data, begin = Data(), time.monotonic()
