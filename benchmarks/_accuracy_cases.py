@@ -119,7 +119,7 @@ def run(case: Case, seed: int, data: Data, folder: Path) -> tuple[dict[str, Any]
     estimate = found.estimate
     values: dict[str, tuple[float, float]] = {}
     for p in estimate.parameters:
-        values[f"{p.group}|{p.name.removeprefix('step A: ')}"] = (p.value, p.sigma)
+        values[f"{p.group}|{bare(p.name)}"] = (p.value, p.sigma)
     for axis in found.translation.axes if found.translation else ():
         for symbol in axis.names:
             values[f"axis {axis.axis}|{symbol}"] = axis[symbol]

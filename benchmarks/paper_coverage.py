@@ -92,7 +92,8 @@ def coverage(lines: Sequence[Mapping[str, Any]], true: Mapping[str, float]) -> d
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=100)
-    parser.add_argument("--minutes", type=float, default=60.0, help="stop starting draws after this long")
+    parser.add_argument("--seeds-from", type=int, default=0, help="seed of the first draw")
+    parser.add_argument("--minutes", type=float, default=90.0, help="stop starting draws after this long")
     parser.add_argument("--store", type=Path, default=STORE)
     options = parser.parse_args()
     data, begin = Data(), time.monotonic()
@@ -102,7 +103,7 @@ def main() -> None:
     lines = [line for line in map(json.loads, read) if line["code"] == code]
     done = {line["seed"] for line in lines}
     with options.store.open("a", encoding="utf-8") as file, tempfile.TemporaryDirectory() as folder:
-        for seed in range(options.draws):
+        for seed in range(options.seeds_from, options.seeds_from + options.draws):
             if seed in done or time.monotonic() - begin > 60.0 * options.minutes:
                 continue
             line = run(CASE, seed, data, Path(folder))[0] | {"code": code}
@@ -113,6 +114,8 @@ def main() -> None:
     assert exact is not None
     true = {k: t["value"] for k, t in truths(data.description, exact).items() if k.split("|")[0] in GROUPS}
     true |= coupled_frequencies(data.description)
+    seeds = range(options.seeds_from, options.seeds_from + options.draws)
+    lines = [line for line in lines if line["seed"] in seeds]
     good = [line for line in lines if "values" in line]
     table = coverage(good, true)
     groups = {}
@@ -128,6 +131,7 @@ def main() -> None:
         "environment": environment("pin", "numpy", "scipy"),
         "inputs": data.sums(),
         "code": code,
+        "seeds_from": options.seeds_from,
         "draws": len(good),
         "failed": [line["failed"] for line in lines if "failed" in line],
         "groups": groups,

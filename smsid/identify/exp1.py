@@ -28,7 +28,7 @@ from smsid.identify.exp1_unseen import FALLEN, UNTOLD, alone, doubted, impossibl
 from smsid.identify.mode_noise import mode_sigmas
 from smsid.identify.motion import Roles, raw_rates
 from smsid.identify.panel_modes import panel_modes
-from smsid.identify.rest import check_at_rest
+from smsid.identify.rest import check_at_rest, with_rest_before
 from smsid.identify.robust import white_sigma
 from smsid.identify.shaken import covariance_of_moves, shaken
 from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
@@ -36,7 +36,7 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import station_indices
 from smsid.recording import Recording
-from smsid.sensing import Sensor, zero_phase
+from smsid.sensing import Sensor, settling_time, zero_phase, zero_phase_transposed
 
 SMOOTHING = 5.0  # [Hz] cut-off of the low-pass; slosh and the first modes lie far below
 ABOVE_MODES = 1.5  # times the highest described mode: a cantilever's next is at twice, and is not in its p
@@ -204,16 +204,20 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     imu, k = roles.imu, "xyz".index(axis)
     moving = [a for a in model.appendages if participates(a, k)]
     panels = [roles.panels[a.appendage.name] for a in moving if a.appendage.name in roles.panels]
-    # a panel's clock may start later; a recording starts at rest, so what the IMU has before is zero
+    noise = _noise(recording[f"{imu.name}.acceleration"][:, k])
+    own = event_times(recording, imu, "acceleration")
+    begin = float(own[0])
+    cutoff = _cut_off(moving, float(own[-1]) - begin)
+    # a panel's clock may start later; a recording starts at rest, so what there is before is zero
+    recording = with_rest_before(recording, [s.name for s in (imu, *panels)], settling_time(cutoff))
     own = event_times(recording, imu, "acceleration")
     time = common_times(recording, (imu, "acceleration"), [(s, "acceleration") for s in panels])
     kept = np.searchsorted(own, time)
     raw = recording[f"{imu.name}.acceleration"][kept, k]
     thrust = acting(model, recording)
     force = _held(thrust.times, thrust.values[:, k], time)
+    force[time == begin] *= 0.5
     fs = rate_of(recording, imu, "acceleration")
-
-    cutoff = _cut_off(moving, float(time[-1] - time[0]))
 
     def smooth(x: np.ndarray) -> np.ndarray:
         return zero_phase(x, fs, cutoff)
@@ -224,11 +228,14 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         time=time,
         force=smooth(force),
         acceleration=smooth(raw),
-        noise=_noise(raw),
+        noise=noise,
         filtered=smooth,
+        filter_transposed=lambda x: zero_phase_transposed(x, fs, cutoff),
         bias=_bias(imu),
         drift=drift,
         drift_time=drift_time,
+        before=int(np.searchsorted(time, begin)),
+        constant=smooth(np.heaviside(time - begin, 0.5)),
     )
     one = len(model.appendages) == 1
     return _with_panels(data, recording, roles, moving, k, fs, cutoff, one=one) if moving else data

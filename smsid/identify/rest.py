@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.stats import chi2
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.robust import white_sigma
+from smsid.recording import Recording
 
 WINDOW = 1.0  # [s] from which the start is extrapolated, where a cubic describes what happens in it
 FEWEST = 8  # samples of the shortest window
@@ -89,3 +91,24 @@ def check_at_rest(name: str, rates: Mapping[str, tuple[np.ndarray, np.ndarray, s
                 other_flight=True,
                 samples=tuple(s.samples for s in found),
             )
+
+
+def with_rest_before(recording: Recording, sources: Sequence[str], duration: float) -> Recording:
+    """Return a recording that starts at rest with that rest before it: ``duration`` [s] of zeros of sources.
+
+    A filter that has to guess what came before takes the first sample for it, noise and all: integrated, that
+    one sample's noise would be an offset of the whole record. What jumps at the first sample is half there: a
+    trapezoid then has its step where it is.
+    """
+    longer = {}
+    for name in (c for c in recording.channels if c.rpartition(".")[0] in sources):
+        time, values = recording.time(name), np.asarray(recording[name], dtype=float)
+        step = float(np.median(np.diff(time)))
+        count = math.ceil(duration / step)
+        values = np.concatenate([0.5 * values[:1], values[1:]])
+        early = time[0] - step * np.arange(count, 0, -1)
+        longer[name] = (
+            np.concatenate([early, time]),
+            np.concatenate([np.zeros((count, *values.shape[1:])), values]),
+        )
+    return recording.with_channels(longer)

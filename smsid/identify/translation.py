@@ -57,11 +57,13 @@ class AxisData:
 
     ``panel`` (N,) is p, the panel's inertia force per unit of density, ``panel_weights`` (stations,) how it
     follows from the panel accelerometers (p = (y - a) @ weights); noise levels are one sigma of the samples
-    [m/s^2]. ``filtered`` applies to white noise whatever filter the signals went through. ``bias`` and
-    ``panel_bias`` [m/s^2] are one sigma of constant errors: where they are not estimated they widen the
-    covariance. ``drift`` and ``panel_drift`` [m/s^2] with their correlation times [s] are errors that wander
-    (first-order Gauss-Markov), which always do. ``panels``: the forces of several panels that ``panel`` is
-    the sum of, each with a density of its own (`identify_axis_tied` only).
+    [m/s^2]. ``filtered`` applies to white noise whatever filter the signals went through,
+    ``filter_transposed`` its transpose (N, N). The first ``before`` samples are the rest before the record,
+    without noise; ``constant`` (N,) is what became of a constant error of one from the record's beginning on
+    (ones when not given). ``bias`` and ``panel_bias`` [m/s^2] are one sigma of constant errors: where they
+    are not estimated they widen the covariance. ``drift`` and ``panel_drift`` [m/s^2] with their correlation
+    times [s] are errors that wander (first-order Gauss-Markov), which always do. ``panels``: the forces of
+    several panels that ``panel`` is the sum of, each with a density of its own (`identify_axis_tied` only).
     """
 
     axis: str
@@ -73,6 +75,7 @@ class AxisData:
     panel_weights: np.ndarray | None = None
     panel_noise: float = 0.0
     filtered: Callable[[np.ndarray], np.ndarray] | None = None
+    filter_transposed: Callable[[np.ndarray], np.ndarray] | None = None
     bias: float = 0.0
     panel_bias: float = 0.0
     drift: float = 0.0
@@ -80,6 +83,13 @@ class AxisData:
     panel_drift: float = 0.0
     panel_drift_time: float = 1.0
     panels: tuple[PanelForce, ...] = ()
+    before: int = 0
+    constant: np.ndarray | None = None
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Return a constant error of one, as filtered, (N,)."""
+        return np.ones_like(self.time) if self.constant is None else self.constant
 
     @property
     def panel_forces(self) -> tuple[PanelForce, ...]:
@@ -237,7 +247,7 @@ def _influence(
     cancel.
     """
     through = errors_through(kinds, pi, order)
-    ramps = np.array(integrals(np.ones_like(data.time), data.time, order))
+    ramps = np.array(integrals(data.unit, data.time, order))
     from_a = through["a"].copy()
     factors = []
     if data.panel is not None and data.panel_weights is not None:
@@ -269,8 +279,9 @@ def adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarray
     for weight in through[1:]:
         integral = _transposed_integral(integral, data.time)
         total = total + weight * integral
-    if data.filtered is not None:
-        total = data.filtered(total.T).T  # zero-phase: its own adjoint away from the ends
+    if data.filter_transposed is not None:
+        total = data.filter_transposed(total.T).T
+    total[:, : data.before] = 0.0
     return total
 
 

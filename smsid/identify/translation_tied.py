@@ -128,7 +128,7 @@ class _Problem:
             tanks,
             kinds,
             np.column_stack([signals[s][j] for s, j in kinds]),
-            np.column_stack(integrals(np.ones_like(data.time), data.time, order)),
+            np.column_stack(integrals(data.unit, data.time, order)),
             row_noise(data, kinds, panels),
         )
 

@@ -1,7 +1,16 @@
 """Sensors: what they measure, their errors, what they make of a motion, and filters for what they record."""
 
 from smsid.sensing.error_model import ErrorModel
-from smsid.sensing.filters import decimate, differentiate, filter_recording, lowpass, uniform_rate, zero_phase
+from smsid.sensing.filters import (
+    decimate,
+    differentiate,
+    filter_recording,
+    lowpass,
+    settling_time,
+    uniform_rate,
+    zero_phase,
+    zero_phase_transposed,
+)
 from smsid.sensing.observe import add_noise, observe, sample_times
 from smsid.sensing.presets import preset, preset_names, preset_source
 from smsid.sensing.sensor import MEASURES, Sensor
@@ -20,6 +29,8 @@ __all__ = [
     "preset_names",
     "preset_source",
     "sample_times",
+    "settling_time",
     "uniform_rate",
     "zero_phase",
+    "zero_phase_transposed",
 ]

@@ -66,6 +66,34 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> Floa
     return np.asarray(sosfiltfilt(sos, data, axis=0, padlen=min(wanted, data.shape[0] - 1)))
 
 
+def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
+    """Apply the transpose of `zero_phase` as a matrix (N, N): that is itself but for the ends.
+
+    The odd extension about an end point counts that sample many times, so its noise weighs more than others'.
+    What `zero_phase` leaves of the start of its two passes, 1e-4, is left out.
+
+    Args:
+        x: (N, ...) what multiplies the filtered samples from the left.
+        rate: sampling rate [Hz].
+        cutoff: -6 dB frequency [Hz], below half the rate.
+        order: of each pass.
+
+    Raises:
+        RecordingError: as `zero_phase`.
+    """
+    least, wanted = _padding(rate, cutoff, max(order, 1))
+    data, sos = _prepare(x, rate, cutoff, order, least=least + 1)
+    n, pad = data.shape[0], min(wanted, data.shape[0] - 1)
+    wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
+    wide = sosfilt(sos, sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
+    left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
+    out[0] += 2.0 * left.sum(axis=0)
+    out[1 : pad + 1] -= left[::-1]
+    out[-1] += 2.0 * right.sum(axis=0)
+    out[n - 1 - pad : n - 1] -= right[::-1]
+    return np.asarray(out)
+
+
 def decimate(x: ArrayLike, rate: float, factor: int) -> FloatArray:
     """Keep every ``factor``-th sample after a zero-phase low-pass.
 
@@ -178,8 +206,12 @@ def _padding(rate: float, cutoff: float, order: int) -> tuple[int, int]:
         return 0, 0
     # The slack keeps a rate read off a clock, 200.0000001 Hz, from costing a sample.
     period = max(math.ceil(rate / cutoff - 1e-6), 3 * (order + 1))
-    slowest_pole = 2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order))
-    return period, max(period, math.ceil(math.log(1e4) * rate / slowest_pole - 1e-6))
+    return period, max(period, math.ceil(settling_time(cutoff, order) * rate - 1e-6))
+
+
+def settling_time(cutoff: float, order: int = 4) -> float:
+    """Return the time [s] in which a Butterworth low-pass with ``cutoff`` [Hz] settles to 1e-4."""
+    return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order)))
 
 
 def _prepare(
