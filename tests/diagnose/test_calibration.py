@@ -1,0 +1,170 @@
+"""What a verdict rests on, simulated or by hand: size of the statistics under the null, power at the limit."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from smsid.diagnose import blocks, verdict
+from smsid.diagnose.accept import Levels, accept
+from smsid.diagnose.blocks import Block, adequacy, whiteness
+from smsid.diagnose.candidates import Candidate, Score, correlation, least_squares
+from smsid.diagnose.prune import pruned
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.effects import JointFriction
+from smsid.estimation.sensitivities import Sensitivity
+
+from .test_accept import score
+from .test_candidates import SHIFT, only, stub
+from .test_prune import cause, fitted
+
+DRAWS = 400
+
+
+def of_chance(x: np.ndarray, level: float) -> float:
+    """Standard deviations by which the share of p-values below a level is off."""
+    return float((np.mean(x < level) - level) / np.sqrt(level * (1.0 - level) / len(x)))
+
+
+def test_scores_have_the_size_they_say():
+    """On noise, p-values are uniform: of one parameter of either sign, and of two together."""
+    rng = np.random.default_rng(1)
+    one = Candidate("body_error", "link", "inertia", "mass", None, ("a",), (1.0,))
+    for candidate in (one, SHIFT):
+        found = []
+        for _ in range(DRAWS):
+            fit = stub(rng, 30, 2, np.ones(2))
+            fit.residual[30:] = rng.standard_normal(2)
+            found.append(only(fit, candidate, rng.standard_normal((30, len(candidate.free)))).p_value)
+        for level in (0.05, 0.3, 0.7):
+            assert abs(of_chance(np.array(found), level)) < 4.0
+
+
+def test_the_searched_pay_for_every_variant_and_those_with_a_sign_half():
+    plain = score(12.0, 2)
+    searched = replace(plain, candidate=replace(plain.candidate, grid=30))
+    assert plain.p_value == pytest.approx(chi2.sf(12.0, 2))
+    assert searched.p_value == pytest.approx(30 * chi2.sf(12.0, 2))
+    assert replace(plain, sides=1).p_value == pytest.approx(0.5 * chi2.sf(12.0, 2))
+    paid = plain.information_gain(1000) - searched.information_gain(1000)
+    assert paid == pytest.approx(2 * np.log(30)) == plain.odds(1000) - searched.odds(1000)
+
+
+def test_a_direction_that_rounding_leaves_is_no_parameter():
+    gram, slope = np.diag([4.0, 4e-15]), np.array([2.0, 2.0])
+    estimate, covariance, ratio, shares = least_squares(gram, slope, np.array([4.0, 4.0]))
+    assert ratio == pytest.approx(1.0) and estimate == pytest.approx([0.5, 0.0])
+    assert covariance == pytest.approx(np.diag([0.25, 0.0])) and (shares > THRESHOLDS.excited).sum() == 1
+
+
+def test_two_that_share_one_direction_of_two_are_correlated():
+    rng = np.random.default_rng(4)
+    fit = stub(rng, 200, 1, np.ones(1))
+    shared, others = rng.standard_normal((200, 1)), rng.standard_normal((200, 2))
+    first, second = (only(fit, SHIFT, np.hstack([shared, others[:, k : k + 1]])) for k in (0, 1))
+    assert correlation(first, second) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("tried", "named"), [(1, True), (200, False)])
+def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
+    """Its chance is 1e-3 by itself and a fifth among two hundred."""
+    ratio = float(chi2.isf(1e-3, 1))
+    run = SimpleNamespace(samples=1000)
+    found = SimpleNamespace(objective=0.0, run=run, unknowns=())
+    monkeypatch.setattr("smsid.diagnose.accept.refit", lambda current, s: found)
+    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 1e3)
+    current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
+    best = score(ratio, 1)
+    assert (accept(current, best, [best], Levels(), tried)[0] is not None) is named
+
+
+def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):
+    """Wald's statistic of 12 is one case in two thousand: enough for one alone, not for one of sixty."""
+
+    def wald(found, candidate, *, held=False, strength=False):
+        return 12.0 if candidate.location == "joint1" else 50.0
+
+    monkeypatch.setattr("smsid.diagnose.prune.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.prune.evaluate", lambda *_: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose.prune.refit", lambda *_: fitted(1.0))
+    causes = [cause("joint1"), cause("joint2")]
+    for tried, kept in ((1, 2), (60, 1)):
+        assert len(pruned(list(causes), fitted(0.0), fitted(1.0), Levels(), tried)[0]) == kept
+
+
+def test_correlation_in_time_is_found_as_often_as_by_chance():
+    """Ljung and Box's statistic of white innovations is chi-squared with as many degrees as lags."""
+    rng = np.random.default_rng(2)
+    n, rows = 1000, DRAWS
+    run = SimpleNamespace(innovations=rng.standard_normal((n, rows)), used=np.ones((n, rows), dtype=bool))
+    names = tuple(f"row{k}" for k in range(rows))
+    found = whiteness(SimpleNamespace(run=run, problem=SimpleNamespace(data=SimpleNamespace(names=names))))
+    assert np.mean([b.ratio for b in found]) == pytest.approx(
+        blocks.LAGS, abs=4 * np.sqrt(2 * blocks.LAGS / rows)
+    )
+    assert abs(of_chance(np.array([b.p_value for b in found]), 0.05)) < 4.0
+
+
+def test_generic_tests_have_the_size_they_say(monkeypatch):
+    rng = np.random.default_rng(3)
+    rows, tests, each = 60, DRAWS, 3
+    columns = rng.standard_normal((rows, tests * each))
+    fit = stub(rng, rows, 2, np.ones(2))
+    fit.residual[rows:] = rng.standard_normal(2)
+    fit.run, fit.left = None, lambda c: fit._parted(c)[0]
+    named = [("torque of joint", "rate", [Sensitivity()] * each)] * tests
+    for part in ("_bus", "_hidden", "_channels", "whiteness"):
+        monkeypatch.setattr(f"smsid.diagnose.blocks.{part}", lambda found: [])
+    monkeypatch.setattr("smsid.diagnose.blocks._torques", lambda found: named)
+    monkeypatch.setattr("smsid.diagnose.blocks.propagate", lambda run, changes: columns)
+    found = adequacy(fit)
+    assert {b.freedom for b in found} == {each}
+    # one residual for all, of `rows` dimensions beside the fitted parameters: a test of k takes k of them
+    expected = each * float(np.sum(_rest(fit) ** 2)) / rows
+    assert np.mean([b.ratio for b in found]) == pytest.approx(expected, rel=0.15)
+
+
+def _rest(fit) -> np.ndarray:
+    """What of the residual the fitted parameters leave."""
+    q = fit.factors[0]
+    return fit.residual - q @ (q.T @ fit.residual)
+
+
+def test_the_limits_are_seen_in_nineteen_cases_of_twenty():
+    """Of a parameter as large as its limit, whatever its sign, at the level of all that are tried."""
+    effect = JointFriction(name="rub", joint="joint1")
+    own = Candidate("joint_friction", "joint1", "friction", "viscous", effect, ("rub.viscous",), (2.0,))
+    found = Score(own, 1.0, 1, np.zeros(1), np.array([[0.09]]), 1.0, np.zeros((0, 1)), np.zeros((0, 1)))
+    search = SimpleNamespace(
+        levels=Levels(), candidates=60, scores=(found,), last=SimpleNamespace(unknowns=())
+    )
+    (limit,) = verdict.limits(search)
+    sigma = 2.0 * 0.3
+    draws = limit.value / sigma + np.random.default_rng(5).standard_normal(20_000)
+    share = np.mean(np.abs(draws) > norm.isf(Levels().candidate / 60 / 2))
+    assert share == pytest.approx(0.95, abs=0.006)
+
+
+def test_not_knowing_when_it_began_is_in_every_interval():
+    unknown = SimpleNamespace(name="rub.viscous", nominal=0.0, unit="N m s/rad")
+    last = SimpleNamespace(
+        unknowns=(unknown,), covariance=lambda: np.array([[4.0]]), point=SimpleNamespace(value=lambda u: 1.0)
+    )
+    own = Candidate("joint_friction", "joint1", "friction", "viscous", None, ("rub.viscous",), (1.0,))
+    began = {"rub": SimpleNamespace(covariance=np.array([[5.0]]))}
+    found = SimpleNamespace(last=last)
+    assert verdict.values(found, own)[0].sigma == pytest.approx(2.0)
+    assert verdict.values(found, own, began)[0].sigma == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("followed", "said"), [(0.85, "unexplained"), (0.95, "explained")])
+def test_most_of_what_was_not_followed_has_to_go(followed, said):
+    found = SimpleNamespace(left=(), misfit=True, followed=followed, noise={"imu.angular_rate": 20.0})
+    named = verdict.FoundCause("joint_friction", "joint1", "friction", "viscous", (), (), {})
+    assert verdict.verdict(found, (named,))[0] == said
+
+
+def test_a_generic_test_pays_for_its_variants():
+    assert Block("torque of joint1", "angle", 30.0, 2, grid=5).p_value == pytest.approx(5 * chi2.sf(30.0, 2))
