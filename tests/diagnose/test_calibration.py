@@ -1,4 +1,4 @@
-"""What a verdict rests on, simulated or by hand: size of the statistics under the null, power at the limit."""
+"""What a verdict rests on, simulated or by hand: size of statistics under the null, power at the limit."""
 
 from dataclasses import replace
 from types import SimpleNamespace
