@@ -1,0 +1,75 @@
+"""What each command spends its time on, the whole process: ``python benchmarks/command_profile.py``.
+
+On the paper's craft: imports, the search for an excitation, building models, writing, and the work itself, in
+shares of the time. Categories are cumulative times of the functions that do them (`PARTS`), by cProfile,
+which makes Python code slower than it is: shares, not seconds. What is above a fifth beside the work is named.
+"""
+
+from __future__ import annotations
+
+import json
+import pstats
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from _common import ROOT, environment, write_result
+
+CRAFT = ROOT / "urdf" / "paper_sms.toml"
+COMMANDS = {
+    "simulate exp1": "simulate {craft} exp1 -o exp1.nc --seed 1",
+    "simulate exp2": "simulate {craft} exp2 -o exp2.nc --seed 2",
+    "identify": "identify {craft} exp1.nc exp2.nc -o estimate.json",
+    "show": "show estimate.json",
+    "diagnose": "diagnose {craft} exp2.nc --estimate estimate.json -o diagnosis.json",
+    "control": "control {craft} estimate.json -o controller.json",
+    "track": "track {craft} exp2.nc -o track.nc",
+    "view": "view {craft} exp2.nc -o exp2.html",
+    "export": "export {craft} estimate.json -o exported",
+}
+PARTS = {
+    "imports": ("_find_and_load",),
+    "excitation": ("fourier_experiment",),
+    "models": ("build_model", "rebuild"),
+    "writing": ("save_recording", "atomic_write", "atomic_path"),
+}
+
+
+def profiled(arguments: list[str], folder: Path) -> pstats.Stats:
+    """Return the profile of a command, its imports included."""
+    out = folder / "profile.out"
+    subprocess.run(
+        [sys.executable, "-m", "cProfile", "-o", str(out), "-m", "smsid", *arguments],
+        cwd=folder,
+        check=False,
+        stdout=subprocess.DEVNULL,
+    )
+    return pstats.Stats(str(out))
+
+
+def share_of(stats: pstats.Stats, names: tuple[str, ...]) -> float:
+    """Return the share of all time that functions take with what they call; nested calls count once."""
+    own = {key: row for key, row in stats.stats.items() if key[2] in names}
+    # from outside of the group alone: what one of them calls of the others is in its time already
+    spent = sum(caller[3] for row in own.values() for key, caller in row[4].items() if key[2] not in names)
+    return spent / stats.total_tt
+
+
+def main() -> None:
+    rows = {}
+    with tempfile.TemporaryDirectory(prefix="profile-") as name:
+        folder = Path(name)
+        for label, command in COMMANDS.items():
+            stats = profiled(command.format(craft=CRAFT).split(), folder)
+            shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
+            shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
+            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
+            print(label, json.dumps(rows[label]), flush=True)
+    above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
+    result = {"environment": environment("pin", "numpy", "scipy"), "commands": rows, "above_a_fifth": above}
+    print(write_result("command_profile", result))
+
+
+if __name__ == "__main__":
+    main()
