@@ -2,7 +2,7 @@
 
 On the paper's craft: imports, the search for an excitation, building models, writing, and the work itself, in
 shares of the time. Categories are cumulative times of the functions that do them (`PARTS`), by cProfile,
-which makes Python code slower than it is: shares, not seconds. What is above a fifth beside the work is named.
+which slows Python code down: shares, not seconds. What is above a fifth beside the work is named.
 """
 
 from __future__ import annotations

@@ -9,25 +9,30 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.signal import butter, detrend, sosfiltfilt
-from scipy.stats import kurtosis
+from scipy.signal import detrend
 
 from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, judged
-from smsid.identify.modes import Mode, Poles, mac
+from smsid.identify.modes import Mode, Poles
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
+from smsid.lab.output_spectra import band_kurtosis, correlation_window, spectral_lines
+from smsid.lab.window_agreement import (
+    RESAMPLED_ORDERS,
+    finest_windows,
+    group_modes,
+    least_agreeing,
+    resampled_scatter,
+    sigma_over_windows,
+)
 
 ORDERS = tuple(range(4, 42, 2))
 WINDOWS = tuple(float(w) for w in np.geomspace(0.15, 3.0, 12))
 """Past and future tried, in multiples of the time over which correlations stand out of their own scatter."""
 
-AGREEING = 3
-"""Number of windows that must find the same modes."""
 
 STABILITY = Stability(
     frequency=0.01, damping=0.2, shape=0.01, largest_damping=0.1, share_of_orders=0.4, contribution=0.1
@@ -43,18 +48,9 @@ UNEVEN = 5.0
 DRIFT_CYCLES = 20
 """Of what moves slower than this often in the record, no mode is identified: it is a drift."""
 
-LINE = 40.0
-"""Height of a line over its neighbourhood; the largest of fifty bins of noise reaches about eight."""
-
-LINE_KURTOSIS = 2.25
-"""Half way between a sine's 1.5 and a Gaussian's 3."""
 
 IMPULSIVE_KURTOSIS = 6.0
 """Twice a Gaussian's: a few impacts carry the record, not a lasting excitation."""
-
-RESAMPLED_ORDERS = 5
-SAME_POLE = 0.05
-"""A pole of a resampled record further from a mode than this share of its frequency is another one."""
 
 
 @short_repr
@@ -229,24 +225,34 @@ def _identified(
         small = np.einsum("ai,kab,jb->kij", left, covariances, right, optimize=True)
         few = chosen[:: -(-len(chosen) // RESAMPLED_ORDERS)]
         again.append([_resampled(small, w, left, right, outputs, slow_rate, few) for w in draws])
-    used = _finest(found, stability.frequency)
+    used = finest_windows(found, stability.frequency)
     groups = [
-        g for g in _grouped([found[k] for k in used], stability.frequency) if len(g) >= _enough(len(used))
+        g
+        for g in group_modes([found[k] for k in used], stability.frequency)
+        if len(g) >= least_agreeing(len(used))
     ]
     lines = spectral_lines(x, rate, highest_frequency)
     groups = [g for g in groups if not any(_is_line(g, line) for line in lines)]
     groups = sorted(groups, key=lambda g: np.median([m.frequency for m in g]))
-    scatter = _scatter(groups, [again[k] for k in used]) if groups else np.zeros((0, 0, 0, 2))
-    modes = tuple(_mode(g, len(used), _sigma(scatter[:, :, k]), x, rate, scale) for k, g in enumerate(groups))
+    scatter = resampled_scatter(groups, [again[k] for k in used]) if groups else np.zeros((0, 0, 0, 2))
+    modes = tuple(
+        _mode(g, len(used), sigma_over_windows(scatter[:, :, k]), x, rate, scale)
+        for k, g in enumerate(groups)
+    )
     gaps = tuple(
-        (high.frequency - low.frequency, float(_sigma(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]))
+        (
+            high.frequency - low.frequency,
+            float(sigma_over_windows(scatter[:, :, k + 1, :1] - scatter[:, :, k, :1])[0]),
+        )
         for k, (low, high) in enumerate(pairwise(modes))
     )
     middle = used[len(used) // 2] if used else len(rows) // 2
     shown = every[middle]
     diagram = PoleDiagram(rows[middle] / slow_rate, tuple(shown), stable_poles(shown, stability))
-    seen = _grouped([loose[k] for k in used or range(len(rows))], stability.frequency)
-    middles = [float(np.median([m.frequency for m in g])) for g in seen if len(g) >= _enough(len(used))]
+    seen = group_modes([loose[k] for k in used or range(len(rows))], stability.frequency)
+    middles = [
+        float(np.median([m.frequency for m in g])) for g in seen if len(g) >= least_agreeing(len(used))
+    ]
     told = [*(m.frequency for m in modes), *lines]
     faint = [f for f in middles if all(abs(f - other) > 2 * stability.frequency * f for other in told)]
     return AmbientModes(
@@ -294,67 +300,9 @@ def _drift(pieces: list[np.ndarray], rate: float) -> float:
     return float(power[1:DRIFT_CYCLES].sum() / max(power[1:].sum(), 1e-300))
 
 
-def spectral_lines(y: np.ndarray, rate: float, highest: float) -> tuple[float, ...]:
-    """Return the sines in y (N, l) up to ``highest`` [Hz]: lines that stand out of the spectrum about them.
-
-    A line holds `LINE` times the median of its neighbourhood in one bin of the whole record's periodogram,
-    which the scatter of noise does not do, and its band has the kurtosis of a sine.
-    """
-    power = np.sum(np.abs(np.fft.rfft(y * np.hanning(len(y))[:, None], axis=0)) ** 2, axis=1)
-    frequency = np.fft.rfftfreq(len(y), 1.0 / rate)
-    reach = 25
-    found: list[float] = []
-    for k in np.flatnonzero(power[reach:-reach] > LINE * np.median(power)) + reach:
-        around = power[k - reach : k + reach + 1]
-        sine = power[k] == around.max() and power[k] > LINE * np.median(around)
-        width = 2.0 * reach * rate / len(y)
-        if sine and frequency[k] <= highest and band_kurtosis(y, rate, frequency[k], width) < LINE_KURTOSIS:
-            found.append(float(frequency[k]))
-    return tuple(found)
-
-
 def _is_line(group: list[Mode], line: float) -> bool:
     frequency = float(np.median([m.frequency for m in group]))
     return abs(frequency - line) < 0.005 * line and float(np.median([m.damping for m in group])) < 0.005
-
-
-def correlation_window(y: np.ndarray, rate: float) -> float:
-    """Return how long autocorrelations of y (N, l) stand out of their scatter [s]; the strongest output
-    counts.
-
-    Raises:
-        NotIdentifiableError: none does beyond a few samples.
-    """
-    strongest = y[:, int(np.argmax(np.var(y, axis=0)))]
-    size = 2 ** int(np.ceil(np.log2(2 * strongest.size)))
-    power = np.abs(np.fft.rfft(strongest - strongest.mean(), size)) ** 2
-    correlation = np.fft.irfft(power)[: strongest.size // 4]
-    correlation = correlation / correlation[0]
-    scatter = np.sqrt((1.0 + 2.0 * np.cumsum(correlation**2)) / strongest.size)
-    step = max(int(0.1 * rate), 4)
-    envelope = np.array([np.abs(correlation[k : k + step]).max() for k in range(correlation.size - step)])
-    loud = envelope >= 2.0 * scatter[: envelope.size]
-    # Close modes beat: quiet is what stays quiet for as long again.
-    quiet = (k for k in range(1, loud.size) if not loud[k] and not loud[k : 2 * k].any())
-    last = next(quiet, loud.size - 1)
-    if last < 4:
-        raise NotIdentifiableError(
-            "No correlation of the outputs stands out: they look white.",
-            advice="Is the structure excited, and the sensor sensitive enough?",
-        )
-    return last / rate
-
-
-def band_kurtosis(y: np.ndarray, rate: float, frequency: float, width: float) -> float:
-    """Return the kurtosis of y (N, l) in a band [Hz] about a frequency, of the output strongest there.
-
-    Three for a mode that noise excites, 1.5 for a sine (Jacobsen, Andersen and Brincker 2007; the kurtosis is
-    that of `scipy.stats.kurtosis`).
-    """
-    low, high = max(frequency - width / 2, 1e-3 * rate), min(frequency + width / 2, 0.499 * rate)
-    band = sosfiltfilt(butter(2, (low, high), "bandpass", fs=rate, output="sos"), y, axis=0)
-    strongest = band[:, int(np.argmax(np.var(band, axis=0)))]
-    return float(kurtosis(strongest, fisher=False))
 
 
 def _block_covariances(pieces: list[np.ndarray], rows: int, blocks: int) -> np.ndarray:
@@ -391,81 +339,6 @@ def _resampled(
 ) -> tuple[Poles, ...]:
     inner, singular, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
     return observability_poles(left @ inner, singular, outer @ right, outputs, rate, orders)
-
-
-def _grouped(found: list[list[Mode]], tolerance: float) -> list[list[Mode]]:
-    """Put the modes of different windows that are one and the same together; at most one of each window."""
-    every = sorted((m for modes in found for m in modes), key=lambda m: m.frequency)
-    groups: list[list[Mode]] = []
-    for mode in every:
-        near = groups[-1] if groups else []
-        centre = np.median([m.frequency for m in near]) if near else 0.0
-        if (
-            near
-            and mode.frequency - centre <= 1.5 * tolerance * centre
-            and mac(near[0].shape, mode.shape)[0, 0] > 0.9
-        ):
-            near.append(mode)
-        else:
-            groups.append([mode])
-    return groups
-
-
-def _enough(windows: int) -> float:
-    return max(AGREEING, 0.7 * windows)
-
-
-def _finest(found: list[list[Mode]], tolerance: float) -> list[int]:
-    """Windows that resolve most: with the largest number of modes on which three or more windows agree.
-
-    Too short a window merges close modes, too long a one splits them by noise, each time elsewhere.
-    """
-    for count in sorted({len(modes) for modes in found}, reverse=True):
-        used = [k for k, modes in enumerate(found) if len(modes) == count]
-        groups = _grouped([found[k] for k in used], tolerance)
-        if sum(len(g) >= _enough(len(used)) for g in groups) == count:
-            return used
-    return []
-
-
-def _scatter(groups: list[list[Mode]], again: list[list[tuple[Poles, ...]]]) -> np.ndarray:
-    """Deviations (replicates, windows, modes, 2) of frequency and damping; NaN where a mode got lost.
-
-    In each resampled record, for each window and order, every mode is given a pole of its own, so that close
-    modes do not share one. The deviation is the median over orders, as the estimate is.
-    """
-    frequency = np.array([np.median([m.frequency for m in g]) for g in groups])
-    damping = np.array([np.median([m.damping for m in g]) for g in groups])
-    moved = np.full((len(again[0]), len(again), RESAMPLED_ORDERS, len(groups), 2), np.nan)
-    for window, replicas in enumerate(again):
-        for r, by_order in enumerate(replicas):
-            for o, poles in enumerate(by_order):
-                good = (poles.damping > 0.0) & (poles.damping < 0.2) & (poles.contributions > 0.05)
-                if not good.any():
-                    continue
-                f, z = poles.frequency[good], poles.damping[good]
-                # close modes differ in damping more than in frequency
-                away = np.abs(np.log(f / frequency[:, None]))
-                cost = away + 0.01 * np.abs(np.log(z / damping[:, None]))
-                for k, j in zip(*linear_sum_assignment(np.minimum(cost, SAME_POLE)), strict=True):
-                    if away[k, j] < SAME_POLE:
-                        moved[r, window, o, k] = f[j] - frequency[k], z[j] - damping[k]
-    found = np.mean(np.isfinite(moved[..., 0]), axis=2) > 0.25  # no median of nothing
-    middle = np.nanmedian(np.where(found[:, :, None, :, None], moved, 0.0), axis=2)
-    return np.where(found[..., None], middle, np.nan)
-
-
-def _sigma(scatter: np.ndarray) -> np.ndarray:
-    """Standard deviations (k,) of scatter (replicates, windows, k): the median over windows.
-
-    The estimate is a median over windows, which scatters a little less. Infinite where most of the windows
-    lose the mode in half of the resampled records.
-    """
-    kept: np.ndarray = np.all(np.isfinite(scatter), axis=2)
-    lost = np.mean(kept, axis=0) < 0.5
-    square = np.where(kept[..., None], scatter, 0.0) ** 2
-    sigma = np.sqrt(square.sum(axis=0) / np.maximum(kept.sum(axis=0), 1)[:, None])
-    return np.median(np.where(lost[:, None], np.inf, sigma), axis=0)
 
 
 def _mode(
