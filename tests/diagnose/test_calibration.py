@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from smsid.diagnose import blocks, verdict
-from smsid.diagnose.accept import Levels, accept
+from smsid.diagnose.accept import Levels, accept, simplest, told_apart
 from smsid.diagnose.blocks import Block, adequacy, whiteness
 from smsid.diagnose.candidates import Candidate, Score, correlation, least_squares
 from smsid.diagnose.prune import pruned
@@ -168,3 +168,27 @@ def test_most_of_what_was_not_followed_has_to_go(followed, said):
 
 def test_a_generic_test_pays_for_its_variants():
     assert Block("torque of joint1", "angle", 30.0, 2, grid=5).p_value == pytest.approx(5 * chi2.sf(30.0, 2))
+
+
+def laws(ratio: float, extended: float) -> tuple[Score, Score]:
+    """A law and one of the same place that extends it by one parameter, with what each explains."""
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((100, 2))
+    plain = replace(score(ratio, 1), columns=columns[:, :1])
+    larger = replace(score(extended, 2), columns=columns)
+    own = replace(larger.candidate, shape="further", simpler=(plain.candidate.shape,))
+    return plain, replace(larger, candidate=own)
+
+
+def test_a_law_that_extends_another_is_rejected_by_chance_in_one_case_of_twenty():
+    beyond = float(chi2.isf(THRESHOLDS.nested, 1))
+    for more, rejected in ((beyond - 0.1, True), (beyond + 0.1, False)):
+        plain, larger = laws(100.0, 100.0 + more)
+        assert told_apart(plain, larger, 10_000, Levels()) is rejected
+
+
+def test_the_simplest_law_that_explains_as_much_comes_first():
+    plain, larger = laws(99.0, 100.0)
+    assert simplest(larger, [larger, plain], 10_000, Levels()) is plain
+    plain, larger = laws(60.0, 100.0)
+    assert simplest(larger, [larger, plain], 10_000, Levels()) is larger
