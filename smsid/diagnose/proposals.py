@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from smsid.diagnose.additions import higher_modes, more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.play import Play
+from smsid.diagnose.profiled import Profiled
 from smsid.diagnose.searched import Imbalance, Leak
 from smsid.diagnose.tidal import Tidal
 from smsid.effects.appendage import BeamAppendage
@@ -35,6 +35,15 @@ AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
 CARRIED = 0.5  # how far its rotor turns with the link before it, none to fully: standard deviation
+CROSSED = (
+    0.7,
+    0.2,
+    0.06,
+    0.015,
+    0.003,
+)  # of a joint's torque: with more, play is as a soft gear
+STICKS = (0.3, 0.1, 0.03, 0.01)  # of a wheel's rate, below which it may stick: above, Coulomb's is as good
+ROOM = (0.6, 1.0, 1.4, 1.8, 2.2)  # of how far a slosh mass moves (rms): where the wall of its tank may be
 ABOUT = 1.0  # [m] how far a sensor may be from where it is said to be: standard deviation
 
 
@@ -106,6 +115,13 @@ def _as(cls: type[Candidate], c: Candidate, **more: Any) -> Candidate:
     return cls(c.kind, c.location, c.family, c.shape, c.effect, c.free, c.steps, c.also, **more)
 
 
+def _profiled(
+    c: Candidate, field: str, shares: Sequence[float], motion: str, first: int, width: int = 1
+) -> Candidate:
+    more = {"motion": motion, "first": first, "last": first + width, "simpler": c.simpler}
+    return _as(Profiled, c, field=field, shares=tuple(shares), **more)
+
+
 def _vector(key: str, step: float) -> dict[str, float]:
     return {f"{key}.{axis}": step for axis in AXES}
 
@@ -131,6 +147,9 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             late = {"actuator": name}
             yield from _one("actuator_delay", name, "actuator", "delay", late, {"delay": 1e-3})
             if wheel:
+                alone, first = {"stribeck": 1e-3}, ("coulomb",)
+                for c in _one("joint_friction", name, "friction", "stiction", at, alone, curve, "", first):
+                    yield _profiled(c, "stribeck_rate", STICKS, "v", int(v))
                 for size, step in (("static", 1e-4), ("dynamic", 1e-4)):
                     free = {size: step, "phase": 1e-2}
                     shape = f"{size} imbalance"
@@ -154,7 +173,7 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
             crossing = ["turn_torque", "sharpness"]
             for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, crossing):
-                yield _as(Play, c, dof=int(v))
+                yield _profiled(c, "turn_torque", CROSSED, "tau", int(v))
 
 
 def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -219,6 +238,11 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
             own = "" if law == "radial" else law  # an effect has one law
             yield from _one(kind, n, "slosh", f"cubic spring{suffix}", at, hard, part=own)
             yield from _one(kind, n, "slosh", f"quadratic damping{suffix}", at, drag, part=own)
+        joint = next(s.joint for s in point.base.slosh if s.tank.name == n)
+        place = point.base.pin.joints[joint].idx_q
+        hard = {"stiffness": max(effect.stiffness)}
+        for c in _one("slosh_wall", n, "slosh", "wall", {"tank": n}, hard, ["gap"], "", ["cubic spring"]):
+            yield _profiled(c, "gap", ROOM, "q", place, 3)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -304,6 +328,11 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                 yield from _one(
                     "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
                 )
+                if q == "angular_rate":
+                    slopes = _vector("slope", 1e-3)
+                    yield from _one(
+                        "scale_by_rate", where, "sensor", "scale by rate", at, slopes, simpler=["scale"]
+                    )
             elif q == "attitude":
                 # turned axes of an attitude sensor are, to first order, a bias of its rotation vector
                 yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
@@ -317,6 +346,11 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
                     yield from _one(
                         "sensor_scale", place, "sensor", "scale", own | {"error": 0.0}, {"error": 1e-4}
                     )
+                    if q != "joint_position":
+                        yield from _one(
+                            "scale_by_rate", place, "sensor", "scale by rate", own | {"slope": 0.0},
+                            {"slope": 1e-4}, simpler=["scale"],
+                        )  # fmt: skip
             if len(here) > 1:
                 yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
         # of a sensor with one channel a delay is the same, but for its sign
