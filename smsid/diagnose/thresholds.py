@@ -1,7 +1,7 @@
 """Every threshold that a verdict rests on: value, unit, reason, and what calibrated it.
 
-Modules take their numbers from `THRESHOLDS`; the table in docs/diagnosis_steps.md is written from it. Grids, steps
-and limits of effort, which decide how long a search takes, stay where they are used.
+Modules take their numbers from `THRESHOLDS`; the table in docs/diagnosis_steps.md is written from it. Grids,
+steps and limits of effort, which decide how long a search takes, stay where they are used.
 """
 
 from __future__ import annotations

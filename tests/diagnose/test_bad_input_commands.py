@@ -133,3 +133,43 @@ def test_a_short_log_of_one_joint(judged, tmp_path):
         name="short",
     )
     assert judged("lever.toml", log, more=("--unchecked",))["verdict"] == "not_evaluated"
+
+
+RATES = {"1 kHz": (1000.0, 6.0), "10 Hz": (10.0, 20.0), "1 Hz": (1.0, 110.0)}
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_fast_and_slow_data(judged, tmp_path, rate):
+    """Nothing is hidden: that much is said, or why nothing can be."""
+    hertz, seconds = RATES[rate]
+    stated = f'preset = "reference"\nrate = {hertz}\n'
+    (tmp_path / "small.urdf").write_text(test_small_craft.URDF)
+    (tmp_path / "small.toml").write_text(test_small_craft.TOML.replace('preset = "reference"\n', stated))
+    small = build_model(load_description("small.toml"))
+    plan = named_experiment("exp2", small).model_copy(update={"duration": seconds})
+    flown = fly(small, plan, np.random.default_rng(0)).recording
+    every = flown.time("imu.angular_rate")
+    assert np.median(np.diff(every)) == pytest.approx(1.0 / hertz)
+    found = judged("small.toml", flown)
+    assert found["verdict"] in ("adequate", "not_evaluated") and not found["causes"], found["sentence"]
+    if found["verdict"] == "adequate":
+        assert all(0.5 < x["value"] < 2.0 for x in found["whitened_rms"].values())
+
+
+BAD = {
+    "nothing is commanded": (lambda r: r.without(*_named(r, "command.")), "command"),
+    "nothing is measured": (lambda r: r.without(*_named(r, "", "command.")), "sensors"),
+    "a few samples": (lambda r: r.window(0.0, 0.5), "samples"),
+}
+
+
+def _named(recording: Recording, start: str, but: str = "\0") -> list[str]:
+    return [c for c in recording.channels if c.startswith(start) and not c.startswith(but)]
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_judged_says_why(judged, description, recording, what):
+    change, why = BAD[what]
+    found = judged(toml_of(description), change(recording), more=("--unchecked",))
+    assert found["verdict"] == "not_evaluated" and why in found["sentence"]
+    assert found["gain"]["status"] == "not_evaluated" and not found["causes"]

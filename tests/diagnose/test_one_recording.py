@@ -15,7 +15,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
-HELD = Payload(name="held", frame="link3", mass=0.4)
+HELD = Payload(name="held", frame="tool", mass=2.0)
 BIASED = SensorBias(name="off", sensor="encoder", quantity="joint_velocity", component="joint2", bias=4e-3)
 
 
