@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from smsid.diagnose.candidates import Score
-from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
+from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, resolved_as
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity
@@ -55,10 +55,7 @@ class Profiled(Searched):
         assert self.effect is not None
         prior = {**self.effect.prior, self.field: shape.label}
         effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
-        own = Resolved(
-            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
-            simpler=self.simpler,
-        )  # fmt: skip
+        own = resolved_as(self, effect, simpler=self.simpler)
         return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
 
     def _thresholds(self, changes: Sensitivities) -> list[float]:
