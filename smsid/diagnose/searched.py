@@ -55,15 +55,8 @@ class Resolved(Candidate):
 
 def resolved_as(candidate: Candidate, effect: Effect, **more: Any) -> Resolved:
     """Return what a search of a candidate settled on."""
-    c = candidate
-    return Resolved(
-        c.kind,
-        c.location,
-        c.family,
-        c.shape,
-        effect,
-        **{"free": c.free, "steps": c.steps, "also": c.also} | more,
-    )
+    c, own = candidate, {"free": candidate.free, "steps": candidate.steps, "also": candidate.also} | more
+    return Resolved(c.kind, c.location, c.family, c.shape, effect, **own)
 
 
 @dataclass(frozen=True)

@@ -86,16 +86,8 @@ class Tidal(Candidate):
         freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        return Score(
-            resolved_as(self, effect),
-            ratio,
-            freedom,
-            estimate,
-            covariance,
-            excited,
-            own.left @ by,
-            own.taken @ by,
-        )
+        settled = resolved_as(self, effect)
+        return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
