@@ -135,25 +135,62 @@ def test_a_short_log_of_one_joint(judged, tmp_path):
     assert judged("lever.toml", log, more=("--unchecked",))["verdict"] == "not_evaluated"
 
 
-RATES = {"1 kHz": (1000.0, 6.0), "10 Hz": (10.0, 20.0), "1 Hz": (1.0, 110.0)}
-
-
-@pytest.mark.parametrize("rate", RATES)
-def test_fast_and_slow_data(judged, tmp_path, rate):
-    """Nothing is hidden: that much is said, or why nothing can be."""
-    hertz, seconds = RATES[rate]
+def _flown_at(hertz: float, seconds: float) -> Recording:
+    """Fly a small craft, described in ``small.toml``, whose sensors and commands have so many samples."""
     stated = f'preset = "reference"\nrate = {hertz}\n'
-    (tmp_path / "small.urdf").write_text(test_small_craft.URDF)
-    (tmp_path / "small.toml").write_text(test_small_craft.TOML.replace('preset = "reference"\n', stated))
+    Path("small.urdf").write_text(test_small_craft.URDF)
+    Path("small.toml").write_text(test_small_craft.TOML.replace('preset = "reference"\n', stated))
     small = build_model(load_description("small.toml"))
     plan = named_experiment("exp2", small).model_copy(update={"duration": seconds})
     flown = fly(small, plan, np.random.default_rng(0)).recording
-    every = flown.time("imu.angular_rate")
-    assert np.median(np.diff(every)) == pytest.approx(1.0 / hertz)
-    found = judged("small.toml", flown)
-    assert found["verdict"] in ("adequate", "not_evaluated") and not found["causes"], found["sentence"]
-    if found["verdict"] == "adequate":
-        assert all(0.5 < x["value"] < 2.0 for x in found["whitened_rms"].values())
+    assert np.median(np.diff(flown.time("imu.angular_rate"))) == pytest.approx(1.0 / hertz)
+    return flown
+
+
+def test_fast_data(judged):
+    """Of 1 kHz: nothing is hidden, and that is said."""
+    found = judged("small.toml", _flown_at(1000.0, 6.0))
+    assert found["verdict"] == "adequate" and not found["causes"], found["sentence"]
+    assert all(0.5 < x["value"] < 2.0 for x in found["whitened_rms"].values())
+
+
+@pytest.mark.slow
+def test_slow_data(judged):
+    """Of 1 Hz, between whose samples commands are not known: a verdict or a reason."""
+    judged("small.toml", _flown_at(1.0, 110.0))
+
+
+def test_too_few_slow_samples(judged):
+    found = judged("small.toml", _flown_at(1.0, 60.0))
+    assert found["verdict"] == "not_evaluated" and "needs 100" in found["sentence"]
+
+
+@pytest.mark.parametrize("hertz", [1000.0, 1.0])
+def test_fast_and_slow_torques(judged, tmp_path, hertz):
+    """What is hidden is named at 1 kHz; at 1 Hz there is nothing to differentiate, and a reason."""
+    (tmp_path / "lever.urdf").write_text(ONE_JOINT)
+    (tmp_path / "lever.toml").write_text(LEVER)
+    t = np.arange(0.0, 12.0 if hertz > 1.0 else 150.0, 1.0 / hertz)
+    rng = np.random.default_rng(1)
+    omega = 2.0 * np.pi * np.array([0.21, 0.5, 0.83])
+    q = (0.3 * np.sin(omega * t[:, None])).sum(axis=1)
+    v = (0.3 * omega * np.cos(omega * t[:, None])).sum(axis=1)
+    a = -(0.3 * omega**2 * np.sin(omega * t[:, None])).sum(axis=1)
+    torque = (0.35 + 4.0 * 0.25) * a - 4.0 * 9.81 * 0.5 * np.cos(q) + 3.0 * v
+    torque = torque + 0.05 * rng.standard_normal(torque.shape)
+    log = Recording.from_arrays(
+        t,
+        {"encoder.joint_position": q[:, None], "encoder.joint_torque": torque[:, None]},
+        labels={"joint": ("hinge",)},
+        role="estimation",
+        name="lever",
+    )
+    found = judged("lever.toml", log)
+    if hertz > 1.0:
+        (cause,) = found["causes"]
+        assert (cause["effect"], cause["shape"]) == ("joint_friction", "viscous"), found["sentence"]
+    else:
+        assert not found["causes"], found["sentence"]
 
 
 BAD = {
