@@ -14,6 +14,7 @@ from smsid.effects import (
     BaseTilt,
     Effect,
     Gear,
+    JointCable,
     JointFriction,
     JointOffset,
     MotorCoupling,
@@ -65,6 +66,8 @@ def effect_columns(effect: Any, model: SpacecraftModel, states: JointStates) -> 
     """
     if isinstance(effect, JointFriction):
         return _friction(effect, model, states.v, states.a, states=states)
+    if isinstance(effect, JointCable):
+        return _cable(effect, model, states.v, states.a, states=states)
     return torque_columns(effect, model, states.v, states.a)
 
 
@@ -148,6 +151,24 @@ def _coupling(
         _column(model, effect, field, v, {k: w * values for k, w in zip(index, weights, strict=True)})
         for field, values in parts.items()
     )
+
+
+@torque_columns.register
+def _cable(
+    effect: JointCable,
+    model: SpacecraftModel,
+    v: np.ndarray,
+    a: np.ndarray,
+    *,
+    states: JointStates | None = None,
+) -> tuple[Column, ...]:
+    k = joint_index(model, effect, effect.joint)
+    if states is None or states.q is None:
+        raise DescriptionError(
+            f"Cable '{effect.name}' needs the joint's angle.", advice="Measure it.", effect=effect.name
+        )
+    angle = joint_angle(model, effect.joint, states.q)
+    return (_column(model, effect, "stiffness", v, {k: angle - effect.rest}),)
 
 
 @torque_columns.register(BaseTilt)

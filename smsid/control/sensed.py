@@ -117,6 +117,12 @@ def _stream(
     sensor: Sensor, quantity: str, size: int, duration: float, control_rate: float, rng: np.random.Generator
 ) -> _Stream:
     error = sensor.error(quantity)
+    if any(np.any(e.scale_slope) for e in (error, *error.components.values())):
+        raise ControlError(
+            f"'{sensor.name}' has a scale that depends on the rate, which closed loops do not simulate.",
+            advice="Leave its effect `scale_by_rate` out.",
+            sensor=sensor.name,
+        )
     rate = min(sensor.rate, control_rate)
     times = np.arange(int(duration * rate + 1e-6) + 2) / rate
     nothing = {"delay": 0.0, "saturation": None, "quantisation": 0.0}

@@ -280,7 +280,7 @@ def refit(current: Fit, s: Score) -> Fit | None:
     kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
     point = current.point
     if candidate.effect is not None:
-        point = point.with_effect(candidate.instance(point))
+        point = point.with_effect(candidate.instance(point), candidate.recording)
     unknowns = (*kept, *own)
     # what stood in for the effect goes back, the effect comes in
     back = -(s.taken @ s.estimate) * current.scales

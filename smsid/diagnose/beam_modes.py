@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from smsid.diagnose.candidates import Score
 from smsid.diagnose.oscillating import Springs, pulled, pulls
-from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape
+from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, resolved_as
 from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.beam_mode import BeamMode
 from smsid.estimation.map_estimate import Fit, Projected
@@ -126,7 +126,7 @@ class HigherMode(Searched):
             damping=zeta,
         )
         free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
-        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, STEPS)
+        own = resolved_as(self, effect, free=free, steps=STEPS)
         by = np.array([[1.0, 0.0, 0.0]])
         return own, by, np.array([float(coefficients[0]), 0.0, 0.0]), bool(coefficients[0] > 0.0)
 

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
 from smsid.errors import SmsidError
+from smsid.estimation.joint_problem import samples_in
 from smsid.estimation.map_estimate import Fit, Projected, columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
@@ -31,6 +32,7 @@ class Candidate:
     more than their prior allows. ``also`` are parameters freed once the effect is there (a payload's centre
     of mass has no meaning without its mass). ``grid`` counts the variants searched, for the correction.
     ``simpler`` are shapes at its location that come first: what one of them explains as well is not its own.
+    ``recording`` is the only one of several that it is in, empty: it is in all.
     """
 
     kind: str
@@ -43,6 +45,7 @@ class Candidate:
     also: tuple[str, ...] = ()
     grid: int = 1
     simpler: tuple[str, ...] = ()
+    recording: str = ""
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -59,7 +62,7 @@ class Candidate:
         one, two = self.effect, other.effect
         if one is None or two is None or one.name != two.name:
             return False
-        starts = [getattr(e, "start", None) for e in (one, two)]
+        starts = [(getattr(e, "start", None), c.recording) for e, c in ((one, self), (two, other))]
         return starts[0] == starts[1] and set(other.free) < set(self.free)
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
@@ -233,12 +236,20 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
     if not changes:
         return {}
     flat = propagate(found.run, changes).reshape(-1, len(changes))
-    known = {i: flat[:, index] for i, index in where.items()}
+    known = {i: seen_where(found, candidates[i], flat[:, index]) for i, index in where.items()}
     lost = [i for i, columns in known.items() if not np.isfinite(columns).all()]
     for i in lost:
         LOGGER.info("%s has no finite signature here", candidates[i].key)
         del known[i]
     return known
+
+
+def seen_where(found: Fit, candidate: Candidate, columns: np.ndarray) -> np.ndarray:
+    """Return columns (N rows, d) of a candidate as they are where it is in one recording alone."""
+    if not candidate.recording or not found.problem.parts:
+        return columns
+    here = samples_in(found.problem, candidate.recording)
+    return columns * np.repeat(here, len(columns) // len(here))[:, None]
 
 
 def scored(found: Fit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:

@@ -71,7 +71,7 @@ def coarse_cause(
     """
     coarse = replace(thinned(problem, RATE), substep=SUBSTEP)
     best: dict[tuple[str, str, str], _Start] = {}
-    for candidate, start in _starts(point, candidates):
+    for candidate, start in _starts(point, candidates, [p.label for p in problem.parts]):
         likely = _likelihood(start, coarse)
         known = best.get(candidate.key)
         if known is None or likely > known.likelihood:
@@ -95,8 +95,12 @@ def coarse_cause(
     return Coarse(nominal, found, Cause(score, (), ratio, tuple(u.name for u in unknowns)))
 
 
-def _starts(point: Point, candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Point]]:
-    """Yield candidates with points at which they are strong, one parameter at a time."""
+def _starts(
+    point: Point, candidates: Sequence[Candidate], recordings: Sequence[str]
+) -> Iterator[tuple[Candidate, Point]]:
+    """Yield candidates with points at which they are strong, one parameter at a time; in all recordings, and
+    in each of several alone.
+    """
     for candidate in candidates:
         if candidate.effect is None or candidate.kind not in STRONG:
             continue
@@ -106,9 +110,12 @@ def _starts(point: Point, candidates: Sequence[Candidate]) -> Iterator[tuple[Can
         for name in candidate.free:
             for value in STRONG[candidate.kind]:
                 try:
-                    yield candidate, point.with_effect(effect.with_values({name: value}))
+                    strong = effect.with_values({name: value})
                 except SmsidError:  # beyond its bounds
                     continue
+                for recording in ("", *recordings):
+                    own = replace(candidate, recording=recording)
+                    yield own, point.with_effect(strong, recording)
 
 
 def _likelihood(point: Point, problem: Problem) -> float:

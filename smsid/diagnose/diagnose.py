@@ -226,6 +226,12 @@ def _diagnose(
         for q, p in pairwise(placed)
         if p.shift
     ]
+    gone = [
+        f"extended.toml is of the last recording, '{labels[-1]}': {c.label} at {c.location} is in "
+        f"'{c.recording}' alone, and left out"
+        for c in named
+        if c.recording not in ("", labels[-1]) and c.onset is None
+    ]
     result = Diagnosis(
         description=description.name,
         recordings=names,
@@ -245,7 +251,7 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told) if n),
+        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told, *gone) if n),
     )
     return Diagnosed(result, extended, found)
 

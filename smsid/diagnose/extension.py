@@ -68,6 +68,8 @@ def as_now(found: Fit) -> Point:
         return point
     begins = float(found.problem.data.times[parts[-1].first])
 
+    point = point.seen_in(parts[-1].label)
+
     def now(effect: Effect) -> Effect:
         start = getattr(effect, "start", None)
         if start is None:

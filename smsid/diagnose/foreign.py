@@ -23,11 +23,13 @@ def motion_left(fit: Fit, noise: dict[str, float]) -> float:
     """
     left: list[float] = []
     model = fit.point.model()
-    for problem in recordings_of(at_point(fit.point, fit.problem)):
+    here = at_point(fit.point, fit.problem)
+    models = [part.model or model for part in here.parts] or [model]
+    for own, problem in zip(models, recordings_of(here), strict=True):
         data = problem.data
         until = float(data.times[0]) + SETTLE
         try:
-            run = run_filter(model, problem, until=until)
+            run = run_filter(own, problem, until=until)
         except SimulationError:  # it runs away by itself: that says nothing of what it follows when corrected
             return float("nan")
         later = data.times > until

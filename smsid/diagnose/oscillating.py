@@ -16,7 +16,16 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import Score, least_squares
-from smsid.diagnose.searched import Resolved, Searched, Shape, best_shape, by_one, moments, placed
+from smsid.diagnose.searched import (
+    Resolved,
+    Searched,
+    Shape,
+    best_shape,
+    by_one,
+    moments,
+    placed,
+    resolved_as,
+)
 from smsid.effects.base import Effect
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
@@ -223,7 +232,7 @@ class Oscillating(Searched):
             p.name: p.value for p in self._effect(LEAST, self.springs.place, omega, zeta).parameters()
         }
         means = tuple((n, reference[n]) for n in free[1 : 1 + d])
-        own = Resolved(self.kind, self.location, self.family, self.shape, effect, free, steps, means=means)
+        own = resolved_as(self, effect, free=free, steps=steps, means=means)
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
     def scored(self, found: Fit, own: Projected) -> Score:

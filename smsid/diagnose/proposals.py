@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pydantic import ValidationError
 
 from smsid.diagnose.additions import higher_modes, more_modes, more_slosh
 from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.play import Play
+from smsid.diagnose.profiled import Profiled
 from smsid.diagnose.searched import Imbalance, Leak
 from smsid.diagnose.tidal import Tidal
 from smsid.effects.appendage import BeamAppendage
@@ -23,6 +24,7 @@ from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
 from smsid.effects.mode_error import ModeError
 from smsid.effects.rotor import turns
+from smsid.effects.sensor import VECTORS
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import recordings_of
@@ -35,6 +37,15 @@ AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
 CARRIED = 0.5  # how far its rotor turns with the link before it, none to fully: standard deviation
+CROSSED = (
+    0.7,
+    0.2,
+    0.06,
+    0.015,
+    0.003,
+)  # of a joint's torque: with more, play is as a soft gear
+STICKS = (0.3, 0.1, 0.03, 0.01)  # of a wheel's rate, below which it may stick: above, Coulomb's is as good
+ROOM = (0.6, 1.0, 1.4, 1.8, 2.2)  # of how far a slosh mass moves (rms): where the wall of its tank may be
 ABOUT = 1.0  # [m] how far a sensor may be from where it is said to be: standard deviation
 
 
@@ -77,7 +88,6 @@ def _instance(kind: str, name: str, **fields: Any) -> Effect | None:
 def _one(
     kind: str,
     location: str,
-    family: str,
     shape: str,
     fields: dict[str, Any],
     free: dict[str, float],
@@ -99,11 +109,19 @@ def _one(
         return
     more = tuple(f"{name}.{key}" for key in also if f"{name}.{key}" in known)
     steps = tuple(free.values())
-    yield Candidate(kind, location, family, shape, effect, names, steps, more, simpler=tuple(simpler))
+    own = type(effect).family
+    yield Candidate(kind, location, own, shape, effect, names, steps, more, simpler=tuple(simpler))
 
 
 def _as(cls: type[Candidate], c: Candidate, **more: Any) -> Candidate:
     return cls(c.kind, c.location, c.family, c.shape, c.effect, c.free, c.steps, c.also, **more)
+
+
+def _profiled(
+    c: Candidate, field: str, shares: Sequence[float], motion: str, first: int, width: int = 1
+) -> Candidate:
+    more = {"motion": motion, "first": first, "last": first + width, "simpler": c.simpler}
+    return _as(Profiled, c, field=field, shares=tuple(shares), **more)
 
 
 def _vector(key: str, step: float) -> dict[str, float]:
@@ -118,43 +136,41 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
         for name, v in zip(group.names, group.v, strict=True):
             if int(v) in held:
                 continue
-            at = {"joint": name}
-            yield from _one("joint_friction", name, "friction", "viscous", at, {"viscous": 1e-3})
-            yield from _one("joint_friction", name, "friction", "coulomb", at, {"coulomb": 1e-3})
+            at: dict[str, Any] = {"joint": name}
+            turning = turns(model.pin, model.pin.getJointId(name))
+            rubs = partial(_one, "joint_friction", name)
+            yield from rubs("viscous", at, {"viscous": 1e-3})
+            yield from rubs("coulomb", at, {"coulomb": 1e-3})
             for shape, simpler in SIMPLER.items():
                 free = dict.fromkeys(fields_of(LAW_OF_SHAPE[shape]), 1e-3)
-                yield from _one("joint_friction", name, "friction", shape, at, free, simpler=simpler)
-            with_stribeck = {"coulomb": 1e-3, "stribeck": 1e-3}
+                yield from rubs(shape, at, free, simpler=simpler)
             curve = ["stribeck_rate", "stribeck_exponent"]
-            yield from _one("joint_friction", name, "friction", "stribeck", at, with_stribeck, curve)
-            yield from _one("torque_gain", name, "actuator", "torque constant", at, {"error": 1e-3})
-            late = {"actuator": name}
-            yield from _one("actuator_delay", name, "actuator", "delay", late, {"delay": 1e-3})
+            yield from rubs("stribeck", at, {"coulomb": 1e-3, "stribeck": 1e-3}, curve)
+            yield from _one("torque_gain", name, "torque constant", at, {"error": 1e-3})
+            yield from _one("actuator_delay", name, "delay", {"actuator": name}, {"delay": 1e-3})
             if wheel:
-                for size, step in (("static", 1e-4), ("dynamic", 1e-4)):
-                    free = {size: step, "phase": 1e-2}
-                    shape = f"{size} imbalance"
-                    for c in _one("wheel_imbalance", name, "actuator", shape, {"wheel": name}, free):
+                for c in rubs("stiction", at, {"stribeck": 1e-3}, curve, simpler=["coulomb"]):
+                    yield _profiled(c, "stribeck_rate", STICKS, "v", int(v))
+                for size in ("static", "dynamic"):
+                    free = {size: 1e-4, "phase": 1e-2}
+                    for c in _one("wheel_imbalance", name, f"{size} imbalance", {"wheel": name}, free):
                         yield _as(Imbalance, c, joint=model.pin.getJointId(name))
                 continue
-            yield from _one("joint_friction", name, "friction", "load-dependent", at, {"load": 1e-3})
-            varying = {"position_cos": 1e-3, "position_sin": 1e-3}
-            if turns(model.pin, model.pin.getJointId(name)):  # a place has no cosine
-                yield from _one("joint_friction", name, "friction", "position-dependent", at, varying)
-            cable = {"stiffness": 1e-3}
-            yield from _one("joint_cable", name, "drivetrain", "cable", at, cable, ["rest"])
+            yield from rubs("load-dependent", at, {"load": 1e-3})
+            if turning:  # a place has no cosine
+                yield from rubs("position-dependent", at, {"position_cos": 1e-3, "position_sin": 1e-3})
+            yield from _one("joint_cable", name, "cable", at, {"stiffness": 1e-3}, ["rest"])
             none = at | {"inertia": 0.0}
-            yield from _one("motor_inertia", name, "drivetrain", "motor inertia", none, {"inertia": 1e-3})
-            gear: dict[str, Any] = at | {"quasistatic": True, "inertia_in_link": True}
+            yield from _one("motor_inertia", name, "motor inertia", none, {"inertia": 1e-3})
             rotor = ROTOR * float(mass[v])
-            gear["prior"] = {"motor_inertia": rotor}
-            springy = {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
-            if turns(model.pin, model.pin.getJointId(name)):  # else no link carries the rotor round
-                gear["prior"]["carried"], springy["carried"] = CARRIED, 0.1
-            yield from _one("gear_compliance", name, "drivetrain", "compliance", gear, springy)
+            prior, springy = {"motor_inertia": rotor}, {"compliance": 1e-8, "motor_inertia": 0.1 * rotor}
+            if turning:  # else no link carries the rotor round
+                prior["carried"], springy["carried"] = CARRIED, 0.1
+            gear = at | {"quasistatic": True, "inertia_in_link": True, "prior": prior}
+            yield from _one("gear_compliance", name, "compliance", gear, springy)
             crossing = ["turn_torque", "sharpness"]
-            for c in _one("backlash", name, "drivetrain", "backlash", gear, {"gap": 1e-6}, crossing):
-                yield _as(Play, c, dof=int(v))
+            for c in _one("backlash", name, "backlash", gear, {"gap": 1e-6}, crossing):
+                yield _profiled(c, "turn_torque", CROSSED, "tau", int(v))
 
 
 def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -172,7 +188,7 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         for shape, labels in groups:
             if shape == "mass":  # of the whole body, as one that is denser than thought
                 of = {"body": body, "density": 0.0}
-                yield from _one("body_error", body, "inertia", shape, of, {"density": 1e-3}, part="density")
+                yield from _one("body_error", body, shape, of, {"density": 1e-3}, part="density")
                 continue
             free = tuple(u.name for u in unknowns if u.name.rpartition(".")[2] in labels)
             steps = tuple(u.scale for u in unknowns if u.name in free)
@@ -182,13 +198,13 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         links = [f.name for f in model.pin.frames if f.parentJoint == last and f.type == pin.FrameType.BODY]
         frame = links[-1] if links else model.pin.names[last]  # the URDF's last link is the tool
         held = {"frame": frame, "mass": 0.0}
-        yield from _one("payload", frame, "inertia", "payload", held, {"mass": 1e-2}, COM)
+        yield from _one("payload", frame, "payload", held, {"mass": 1e-2}, COM)
     if model.free:
         bus = model.pin.frames[1].name if len(model.pin.frames) > 1 else "bus"
         where: dict[str, Any] = {"frame": next(iter(by_body), bus), "position": (0.0, 0.0, 0.0), "rate": 0.0}
         where["prior"] = {f"position.{axis}": 1.0 for axis in AXES}  # [m] about the bus frame
         free = {"rate": 1e-3, **_vector("position", 0.1)}
-        for c in _one("mass_loss", where["frame"], "inertia", "mass loss", where, free):
+        for c in _one("mass_loss", where["frame"], "mass loss", where, free):
             yield _as(Leak, c)
 
 
@@ -215,10 +231,14 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         drag = {"quadratic_damping": max(*effect.damping, 1e-3)}
         for law, suffix in (("radial", ""), ("per_axis", " per axis")):
             at = {"tank": n, "law": law}
-            kind = "slosh_nonlinearity"
             own = "" if law == "radial" else law  # an effect has one law
-            yield from _one(kind, n, "slosh", f"cubic spring{suffix}", at, hard, part=own)
-            yield from _one(kind, n, "slosh", f"quadratic damping{suffix}", at, drag, part=own)
+            for shape, free in ((f"cubic spring{suffix}", hard), (f"quadratic damping{suffix}", drag)):
+                yield from _one("slosh_nonlinearity", n, shape, at, free, part=own)
+        joint = next(s.joint for s in point.base.slosh if s.tank.name == n)
+        place = point.base.pin.joints[joint].idx_q
+        hard = {"stiffness": max(effect.stiffness)}
+        for c in _one("slosh_wall", n, "wall", {"tank": n}, hard, ["gap"], "", ["cubic spring"]):
+            yield _profiled(c, "gap", ROOM, "q", place, 3)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -237,21 +257,17 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
                     own = [f"{known[k]}.{key}"]
                     yield from _shift("mode_error", part.name, "appendage", shape, own, nominal)
                 elif isinstance(part, BeamAppendage):  # its own parameters move all modes together
-                    yield from _one(
-                        "mode_error", part.name, "appendage", shape, mode, {key: 1e-3}, part=f"{k}"
-                    )
+                    yield from _one("mode_error", part.name, shape, mode, {key: 1e-3}, part=f"{k}")
             at = {**mode, "rate": 0.0}
             shape = f"drift of mode {k}"
-            yield from _one("frequency_drift", part.name, "appendage", shape, at, {"rate": 1e-4}, part=f"{k}")
+            yield from _one("frequency_drift", part.name, shape, at, {"rate": 1e-4}, part=f"{k}")
         at = {"appendage": part.name}
-        yield from _one("thermal_snap", part.name, "appendage", "thermal snap", at, {"deflection": 1e-3})
+        yield from _one("thermal_snap", part.name, "thermal snap", at, {"deflection": 1e-3})
         stiff = [f"{part.name}.youngs_modulus"]
         yield from _shift(part.kind, part.name, "appendage", "stiffness", stiff, nominal)
         yield from _shift(part.kind, part.name, "appendage", "damping", [f"{part.name}.damping"], nominal)
         at = {"appendage": part.name, "factor": 0.0}
-        yield from _one(
-            "geometric_stiffness", part.name, "appendage", "axial softening", at, {"factor": 1e-2}
-        )
+        yield from _one("geometric_stiffness", part.name, "axial softening", at, {"factor": 1e-2})
 
 
 def _further_modes(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -270,20 +286,18 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
         return
     flown = [p.recording for p in recordings_of(problem)]
     if any("command.force" in r and np.asarray(r["command.force"]).any() for r in flown):
-        yield from _one("thruster_gain", "thruster", "actuator", "gain", {}, _vector("gain", 1e-3))
-        yield from _one(
-            "thruster_misalignment", "thruster", "actuator", "misalignment", {}, _vector("angles", 1e-3)
-        )
+        yield from _one("thruster_gain", "thruster", "gain", {}, _vector("gain", 1e-3))
+        yield from _one("thruster_misalignment", "thruster", "misalignment", {}, _vector("angles", 1e-3))
         late = {"actuator": "thruster"}
-        yield from _one("actuator_delay", "thruster", "actuator", "delay", late, {"delay": 1e-3})
+        yield from _one("actuator_delay", "thruster", "delay", late, {"delay": 1e-3})
     for frame in ("body", "inertial"):
         at = {"frame": frame}
         for what in ("force", "torque"):
             shape, free = f"{what}, {frame}", _vector(what, 1e-4)
-            yield from _one("external_wrench", "bus", "external", shape, at, free, part=frame)
+            yield from _one("external_wrench", "bus", shape, at, free, part=frame)
     orbit: dict[str, Any] = {"gradient": 0.0, "prior": {f"turn.{axis}": 1.0 for axis in AXES}}
     free = {"gradient": 1e-8, **_vector("turn", 1e-2)}
-    for c in _one("gravity_gradient", "spacecraft", "external", "gravity gradient", orbit, free):
+    for c in _one("gravity_gradient", "spacecraft", "gravity gradient", orbit, free):
         yield _as(Tidal, c)
 
 
@@ -294,44 +308,34 @@ def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:
         if not here:
             continue
         for q in here:
-            at = {"sensor": sensor.name, "quantity": q}
+            at: dict[str, Any] = {"sensor": sensor.name, "quantity": q}
             where = f"{sensor.name}.{q}"
             sigma = float(np.max(problem.data.sigma[names[where].rows]))
-            vector = q in ("position", "velocity", "acceleration", "angular_rate")
-            if vector:
-                yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
-                yield from _one("sensor_scale", where, "sensor", "scale", at, _vector("error", 1e-3))
-                yield from _one(
-                    "sensor_misalignment", where, "sensor", "misalignment", at, _vector("angles", 1e-3)
-                )
-            elif q == "attitude":
-                # turned axes of an attitude sensor are, to first order, a bias of its rotation vector
-                yield from _one("sensor_bias", where, "sensor", "bias", at, _vector("bias", sigma))
-            else:
-                group = point.base.wheels if q == "wheel_rate" else point.base.arm_joints
-                for label in group.names:
-                    own, place = at | {"component": label}, f"{where}[{label}]"
-                    yield from _one(
-                        "sensor_bias", place, "sensor", "bias", own | {"bias": 0.0}, {"bias": sigma}
-                    )
-                    yield from _one(
-                        "sensor_scale", place, "sensor", "scale", own | {"error": 0.0}, {"error": 1e-4}
-                    )
+            if q in VECTORS:
+                yield from _one("sensor_bias", where, "bias", at, _vector("bias", sigma))
+            if q in VECTORS and q != "attitude":  # turned axes of which are, to first order, such a bias
+                yield from _one("sensor_scale", where, "scale", at, _vector("error", 1e-3))
+                yield from _one("sensor_misalignment", where, "misalignment", at, _vector("angles", 1e-3))
+            if q == "angular_rate":
+                bent = _vector("slope", 1e-3)
+                yield from _one("scale_by_rate", where, "scale by rate", at, bent, simpler=["scale"])
+            group = point.base.wheels if q == "wheel_rate" else point.base.arm_joints
+            for label in () if q in VECTORS else group.names:
+                own, place = at | {"component": label}, f"{where}[{label}]"
+                yield from _one("sensor_bias", place, "bias", own | {"bias": 0.0}, {"bias": sigma})
+                yield from _one("sensor_scale", place, "scale", own | {"error": 0.0}, {"error": 1e-4})
+                if q != "joint_position":
+                    own = own | {"slope": 0.0}
+                    bent = {"slope": 1e-4}
+                    yield from _one("scale_by_rate", place, "scale by rate", own, bent, simpler=["scale"])
             if len(here) > 1:
-                yield from _one("sensor_delay", where, "sensor", "delay", at, {"delay": 1e-3})
+                yield from _one("sensor_delay", where, "delay", at, {"delay": 1e-3})
         # of a sensor with one channel a delay is the same, but for its sign
-        yield from _one(
-            "time_offset", sensor.name, "sensor", "time offset", {"sensor": sensor.name}, {"offset": 1e-3}
-        )
+        own = {"sensor": sensor.name}
+        yield from _one("time_offset", sensor.name, "time offset", own, {"offset": 1e-3})
         if sensor.kind in ("pose", "imu") and point.base.free:
-            yield from _one(
-                "lever_arm",
-                sensor.name,
-                "sensor",
-                "lever arm",
-                {"sensor": sensor.name, "prior": {f"offset.{a}": ABOUT for a in "xyz"}},
-                _vector("offset", 1e-3),
-            )
+            own = own | {"prior": {f"offset.{a}": ABOUT for a in "xyz"}}
+            yield from _one("lever_arm", sensor.name, "lever arm", own, _vector("offset", 1e-3))
 
 
 def _users(point: Point) -> Iterator[Candidate]:

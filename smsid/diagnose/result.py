@@ -64,7 +64,7 @@ class FoundCause:
     """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
     the parameters are of. ``onset`` [s] if it began midway, and its standard deviation, which those of the
     parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value. ``recording``:
-    where several were searched, the one it began in.
+    where several were searched, the one it began in, or the only one it is in.
     """
 
     effect: str

@@ -15,6 +15,7 @@ from smsid.diagnose.exchange import judged_again, sought_again, weighed
 from smsid.diagnose.further import freed_instead
 from smsid.diagnose.memory import memory
 from smsid.diagnose.noise import Fitted, normalised_rmse, refitted
+from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.onset import (
     always,
     always_together,
@@ -288,6 +289,7 @@ class State:
             self._columns.update({missing[i].key: columns for i, columns in known.items()})
         seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
+        scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted(scores, key=lambda s: -s.odds(self.samples))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, least_squares, odds, parameter_of
+from smsid.effects.base import Effect
 from smsid.effects.payload import point_parameters
 from smsid.effects.wheel_imbalance import WheelImbalance
 from smsid.estimation.map_estimate import Fit, Projected
@@ -50,6 +51,12 @@ class Resolved(Candidate):
             replace(first, nominal=0.0),
             *(replace(u, nominal=means.get(u.name, u.nominal)) for u in rest),
         )
+
+
+def resolved_as(candidate: Candidate, effect: Effect, **more: Any) -> Resolved:
+    """Return what a search of a candidate settled on."""
+    c, own = candidate, {"free": candidate.free, "steps": candidate.steps, "also": candidate.also} | more
+    return Resolved(c.kind, c.location, c.family, c.shape, effect, **own)
 
 
 @dataclass(frozen=True)
@@ -164,10 +171,7 @@ class Imbalance(Searched):
         along = np.array([np.cos(phase), np.sin(phase)])
         across = np.array([-along[1], along[0]])
         by = np.column_stack([along, size * self.steps[1] * across])
-        own = Resolved(
-            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
-        )
-        return own, by, np.array([size, 0.0]), True
+        return resolved_as(self, effect), by, np.array([size, 0.0]), True
 
 
 @dataclass(frozen=True)
@@ -221,10 +225,7 @@ class Leak(Candidate):
         by[:, 1:] *= np.array(self.steps[1:])
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        leak = Resolved(
-            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also,
-            grid=2, means=tuple((n, 0.0) for n in self.free[1:]),
-        )  # fmt: skip
+        leak = resolved_as(self, effect, grid=2, means=tuple((n, 0.0) for n in self.free[1:]))
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from smsid.diagnose.candidates import EXCITED, Candidate, Score, changes_of, least_squares
-from smsid.diagnose.searched import Resolved
+from smsid.diagnose.searched import resolved_as
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
@@ -83,13 +83,11 @@ class Tidal(Candidate):
         by = np.column_stack([x, *(c * s for c, s in zip(turned, self.steps[1:], strict=True))])
         raw = np.einsum("ij,ij->j", own.columns @ by, own.columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        resolved = Resolved(
-            self.kind, self.location, self.family, self.shape, effect, self.free, self.steps, self.also
-        )
         freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        return Score(resolved, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
+        settled = resolved_as(self, effect)
+        return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""

@@ -62,7 +62,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
-    begun, where = getattr(own.effect, "start", None), ""
+    begun, where = getattr(own.effect, "start", None), own.recording
     if begun is not None and found.last.problem.parts:
         begun, where = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
@@ -270,5 +270,7 @@ def describe(cause: FoundCause) -> str:
         own = f" of {cause.recording!r}" if cause.recording else ""
         give = "" if sigma is None or not np.isfinite(sigma) else f" +- {NORMAL95 * sigma:.2g}"
         what += f", from {cause.onset:.4g}{give} s{own} on"
+    elif cause.recording and "likelihood_ratio" in cause.evidence:  # a fault may be in others, too
+        what += f", in {cause.recording!r} alone"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")

@@ -32,6 +32,7 @@ from smsid.effects.motor import MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, Payload
 from smsid.effects.sensor_errors import (
     LeverArm,
+    ScaleByRate,
     SensorBias,
     SensorDelay,
     SensorMisalignment,
@@ -40,7 +41,7 @@ from smsid.effects.sensor_errors import (
 )
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.servo import Servo
-from smsid.effects.slosh import Slosh, SloshNonlinearity
+from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshWall
 from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -76,6 +77,7 @@ __all__ = [
     "Outliers",
     "Payload",
     "Quantisation",
+    "ScaleByRate",
     "SensorBias",
     "SensorDelay",
     "SensorMisalignment",
@@ -83,6 +85,7 @@ __all__ = [
     "Servo",
     "Slosh",
     "SloshNonlinearity",
+    "SloshWall",
     "Starting",
     "Stuck",
     "ThermalSnap",

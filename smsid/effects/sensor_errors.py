@@ -88,6 +88,33 @@ class SensorScale(VectorEffect):
 
 
 @register
+class ScaleByRate(VectorEffect):
+    """A rate read as ``1 + slope |x|`` times the true x, along the sensor's own axes: the nonlinearity of a
+    scale factor (IEEE Std 952), of the second order and odd.
+    """
+
+    summary: ClassVar[str] = "scale of a rate sensor that depends on the rate"
+    aliases: ClassVar[tuple[str, ...]] = ("sensor_scale",)
+    strength: ClassVar[tuple[str, ...]] = ("slope",)
+    quantities: ClassVar[tuple[str, ...]] = ("angular_rate", "joint_velocity", "wheel_rate")
+    value_field: ClassVar[str] = "slope"
+    kind: Literal["scale_by_rate"] = "scale_by_rate"
+    slope: Value = physical(
+        "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
+    )
+
+    def spoilt(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the slope of its scale."""
+        if not np.any(self.slope):
+            return error
+        if self.key is None:
+            both = np.asarray(error.scale_slope) + np.asarray(self.slope)
+            return error.model_copy(update={"scale_slope": tuple(float(x) for x in both)})
+        part = error.components.get(self.key)
+        return self.part(error, {"scale_slope": (part.scale_slope if part else 0.0) + self.slope})  # type: ignore[operator]
+
+
+@register
 class SensorMisalignment(QuantityEffect):
     """Axes turned by a rotation vector, in sensor axes, from where the description has them."""
 

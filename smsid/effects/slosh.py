@@ -90,14 +90,7 @@ class SloshNonlinearity(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
-        if self.tank not in assembly.slosh:
-            raise DescriptionError(
-                f"There is no tank '{self.tank}' before this effect.",
-                advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
-                tank=self.tank,
-            )
-        joint = assembly.model.joints[assembly.slosh[self.tank][1]]
-        place, rate = slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+        place, rate = _coordinates(assembly, self.tank)
         cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
         radial = self.law == "radial"
         if not (cubic or quadratic):
@@ -110,3 +103,47 @@ class SloshNonlinearity(Starting):
                 tau[rate] -= cubic * stretch * r + quadratic * speed * dr
 
         assembly.add_force(force, self.onset, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
+
+
+@register
+class SloshWall(Starting):
+    """The wall of a tank: beyond ``gap`` from c_s the slosh mass is pushed back, ``-stiffness (|r| - gap)``
+    along r, its displacement.
+
+    Source: Abramson, NASA SP-106 (1966), chapter 3, on motion that the walls limit; the contact as a spring.
+    """
+
+    summary: ClassVar[str] = "wall of a tank, which limits how far its slosh mass moves"
+    family: ClassVar[str] = "slosh"
+    aliases: ClassVar[tuple[str, ...]] = ("slosh_nonlinearity", "slosh")
+    strength: ClassVar[tuple[str, ...]] = ("stiffness",)
+    kind: Literal["slosh_wall"] = "slosh_wall"
+    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
+    gap: float = physical("m", lower=0.0, default=0.1, description="room about c_s before the wall")
+    stiffness: float = physical("N/m", lower=0.0, default=0.0, description="of the contact")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
+        place, rate = _coordinates(assembly, self.tank)
+        gap, stiffness, active = self.gap, self.stiffness, self.active
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            r = q[place]
+            far = float(np.sqrt(r @ r))
+            if far > gap and active(t):
+                tau[rate] -= stiffness * (1.0 - gap / far) * r
+
+        if stiffness:
+            assembly.add_force(force, self.onset, (range(rate.start, rate.stop), ()))
+
+
+def _coordinates(assembly: Assembly, tank: str) -> tuple[slice, slice]:
+    """Return where a tank's slosh mass is in q and in v; raises `DescriptionError` without the tank."""
+    if tank not in assembly.slosh:
+        raise DescriptionError(
+            f"There is no tank '{tank}' before this effect.",
+            advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
+            tank=tank,
+        )
+    joint = assembly.model.joints[assembly.slosh[tank][1]]
+    return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.effects.base import Effect
 from smsid.errors import RecordingError
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Applied, FilterRun, Part, Problem, applied
@@ -115,6 +116,7 @@ def recordings_of(problem: Problem) -> tuple[Problem, ...]:
         data = problem.data
         attitude = {c: q[here] for c, q in data.attitude.items()}
         own = replace(data, times=data.times[here], values=data.values[here], attitude=attitude)
+        own = replace(own, blocks=part.blocks or own.blocks)
         out.append(
             replace(
                 problem, recording=part.recording, data=own, locked=part.locked, timing=part.timing, parts=()
@@ -165,14 +167,11 @@ def timed(point: Point, problem: Problem, *, now: bool = True) -> Problem:
 
     ``now``: what is taken now stays unless another is clearly better.
     """
-    here = at_point(point, problem)
-
-    def own(p: Problem) -> Problem:
-        return replace(p, timing=timing_of(point, p, p.timing if now else None))
-
-    found = each(here, own)
-    parts = tuple(replace(p, timing=q.timing) for p, q in zip(problem.parts, found.parts, strict=True))
-    return replace(problem, timing=found.timing, parts=parts)
+    own = recordings_of(at_point(point, problem))
+    points = [_own(point, problem, k) for k in range(len(problem.parts))] or [point]
+    found = [timing_of(q, p, p.timing if now else None) for q, p in zip(points, own, strict=True)]
+    parts = tuple(replace(p, timing=t) for p, t in zip(problem.parts, found, strict=False))
+    return replace(problem, timing=found[0], parts=parts)
 
 
 def timed_like(problem: Problem, other: Problem) -> Problem:
@@ -182,21 +181,30 @@ def timed_like(problem: Problem, other: Problem) -> Problem:
 
 
 def at_point(point: Point, problem: Problem) -> Problem:
-    """Return the problem read through the sensors as they are at a point, in each recording with its biases.
-
-    Biases of a further recording act from its first sample on, in the place of those of the one before.
+    """Return the problem read through the sensors as they are at a point, in each recording with its own
+    biases and effects.
     """
-    data = problem.data.with_blocks(point.sensors())
-    before = data.blocks
-    later: list[list[tuple[float, np.ndarray]]] = [list(b.later) for b in data.blocks]
-    for part in problem.parts[1:]:
-        own = problem.data.with_blocks(point.for_recording(part.label).sensors()).blocks
-        for steps, old, new in zip(later, before, own, strict=True):
-            if (new.bias != old.bias).any():
-                steps.append((float(data.times[part.first]), new.bias - old.bias))
-        before = own
-    blocks = tuple(replace(b, later=tuple(x)) for b, x in zip(data.blocks, later, strict=True))
-    return replace(problem, data=replace(data, blocks=blocks))
+    data, parts = problem.data, []
+    for k, part in enumerate(problem.parts):
+        own = _own(point, problem, k)
+        model = own.model() if point.within else None
+        parts.append(replace(part, blocks=data.with_blocks(own.sensors()).blocks, model=model))
+    return replace(problem, data=data.with_blocks(point.sensors()), parts=tuple(parts))
+
+
+def _own(point: Point, problem: Problem, number: int) -> Point:
+    """Return a point as it is in one of the recordings: biases without a label are the first's."""
+    label = problem.parts[number].label
+    own = point.for_recording(label) if number else point
+    return own.seen_in(label) if point.within else own
+
+
+def samples_in(problem: Problem, label: str) -> np.ndarray:
+    """Return which samples (N,) are of one of several recordings."""
+    found = np.zeros(len(problem.data.times), dtype=bool)
+    for part, here in zip(problem.parts, _samples(problem), strict=True):
+        found[here] = part.label == label
+    return found
 
 
 def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
@@ -261,10 +269,20 @@ class JointSensitivities(Sensitivities):
 
     def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
         runs = run_of_each(run)
-        self.each = tuple(
-            Sensitivities(point, model, p, r) for p, r in zip(recordings_of(problem), runs, strict=True)
-        )
+        models = [part.model or model for part in problem.parts]
+        points = [_own(point, problem, k) if point.within else point for k in range(len(runs))]
+        own = zip(points, models, recordings_of(problem), runs, strict=True)
+        self.each = tuple(Sensitivities(*x) for x in own)
         super().__init__(point, model, problem, run)
+
+    def effect(self, plain: Effect, changed: Effect, step: float) -> Sensitivity:
+        """Return the change from one instance of an effect to another, in the recordings it acts in."""
+        found = super().effect(plain, changed, step)
+        if changed.name not in self.point.within:
+            return found
+        here = samples_in(self.problem, self.point.within[changed.name])[:, None]
+        parts = ((found.middle, here[:-1] & here[1:]), (found.at, here), (found.reading, here))
+        return Sensitivity(*(None if x is None else x * there for x, there in parts))
 
     def _applied(self, model: SpacecraftModel) -> Applied:
         found = [

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, lapack
 from smsid.errors import SimulationError
 from smsid.estimation.input_hold import Hold, commanded, jumps_in, limits, means, unevenness
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import Block, Measured
 from smsid.estimation.parameter_vector import JointPrior
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -117,7 +117,9 @@ class UnknownInput:
 class Part:
     """One of the recordings of a problem of several: what of it is its own.
 
-    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s].
+    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s]. At a point
+    (`at_point`) it has the ``blocks`` that its sensors are read through, and a ``model`` of its own where an
+    effect is not in every recording.
     """
 
     label: str
@@ -126,6 +128,8 @@ class Part:
     timing: Timing
     first: int
     shift: float = 0.0
+    blocks: tuple[Block, ...] = ()
+    model: SpacecraftModel | None = None
 
 
 @dataclass(frozen=True)
@@ -203,7 +207,9 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     if problem.parts:
         from smsid.estimation.joint_problem import joined_runs, recordings_of  # which needs what is here
 
-        return joined_runs([run_filter(model, p, until=until) for p in recordings_of(problem)])
+        own = [part.model or model for part in problem.parts]
+        each = zip(own, recordings_of(problem), strict=True)
+        return joined_runs([run_filter(m, p, until=until) for m, p in each])
     return KalmanFilter(model, problem, until=until).advance(len(problem.data.times))
 
 

@@ -61,7 +61,7 @@ class MeasurementModel:
                     out[:, block.rows] = block.bias
                 else:
                     x = ideal[block.channel].reshape(len(s.time), -1, len(block.gain))
-                    out[:, block.rows] = (x @ block.gain.T + block.bias).reshape(len(s.time), -1)
+                    out[:, block.rows] = block.read(x).reshape(len(s.time), -1)
                 out[:, block.rows] += block.begun(s.time)
         return out
 
@@ -180,6 +180,7 @@ def _distort(block: Block, h: np.ndarray, derivatives: tuple[np.ndarray, ...]) -
     width = len(block.gain)
     for start in range(block.rows.start, block.rows.stop, width):
         rows = slice(start, start + width)
-        h[rows] = block.gain @ h[rows] + block.bias
+        slope = block.slope(h[rows])
+        h[rows] = block.read(h[rows])
         for c in derivatives:
-            c[rows] = block.gain @ c[rows]
+            c[rows] = slope @ c[rows]

@@ -20,12 +20,32 @@ FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
 
 
 @dataclass(frozen=True)
+class Bend:
+    """A scale that depends on the rate: ``out @ (size * |s| * s)`` is added, s = ``into @ x`` in the sensor's
+    own axes.
+    """
+
+    into: np.ndarray
+    out: np.ndarray
+    size: np.ndarray
+
+    def added(self, x: np.ndarray) -> np.ndarray:
+        """Return what is added to the reading of ideal values x (..., width)."""
+        own = x @ self.into.T
+        return (self.size * np.abs(own) * own) @ self.out.T
+
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivative (width, width) at an ideal value x (width,)."""
+        return self.out @ (2.0 * self.size * np.abs(self.into @ x))[:, None] * self.into
+
+
+@dataclass(frozen=True)
 class Block:
     """One channel: its rows in the stacked measurement, and how the sensor's errors act on it.
 
     The reading is ``gain @ x + bias`` of the ideal x, late by ``delay`` [s] (attitudes: bias and gain do not
     act; a misalignment is part of `bias` as rotation vector). ``later`` are biases that begin at a time [s].
-    ``stations`` are those of an appendage.
+    ``stations`` are those of an appendage, ``bend`` is a scale that depends on the rate.
     """
 
     sensor: Sensor
@@ -38,6 +58,16 @@ class Block:
     delay: float
     plain: bool  # it reads what is there, but for `later`
     later: tuple[tuple[float, np.ndarray], ...] = ()
+    bend: Bend | None = None
+
+    def read(self, x: np.ndarray) -> np.ndarray:
+        """Return the reading of ideal values x (..., width)."""
+        straight = x @ self.gain.T + self.bias
+        return straight if self.bend is None else straight + self.bend.added(x)
+
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivative (width, width) of the reading by the ideal value x (width,)."""
+        return self.gain if self.bend is None else self.gain + self.bend.slope(x)
 
     def begun(self, times: np.ndarray) -> np.ndarray:
         """Return what `later` adds to the reading at times (N,): (N, rows of the block)."""
@@ -235,7 +265,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     width = 3 if quantity in WIDTH else rows.stop - rows.start
     delay = float(errors.delay) + float(errors.time_offset)
     still = errors
-    gain, bias = np.eye(width), np.zeros(width)
+    gain, bias, into = np.eye(width), np.zeros(width), np.eye(width)
     if quantity == "attitude":
         whole, part = _begins(np.broadcast_to(np.asarray(errors.bias, dtype=float), 3), errors.bias_from)
         turn = mounting(sensor, quantity, 3)
@@ -245,19 +275,22 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     turn = mounting(sensor, quantity, width)
     if still.misaligned:
         turn_by = pin.exp3(np.asarray(still.misalignment, dtype=float))
-        gain = turn_by.T
+        gain = into = turn_by.T
     scale = np.broadcast_to(np.asarray(still.scale_error, dtype=float), (width,))
     gain = (1.0 + scale)[:, None] * gain
+    bent = np.broadcast_to(np.asarray(still.scale_slope, dtype=float), (width,)).copy()
     bias, later = _begins(np.broadcast_to(np.asarray(still.bias, dtype=float), (width,)), still.bias_from)
     for key, own in errors.components.items():
         if key.isdigit():  # of one axis, joint or wheel
             gain[int(key)] *= 1.0 + own.scale_error
+            bent[int(key)] += own.scale_slope
             whole, part = _begins(own.bias * np.eye(width)[int(key)], own.bias_from)
             bias, later = bias + whole, (*later, *part)
     gain, bias = turn @ gain @ turn.T, turn @ bias
     later = tuple((start, turn @ x) for start, x in later)
-    plain = not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
-    return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later)
+    bend = Bend(into @ turn.T, turn, bent) if bent.any() else None
+    plain = bend is None and not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
+    return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later, bend)
 
 
 def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:

@@ -126,13 +126,15 @@ class JointPrior:
 class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
-    ``biases`` by unknown's name: channel, axis and value are read from the name.
+    ``biases`` by unknown's name: channel, axis and value are read from the name. ``within`` names, by effect,
+    the only one of several recordings that it acts in.
     """
 
     base: SpacecraftModel
     description: Description
     inertial: Mapping[int, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
+    within: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, description: Description) -> Point:
@@ -196,9 +198,20 @@ class Point:
         own = {n.removeprefix(start): x for n, x in self.biases.items() if n.startswith(start)}
         return replace(self, biases=own)
 
-    def with_effect(self, effect: Effect) -> Point:
-        """Return the point with an effect more, or another instance of one it has."""
-        return replace(self, description=self.description.with_effects(effect))
+    def seen_in(self, label: str) -> Point:
+        """Return the point with the effects that act in a recording alone."""
+        kept = tuple(e for e in self.description.effect if self.within.get(e.name, label) == label)
+        return replace(self, description=self.description.model_copy(update={"effect": kept}), within={})
+
+    def with_effect(self, effect: Effect, recording: str = "") -> Point:
+        """Return the point with an effect more, perhaps in one recording alone, or with another instance of
+        one it has, which acts where it did.
+        """
+        within = dict(self.within)
+        if effect.name not in {e.name for e in self.description.effect}:
+            within.pop(effect.name, None)
+            within |= {effect.name: recording} if recording else {}
+        return replace(self, description=self.description.with_effects(effect), within=within)
 
     def model(self) -> SpacecraftModel:
         """Return the model here. Raises `DescriptionError` where no such spacecraft can be."""

@@ -12,6 +12,8 @@ from smsid.sensing import Sensor
 from smsid.sensing.component import place_of
 from smsid.sensing.error_model import ErrorModel
 
+ROUNDS = 20  # of a fixed-point iteration; what a scale that depends on the rate leaves shrinks by its size
+
 
 def corrected(recording: Recording, sensors: Sequence[Sensor]) -> Recording:
     """Return what perfect sensors would have read, but for noise; what is stuck becomes not a number.
@@ -43,7 +45,11 @@ def corrected(recording: Recording, sensors: Sequence[Sensor]) -> Recording:
 def _known(error: ErrorModel) -> bool:
     parts = [error, *error.components.values()]
     fixed = any(np.any(p.bias) or np.any(p.scale_error) or p.stuck_from is not None for p in parts)
-    return fixed or any(error.misalignment)
+    return fixed or any(error.misalignment) or _bent(error)
+
+
+def _bent(error: ErrorModel) -> bool:
+    return any(np.any(p.scale_slope) for p in (error, *error.components.values()))
 
 
 def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: str) -> np.ndarray:
@@ -59,7 +65,10 @@ def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: 
         straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
         bias = straight.systematic(times, np.zeros(values.shape), delayed=True)
         factor = straight.systematic(times, np.ones(values.shape), delayed=True) - bias
-        values = (values - bias) / factor
+        read, values = values, (values - bias) / factor
+        for _ in range(ROUNDS if _bent(error) else 0):
+            again = straight.systematic(times, np.nan_to_num(values), delayed=True)
+            values = values - (again - read) / factor
         if any(error.misalignment):
             values = values @ Rotation.from_rotvec(error.misalignment).as_matrix().T
     if error.stuck_from is not None:

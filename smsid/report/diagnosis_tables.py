@@ -45,6 +45,7 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     if c.onset is not None:
         known_to = "" if c.onset_sigma is None else f" ± {number(NORMAL95 * c.onset_sigma, 2)}"
         name += f", from {number(c.onset, 4)}{known_to} s on"
+    name += f", in '{c.recording}'" if c.recording else ""
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
     out = []
     for v in c.parameters:

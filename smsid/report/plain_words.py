@@ -32,6 +32,7 @@ WORDS = {
     "gravity_gradient": "the gravity gradient turns {place}",
     "slosh": "the fuel in {place} moves otherwise than described: {shape}",
     "slosh_nonlinearity": "the fuel in {place} moves non-linearly: {shape}",
+    "slosh_wall": "the fuel in {place} reaches the wall of its tank",
     "mode_error": "{place} bends at another frequency or damping than described",
     "frequency_drift": "the frequency of {place} drifts",
     "beam_mode": "{place} has a mode that the description lacks",
@@ -43,6 +44,7 @@ WORDS = {
     "wheel_imbalance": "{place} is out of balance",
     "sensor_bias": "{place} has a bias",
     "sensor_scale": "{place} reads on another scale",
+    "scale_by_rate": "{place} reads on a scale that depends on the rate",
     "sensor_misalignment": "{place} is turned against where the description has it",
     "lever_arm": "{place} sits elsewhere than the description says",
     "time_offset": "the clock of {place} is off",
@@ -72,6 +74,8 @@ def cause_in_words(cause: FoundCause) -> str:
             what += f" instead of {number(value.nominal, 4)}"
     if cause.onset is not None:
         what += f", from {number(cause.onset, 4)} s on"
+    if cause.recording:
+        what += f", in the recording '{cause.recording}'"
     others = [f"{a.shape.replace('_', ' ')} at {a.location}" for a in cause.aliases[:2]]
     return what + (f" (this flight does not tell it from {' or '.join(others)})" if others else "")
 

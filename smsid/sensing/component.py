@@ -21,6 +21,7 @@ class ComponentError(BaseModel):
     Attributes:
         bias: added to the quantity's [unit], from ``bias_from`` [s] on if given.
         scale_error: added to the quantity's [1].
+        scale_slope: added to the quantity's [1/unit].
         quantisation: step, where it is coarser than the quantity's [unit].
         outlier_rate: share of samples that are outliers, beside the quantity's.
         outlier_size: standard deviation of those outliers [unit].
@@ -32,6 +33,7 @@ class ComponentError(BaseModel):
     bias: Finite = 0.0
     bias_from: Finite | None = None
     scale_error: Finite = 0.0
+    scale_slope: Finite = 0.0
     quantisation: Magnitude = 0.0
     outlier_rate: Share = 0.0
     outlier_size: Magnitude = 0.0

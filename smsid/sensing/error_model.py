@@ -57,6 +57,7 @@ class ErrorModel(BaseModel):
         random_walk: rate random walk, coefficient K of IEEE Std 952 [unit/sqrt(s)]: the variance of the bias
             grows as ``random_walk**2 * t``, from zero at the first sample.
         scale_error: relative scale error [1]; ``1e-4`` reads 100 ppm too much.
+        scale_slope: what the scale error grows by with the size of the true value [1/unit].
         scale_sigma: one sigma of a scale error drawn once per recording [1].
         misalignment: rotation vector [rad] from the nominal to the true axes: a vector reads
             ``exp(misalignment)^T x``. For 3-vectors and attitudes.
@@ -99,6 +100,7 @@ class ErrorModel(BaseModel):
     bias_correlation_time: Positive | None = None
     random_walk: Magnitude | tuple[Magnitude, ...] = 0.0
     scale_error: Finite | tuple[Finite, ...] = 0.0
+    scale_slope: Finite | tuple[Finite, ...] = 0.0
     scale_sigma: Magnitude | tuple[Magnitude, ...] = 0.0
     misalignment: Triple = (0.0, 0.0, 0.0)
     misalignment_sigma: Magnitude | tuple[Magnitude, Magnitude, Magnitude] = 0.0
@@ -146,7 +148,7 @@ class ErrorModel(BaseModel):
     @property
     def scaled(self) -> bool:
         """Whether the scale is wrong."""
-        return given(self.scale_error) or given(self.scale_sigma)
+        return given(self.scale_error) or given(self.scale_slope) or given(self.scale_sigma)
 
     def white_sigma(self, rate: float) -> FloatArray:
         """Return one sigma of the white noise of a sample taken at ``rate`` [Hz]: () or (axes,) [unit].
@@ -249,12 +251,14 @@ class ErrorModel(BaseModel):
         return resample(t, x, np.clip(t - self.lag, t[0], t[-1]), attitude=attitude)
 
     def _scale(self, x: FloatArray, rng: np.random.Generator) -> FloatArray:
-        parts = {key: part.scale_error for key, part in self.components.items() if part.scale_error}
+        parts = {k: p for k, p in self.components.items() if p.scale_error or p.scale_slope}
         if not (self.scaled or parts):
             return x
         factor = np.zeros(x.shape) + (1.0 + fixed_errors(self.scale_error, self.scale_sigma, x.shape, rng))
-        for key, error in parts.items():
-            factor[place_of(key, x.shape)] += error
+        factor += np.asarray(self.scale_slope) * np.abs(x)
+        for key, part in parts.items():
+            place = place_of(key, x.shape)
+            factor[place] += part.scale_error + part.scale_slope * np.abs(x[place])
         return x * factor
 
     def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
@@ -343,7 +347,7 @@ class ErrorModel(BaseModel):
 
 
 _TERMS = ("bias", "scale", "misalignment", "markov", "walk", "white", "outlier", "outlier size")
-_NOT_OF_ATTITUDE = ("scale_error", "scale_sigma", "saturation")
+_NOT_OF_ATTITUDE = ("scale_error", "scale_slope", "scale_sigma", "saturation")
 _PER_AXIS = (
     "noise_density",
     "noise_sigma",
@@ -352,5 +356,6 @@ _PER_AXIS = (
     "bias_instability",
     "random_walk",
     "scale_error",
+    "scale_slope",
     "scale_sigma",
 )

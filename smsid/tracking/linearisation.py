@@ -237,6 +237,6 @@ def _reads(low: Instance, high: Instance) -> bool:
     for x, y in zip(low.outputs.data.blocks, high.outputs.data.blocks, strict=True):
         if x.delay != y.delay or not np.array_equal(x.gain, y.gain) or not np.array_equal(x.bias, y.bias):
             return True
-        if str(x.later) != str(y.later):
+        if str(x.later) != str(y.later) or str(x.bend) != str(y.bend):
             return True
     return a.twists != b.twists

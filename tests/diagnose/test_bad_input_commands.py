@@ -133,3 +133,80 @@ def test_a_short_log_of_one_joint(judged, tmp_path):
         name="short",
     )
     assert judged("lever.toml", log, more=("--unchecked",))["verdict"] == "not_evaluated"
+
+
+def _flown_at(hertz: float, seconds: float) -> Recording:
+    """Fly a small craft, described in ``small.toml``, whose sensors and commands have so many samples."""
+    stated = f'preset = "reference"\nrate = {hertz}\n'
+    Path("small.urdf").write_text(test_small_craft.URDF)
+    Path("small.toml").write_text(test_small_craft.TOML.replace('preset = "reference"\n', stated))
+    small = build_model(load_description("small.toml"))
+    plan = named_experiment("exp2", small).model_copy(update={"duration": seconds})
+    flown = fly(small, plan, np.random.default_rng(0)).recording
+    assert np.median(np.diff(flown.time("imu.angular_rate"))) == pytest.approx(1.0 / hertz)
+    return flown
+
+
+def test_fast_data(judged):
+    """Of 1 kHz: nothing is hidden, and that is said."""
+    found = judged("small.toml", _flown_at(1000.0, 6.0))
+    assert found["verdict"] == "adequate" and not found["causes"], found["sentence"]
+    assert all(0.5 < x["value"] < 2.0 for x in found["whitened_rms"].values())
+
+
+@pytest.mark.slow
+def test_slow_data(judged):
+    """Of 1 Hz, between whose samples commands are not known: a verdict or a reason."""
+    judged("small.toml", _flown_at(1.0, 110.0))
+
+
+def test_too_few_slow_samples(judged):
+    found = judged("small.toml", _flown_at(1.0, 60.0))
+    assert found["verdict"] == "not_evaluated" and "needs 100" in found["sentence"]
+
+
+@pytest.mark.parametrize("hertz", [1000.0, 1.0])
+def test_fast_and_slow_torques(judged, tmp_path, hertz):
+    """What is hidden is named at 1 kHz; at 1 Hz there is nothing to differentiate, and a reason."""
+    (tmp_path / "lever.urdf").write_text(ONE_JOINT)
+    (tmp_path / "lever.toml").write_text(LEVER)
+    t = np.arange(0.0, 12.0 if hertz > 1.0 else 150.0, 1.0 / hertz)
+    rng = np.random.default_rng(1)
+    omega = 2.0 * np.pi * np.array([0.21, 0.5, 0.83])
+    q = (0.3 * np.sin(omega * t[:, None])).sum(axis=1)
+    v = (0.3 * omega * np.cos(omega * t[:, None])).sum(axis=1)
+    a = -(0.3 * omega**2 * np.sin(omega * t[:, None])).sum(axis=1)
+    torque = (0.35 + 4.0 * 0.25) * a - 4.0 * 9.81 * 0.5 * np.cos(q) + 3.0 * v
+    torque = torque + 0.05 * rng.standard_normal(torque.shape)
+    log = Recording.from_arrays(
+        t,
+        {"encoder.joint_position": q[:, None], "encoder.joint_torque": torque[:, None]},
+        labels={"joint": ("hinge",)},
+        role="estimation",
+        name="lever",
+    )
+    found = judged("lever.toml", log)
+    if hertz > 1.0:
+        (cause,) = found["causes"]
+        assert (cause["effect"], cause["shape"]) == ("joint_friction", "viscous"), found["sentence"]
+    else:
+        assert not found["causes"], found["sentence"]
+
+
+BAD = {
+    "nothing is commanded": (lambda r: r.without(*_named(r, "command.")), "command"),
+    "nothing is measured": (lambda r: r.without(*_named(r, "", "command.")), "sensors"),
+    "a few samples": (lambda r: r.window(0.0, 0.5), "samples"),
+}
+
+
+def _named(recording: Recording, start: str, but: str = "\0") -> list[str]:
+    return [c for c in recording.channels if c.startswith(start) and not c.startswith(but)]
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_judged_says_why(judged, description, recording, what):
+    change, why = BAD[what]
+    found = judged(toml_of(description), change(recording), more=("--unchecked",))
+    assert found["verdict"] == "not_evaluated" and why in found["sentence"]
+    assert found["gain"]["status"] == "not_evaluated" and not found["causes"]

@@ -187,6 +187,10 @@ CASES: dict[str, Case] = {
         _hides(lambda s: on(1, lambda q, v, a, load: 5.0 * s + 0.0 * q)),
         "torque_offset", "joint2", parameter=("torque", 5.0),
     ),
+    "cable": Case(  # at rest in the middle of the motion: elsewhere it is one with a constant torque
+        _hides(lambda s: on(1, lambda q, v, a, load: 5.0 * s * (q - q.mean()))),
+        "joint_cable", "joint2", parameter=("stiffness", 5.0),
+    ),
     "load": Case(
         _hides(lambda s: on(1, lambda q, v, a, load: 0.02 * s * np.abs(load) * np.sign(v))),
         "joint_friction", "joint2", parameter=("load", 0.02),

@@ -78,6 +78,10 @@ EXAMPLES = {
         "name": "st", "sensor": "panel", "quantity": "acceleration", "station": 1, "component": "z",
         "start": 30.0,
     },
+    "slosh_wall": {"name": "sw", "tank": "tank", "gap": 0.05, "stiffness": 20.0},
+    "scale_by_rate": {
+        "name": "sr", "sensor": "imu", "quantity": "angular_rate", "slope": (0.1, -0.2, 0.05),
+    },
     "slosh_nonlinearity": {"name": "sn", "tank": "tank", "cubic": 0.5, "quadratic_damping": 0.1},
     "geometric_stiffness": {"name": "gs", "appendage": "panel", "factor": 1.0},
     "frequency_drift": {"name": "fd", "appendage": "panel", "mode": 2, "rate": 1e-3},
@@ -93,6 +97,7 @@ EXAMPLES = {
     "backlash": {"name": "bl", "joint": "joint2", "gap": 0.01, "motor_inertia": 0.5},
 }  # fmt: skip
 UNIT_OF_A_COUNT = {
+    "s/rad",
     "kg^0.5",
     "kg^0.5 m",
     *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),

@@ -138,6 +138,33 @@ def _coupled(viscous: float, coulomb: float) -> Callable[[float], Change]:
     return lambda sign: Change(force=make, step=ROUGH_STEP)
 
 
+def _wall(tank: str, gap: float, stiffness: float) -> Callable[[float], Change]:
+    """Return a tank in whose wall the slosh mass sinks as into a spring, beyond ``gap`` from its rest."""
+
+    def make(plant: Plant) -> Force:
+        iq, iv = plant.q_of(f"{tank}.x"), plant.v_of(f"{tank}.x")
+
+        def force() -> None:
+            x = plant.qpos[iq : iq + 3]
+            far = np.linalg.norm(x)
+            plant.passive[iv : iv + 3] -= stiffness * max(far - gap, 0.0) * x / max(far, 1e-12)
+
+        return force
+
+    return lambda sign: Change(force=make)
+
+
+def _bent_scale(channel: str, column: int, slope: float) -> Callable[[float], Change]:
+    """Return a rate that is read larger the faster it is: ``1 + slope |x|`` times."""
+
+    def read(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+        x = np.array(x)
+        x[:, column] *= 1.0 + slope * np.abs(x[:, column])
+        return x
+
+    return lambda sign: Change(ideal=((channel, read),))
+
+
 def _encoder_zero(angle: float) -> Callable[[float], Change]:
     off = np.array([0.0, angle, 0.0])
     return lambda sign: Change(ideal=(("encoder.joint_position", lambda t, x: x - sign * off),))
@@ -215,6 +242,9 @@ def cases() -> list[EffectCase]:
                   {"viscous": 2e-4, "coulomb": 1e-3}),
         c("motor_inertia", _hidden("rigid", "motor_inertia:inertia@joint2", 0.5),
           {"joint": "joint2", "inertia": 0.0}, {"inertia": 0.5}),
+        _friction("wheel_z", "stiction",
+                  lambda q, v, u: -0.05 * np.exp(-((v / 0.5) ** 2)) * np.tanh(v / SMOOTH),
+                  {"stribeck": 0.05, "stribeck_rate": 0.5}, {"coulomb": 0.05, "viscous": 1e-3}),
         c("motor_coupling", _coupled(0.05, 0.01), {"joints": ("joint2", "joint3")},
           {"viscous": 0.05, "coulomb": 0.01, "inertia": 0.0}, {"inertia": 0.1}),
         c("torque_offset", _torque("joint2", lambda q, v, u: -0.02), {"joint": "joint2"}, {"torque": 0.02}),
@@ -240,6 +270,9 @@ def cases() -> list[EffectCase]:
         c("sensor_scale", _hidden("rigid", "sensor_scale:scale@tachometer.wheel_rate[wheel_x]", 0.01),
           {"sensor": "tachometer", "quantity": "wheel_rate", "component": "wheel_x", "error": 0.0},
           {"error": 0.01}, signed=True, label="wheel"),
+        c("scale_by_rate", _bent_scale("tachometer.wheel_rate", 0, 1e-4),
+          {"sensor": "tachometer", "quantity": "wheel_rate", "component": "wheel_x", "slope": 0.0},
+          {"slope": 1e-4}),
         c("sensor_misalignment", _hidden("rigid", "sensor_misalignment:angles.z@imu.angular_rate", 0.01),
           GYRO, _xyz("angles", "z", 0.01), _even("angles", 0.03), signed=True),
         c("sensor_delay", _hidden("rigid", "sensor_delay:delay@imu.angular_rate", 5e-3), GYRO,
@@ -253,6 +286,8 @@ def cases() -> list[EffectCase]:
         c("slosh_nonlinearity", _hidden("sms", "slosh_nonlinearity:quadratic_damping@tank", 20.0),
           {"tank": "tank"}, {"quadratic_damping": 20.0, "cubic": 0.0}, {"cubic": 20.0}, world="sms",
           label="damping"),
+        c("slosh_wall", _wall("tank", 0.15, 5.0), {"tank": "tank", "gap": 0.14},
+          {"gap": 0.15, "stiffness": 5.0}, world="sms"),
         c("geometric_stiffness", _hidden("panel", "geometric_stiffness:factor@panel", 1.0),
           {**beam, "factor": 0.0}, {"factor": 1.0}, world="panel"),
         c("frequency_drift", _hidden("panel", "frequency_drift:rate@panel", 5e-4), beam, {"rate": 5e-4},

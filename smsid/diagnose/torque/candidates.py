@@ -20,6 +20,7 @@ from smsid.effects import (
     ActuatorDelay,
     BodyError,
     Effect,
+    JointCable,
     JointFriction,
     JointOffset,
     MotorCoupling,
@@ -216,11 +217,16 @@ def _drivetrain(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torq
     late = ActuatorDelay(name=_name("actuator_delay", joint), actuator=joint)
     listed = [e for e in equations.description.effect if isinstance(e, JointOffset) and e.joint == joint]
     zero = listed[0] if listed else JointOffset(name=_name("joint_offset", joint), joint=joint, angle=0.0)
+    middle = float(np.mean(equations.angles[:, j]))  # what it pulls there is a constant torque
+    cable = JointCable(name=_name("joint_cable", joint), joint=joint, rest=middle)
+    pull = _at(j, lambda e, load: e.angles[:, j] - middle)
     inertia = _at(j, lambda e, load: e.motion.a[:, j])
     constant = _at(j, lambda e, load: np.ones(len(load)))
     slope = _at(j, lambda e, load: np.gradient(load[:, j], e.motion.time))
     yield one(rotor, "motor inertia", "inertia", inertia, "drivetrain", 0.0)
     yield one(bias, "constant torque", "torque", constant, "drivetrain", -np.inf)
+    if equations.model.pin.joints[equations.model.pin.getJointId(joint)].nq == 1:
+        yield one(cable, "cable", "stiffness", pull, "drivetrain", 0.0)
     yield one(late, "delay", "delay", slope, "actuator", 0.0)
     yield one(zero, "zero of the joint", "angle", _turned(j), "drivetrain", -np.inf, "zero")
 

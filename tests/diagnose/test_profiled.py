@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.play import SHARES, Play
-from smsid.diagnose.proposals import propose
+from smsid.diagnose.profiled import Profiled
+from smsid.diagnose.proposals import CROSSED, propose
 from smsid.diagnose.verdict import values
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
@@ -25,12 +25,14 @@ def found(known, problem):
 @pytest.fixture(scope="module")
 def play(known, problem):
     every = propose(known.point, problem, known.unknowns)
-    return next(c for c in every if isinstance(c, Play) and c.location == "joint2")
+    return next(
+        c for c in every if isinstance(c, Profiled) and c.kind == "backlash" and c.location == "joint2"
+    )
 
 
 @pytest.mark.parametrize("share", [0, 2])
 def test_the_crossing_is_found(found, play, share):
-    torque = SHARES[share] * np.sqrt(np.mean(found.run.states.tau[:, play.dof] ** 2))
+    torque = CROSSED[share] * np.sqrt(np.mean(found.run.states.tau[:, play.first] ** 2))
     plain = play.effect.model_copy(update={"turn_torque": float(torque)})
     there = plain.with_values({play.free[0]: GAP})
     done = propagate(found.run, [found.changes.effect(plain, there, 1.0)])[:, :, 0]
@@ -38,7 +40,7 @@ def test_the_crossing_is_found(found, play, share):
     (own,) = signatures(found, [play]).values()
     (score,) = scored(replace(found, run=run), [play], [own])
     assert score.candidate.effect.turn_torque == pytest.approx(torque)
-    assert score.candidate.grid == len(SHARES)
+    assert score.candidate.grid == len(CROSSED)
     assert score.sides == 1
     assert score.estimate[0] * play.steps[0] == pytest.approx(GAP, rel=1e-3)
 
@@ -48,7 +50,7 @@ def test_a_gap_is_not_negative(found, play):
     run = replace(found.run, innovations=-own[:, 0].reshape(found.run.innovations.shape))
     (score,) = scored(replace(found, run=run), [play], [own])
     assert score.ratio == 0.0 or score.candidate.effect.turn_torque != pytest.approx(
-        SHARES[0] * np.sqrt(np.mean(found.run.states.tau[:, play.dof] ** 2))
+        CROSSED[0] * np.sqrt(np.mean(found.run.states.tau[:, play.first] ** 2))
     )
 
 
@@ -56,14 +58,14 @@ def test_a_joint_that_is_not_driven_has_one_too(found, play):
     still = replace(found.run.states, tau=np.zeros_like(found.run.states.tau))
     changes = copy(found.changes)
     changes.run = replace(found.run, states=still)
-    assert len(play.columns(changes, ())) == len(SHARES)
+    assert len(play.columns(changes, ())) == len(CROSSED)
 
 
 @pytest.mark.parametrize(("times", "low", "high"), [(100.0, 0.9, 1.1), (0.06, 0.0, 0.2)])
 def test_a_crossing_that_does_not_show_counts_in_the_gaps_uncertainty(known, problem, play, times, low, high):
     """Far below the crossing only the slope, gap over crossing, is told; beyond it the gap itself."""
     states = evaluate(known.point, known.unknowns, problem).run.states
-    torque = times * float(np.sqrt(np.mean(states.tau[:, play.dof] ** 2)))
+    torque = times * float(np.sqrt(np.mean(states.tau[:, play.first] ** 2)))
     gap = 10.0 * GAP * max(times, 1.0)
     own = replace(play, effect=play.effect.model_copy(update={"turn_torque": torque, "gap": gap}))
     crossing = own.free[0].replace(".gap", ".turn_torque")
