@@ -4,8 +4,8 @@
 
 Three crafts, written after public reports: a free-flyer of 8 kg whose wheel's link has no inertia and whose
 arm's home is outside its limits; a servicer read from MJCF, with a tank; a bus of xacro with an arm on a
-rail, a welded joint and frames without mass. Every command of `smsid` is called in turn on what the ones before
-it wrote. A folder is gone on with: commands that ended are not called again.
+rail, a welded joint and frames without mass. Every command of `smsid` is called in turn on what the ones
+before it wrote. A folder is gone on with: commands that ended are not called again.
 """
 
 from __future__ import annotations
