@@ -338,8 +338,8 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
         raise DescriptionError(
             "The bus (root link of the URDF) has no mass.",
             advice='Give it an <inertial>; of a machine on the ground say root = "fixed" in its TOML (of '
-            "`smsid regressor`: --fixed). Where joints of a 'world' let a craft slide and turn in a plane, take "
-            "the world and these joints out of the URDF: it floats without them.",
+            "`smsid regressor`: --fixed). Where joints of a 'world' let a craft slide and turn in a plane, "
+            "take the world and these joints out of the URDF: it floats without them.",
         )
     if model.nv == 0:
         raise DescriptionError("Nothing can move.", advice='Give the spacecraft joints, or `root = "free"`.')
