@@ -60,7 +60,13 @@ def sniff_delimiter(path: Path, lines: list[str]) -> str:
 
 
 def count_preamble(lines: list[str], delimiter: str) -> int:
-    """Count the lines before the header: the header is the first of as many cells as most lines have."""
+    """Count the lines before the header: the header is the first of as many cells as most lines have.
+
+    Lines before a blank one are a preamble in any case, unless samples stand among them.
+    """
+    blank = max((k for k, line in enumerate(lines[:60]) if not line.strip(f"{delimiter} \t\n")), default=-1)
+    if blank >= 0 and not any(NUMBER.match(line.lstrip()) for line in lines[:blank]):
+        return blank + 1 + count_preamble(lines[blank + 1 :], delimiter)
     counts = [len(next(csv.reader([line], delimiter=delimiter), [])) for line in lines[:60]]
     if len(counts) < 3:
         return 0

@@ -18,13 +18,18 @@ from smsid.recording.channels import QUANTITIES
 CLOCK = re.compile(
     r"(^|[^a-z])(t|time|times|timestamps?|stamp|zeit|uhrzeit|zeitstempel|temps|tiempo|tempo|tid|tow|epoch|elapsed|"
     r"uptime|utc|secs?|seconds|millis|micros|datetime|s|ms|us|ns|msec|usec|nsec|milliseconds)($|[^a-z])|"
-    r"time(stamp)?(_?[munµ]?s(ecs?)?)?$"
+    r"time(stamp)?(_?[munµ]?s(ecs?|econds?)?)?$"
 )
 COUNTER = re.compile(
     r"(^|[^a-z])(seq|sequence|count|counter|cnt|index|idx|id|frames?|packets?|row|sample|samples|nr|no|"
     r"unnamed|apid|ssc)($|[^a-z])|counter$|count$|seq$"
 )
 NO_SIGNAL = re.compile(r"covarianc|checksum|(^|[^a-z])crc")
+ABOUT = re.compile(r"bias|(^|[^a-z])(std|stddev|variance|offset|limit)($|[^a-z])")
+"""Words of columns that say something about a quantity and are none themselves."""
+BY_UNIT = {"rad": "joint_position", "degree": "joint_position", "rad/s": "joint_velocity",
+           "degree/s": "joint_velocity", "rpm": "joint_velocity", "N m": "joint_torque"}  # fmt: skip
+"""What numbered columns of joints are by the unit that they state."""
 
 NAMES: tuple[tuple[str, str, str], ...] = (
     (r"quat|orientation|attitude|lage", "attitude", "1"),
@@ -50,6 +55,7 @@ QUATERNIONS = ("i j k w", "i j k r", "i j k s", "i j k real", "x y z s", "x y z 
 """Ends of names of the components of a quaternion, scalar last, beside x y z w and numbers."""
 OF_AXES = {"joint_torque": "torque", "joint_velocity": "angular_rate"}
 OF_JOINTS = {"position": "joint_position", "velocity": "joint_velocity"}
+JOINTS = re.compile(r"joint|arm|axis|axes|motor|servo|actuator|achse|(^|[^a-z])[ja]_?\d")
 NUMERIC = "fiu"
 
 
@@ -94,7 +100,9 @@ def is_named_time(name: str) -> bool:
     """Tell whether a column is called a time, and no counter."""
     tail = re.split(r"[./]", bare(name).strip("./"))[-1]
     lowered = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", tail).lower()
-    return bool(CLOCK.search(lowered) and not COUNTER.search(lowered))
+    last = {name: max((m.end() for m in pattern.finditer(lowered)), default=-1)
+            for name, pattern in (("clock", CLOCK), ("counter", COUNTER))}  # fmt: skip
+    return last["clock"] > last["counter"]  # a packet's time is one, a time's index is none
 
 
 def rises_evenly(values: NDArray[Any]) -> bool:
@@ -154,10 +162,11 @@ def _quaternions(
     found: dict[str, tuple[str, tuple[str, ...]]] = {}
     for ends in map(str.split, QUATERNIONS):
         for name in single:
-            stem = name.removesuffix(ends[-1])
-            if stem == name or not re.search(r"(?i)q|att|rot|orient|lage", stem):
+            stem = name[: -len(ends[-1])]
+            if not name.lower().endswith(ends[-1]) or not re.search(r"(?i)q|att|rot|orient|lage", stem):
                 continue
-            members = tuple(single.get(f"{stem}{end}", "") for end in ends)
+            alternatives = [[f"{stem}{end}", f"{stem}{end.upper()}"] for end in ends]
+            members = tuple(next((single[n] for n in names if n in single), "") for names in alternatives)
             alike = all(members) and len({columns[m].shape for m in members}) == 1
             if alike and _unit(columns, list(members)):
                 found |= dict.fromkeys(members, (f"{stem}#", members))
@@ -198,6 +207,10 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", " ".join(map(bare, members))).lower()
     quantity = next((q for pattern, q, _ in NAMES if re.search(pattern, text)), None)
     order = None
+    if ABOUT.search(text):
+        quantity = None
+    if kind == "number" and quantity is None and not ABOUT.search(text) and JOINTS.search(text):
+        quantity = BY_UNIT.get(stated_unit(columns, members[0]) or "")
     if kind == "quaternion":
         quantity, order = "attitude", "xyzw"
     elif kind == "axis":
@@ -236,7 +249,7 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
 
 def _of_numbered(quantity: str | None, kind: str, count: int, text: str) -> str | None:
     """Choose the quantity of columns that are numbered, or of a single one: joints rather than axes."""
-    jointed = bool(re.search(r"joint|arm|axis|motor|servo|actuator", text))
+    jointed = bool(JOINTS.search(text))
     if quantity in ("position", "velocity") and (kind == "number" or jointed):
         return OF_JOINTS[quantity]
     if quantity is None or quantity.startswith("joint_") or quantity == "attitude":

@@ -36,6 +36,7 @@ PLAIN = "t,q1,q2\n" + rows([T, A, B])
 RIGID = ["Format Version,1.23,Take Name,a", "", ",,Type,Body,Body,Body,Body,Body,Body", ",,Name,craft,,,,,",
          ",,ID,77,77,77,77,77,77", ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position",
          "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z"]  # fmt: skip
+MOTIVE = ["Format Version,1.23,Take Name,t1,Frame Rate,100.0,Rotation Type,Quaternion,Space", "", *RIGID[2:]]
 LONG = [f"2026-03-01T12:00:{t:06.3f}Z,/SAT/gyro_{axis},{x[k]}" for k, t in enumerate(T)
         for axis, x in zip("xyz", (A, B, C), strict=True) if k % 7 or axis != "z"]  # fmt: skip
 
@@ -64,6 +65,17 @@ KINDS = {
     "two rows of names": ("time,joint1,,joint2,\n,pos,vel,pos,vel\n" + rows([T, A, RATE, B, 2 * np.cos(2 * T + 2)]), TWO | {"log.joint_velocity": np.column_stack([RATE, 2 * np.cos(2 * T + 2)])}),
     "motion capture": ("\n".join(RIGID) + "\n" + rows([np.arange(N), T, 0 * T, 0.8 + 0 * T, 0 * T, 0.6 + 0 * T, A, B, C]),
                        {"log.position": np.column_stack([A, B, C]), "log.attitude": np.tile([0, 0.8, 0, 0.6], (N, 1))}),
+    "motion capture whose preamble has as many cells": ("\n".join(MOTIVE) + "\n" + rows([np.arange(N), T, 0 * T, 0.8 + 0 * T, 0 * T, 0.6 + 0 * T, A, B, C]),
+                       {"log.position": np.column_stack([A, B, C]), "log.attitude": np.tile([0, 0.8, 0, 0.6], (N, 1))}),
+    "units behind a stroke": ("t / s;Winkel1 / deg;Winkel2 / deg\n" + german([T, A, B]), SCALE * TWO["log.joint_position"]),
+    "units behind a comma": ("Time, ms\tForce X, N\tForce Y, N\tForce Z, N\n" + rows([(1e3 * T).round(), A, B, C], between="\t"), {"log.force": np.column_stack([A, B, C])}),
+    "units in words": ("Zeit in s;Position A1 in Grad;Position A2 in Grad\n" + german([T, A, B]), SCALE * TWO["log.joint_position"]),
+    "joints by a letter and their unit": ("Time,J1 act (deg),J2 act (deg),J1 torque (Nm),J2 torque (Nm)\n" + rows([T, A, B, B, C]),
+                                          {"log.joint_position": SCALE * TWO["log.joint_position"], "log.joint_torque": np.column_stack([B, C])}),
+    "a packet's time": ("PACKET,PACKET_TIMESECONDS,RECEIVED_COUNT,Q_1,Q_2,Q_3,Q_S\n" + rows([["ADCS"] * N, (1.7e9 + T).round(3), np.arange(N), 0 * T, 0.8 + 0 * T, 0 * T, 0.6 + 0 * T]),
+                        {"log.attitude": np.tile([0, 0.8, 0, 0.6], (N, 1))}),
+    "biases beside rates": ("time,omega.x,omega.y,omega.z,gyro_bias.x,gyro_bias.y,gyro_bias.z\n" + rows([T, A, B, C, A, A, A]),
+                            {"log.angular_rate": np.column_stack([A, B, C]), "extra.gyro_bias": np.column_stack([A, A, A])}),
     "time, parameter, value": ("Generation Time,Parameter,Value\n" + "\n".join(LONG) + "\n", {"log.joint_position": None}),
     "i, j, k and real": ("t,quat_i,quat_j,quat_k,quat_r\n" + rows([T, 0 * T, 0.8 + 0 * T, 0 * T, 0.6 + 0 * T]),
                          {"log.attitude": np.tile([0, 0.8, 0, 0.6], (N, 1))}),
