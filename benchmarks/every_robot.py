@@ -73,8 +73,23 @@ def judged(name: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         export_folder(model.description, out)
-        again = build_model(load_description(out / "craft.toml"))
-        xml = (out / "craft.xml").read_text(encoding="utf-8")
+        agreement = export_agreement(out, model.description.name)
+    return {
+        "joints": len(model.arm_joints),
+        "welded": welded,
+        "steps": flown.steps,
+        **agreement,
+        "seconds": time.perf_counter() - started,
+    }
+
+
+def export_agreement(folder: Path, name: str) -> dict[str, float]:
+    """Compare an exported TOML with its URDF (in Pinocchio) with the MJCF beside it (in MuJoCo).
+
+    Returns the largest differences of mass and accelerations, relative to the largest of either.
+    """
+    again = build_model(load_description(folder / f"{name}.toml"))
+    xml = (folder / f"{name}.xml").read_text(encoding="utf-8")
     rng = np.random.default_rng(SEED)
     rest = pin.neutral(again.pin)
     q = np.array([pin.integrate(again.pin, rest, rng.uniform(-1, 1, again.nv)) for _ in range(STATES)])
@@ -83,12 +98,8 @@ def judged(name: str) -> dict[str, Any]:
     found = np.array([pin.aba(again.pin, again.data, *x) for x in zip(q, v, tau, strict=True)])
     mass = float(mujoco.MjModel.from_xml_string(xml).body_mass.sum())
     return {
-        "joints": len(model.arm_joints),
-        "welded": welded,
-        "steps": flown.steps,
         "mass_difference": abs(mass - again.mass) / again.mass,
         "acceleration_difference": float(np.abs(found - a).max() / np.abs(a).max()),
-        "seconds": time.perf_counter() - started,
     }
 
 

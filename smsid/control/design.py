@@ -15,7 +15,7 @@ from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust import Pole, flexible_plant, refuse_unstable
 from smsid.control.robust_term import RobustTerm
 from smsid.control.robustness import Robustness, robust_stability
-from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
+from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, design_motion
 from smsid.control.tuning import Demands, Tuning, natural_modes, tuned_gains
 from smsid.control.uncertain_plant import uncertain_plant
 from smsid.control.weights import weights_from_level
@@ -99,7 +99,7 @@ def design(
     model = build_model(description) if identified is None else identified.model
     dynamics = ReducedDynamics(model)
     n, home = dynamics.size, model.joint_angles(model.home)
-    motion = trapezoid(home)
+    motion = design_motion(model)
     check_joints(motion, model)
     reference = Reference(motion)
     if request.uncertainty is not None:

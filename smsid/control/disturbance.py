@@ -50,7 +50,7 @@ def sensor_sigma(sensors: Sequence[Sensor], joints: int) -> tuple[np.ndarray, np
     """Return one sigma of a sample's noise on angles and rates, (3 + n,) each [rad, rad/s].
 
     White noise of the first sensor that measures the quantity; biases are no noise and not counted. Raises
-    `ControlError` when a quantity is not measured.
+    `ControlError` when a quantity is not measured, or without noise.
     """
     sizes = {"attitude": 3, "joint_position": joints, "angular_rate": 3, "joint_velocity": joints}
     sigma = {}
@@ -62,6 +62,14 @@ def sensor_sigma(sensors: Sequence[Sensor], joints: int) -> tuple[np.ndarray, np
                 advice="Add a sensor to the description.",
             )
         sigma[quantity] = np.broadcast_to(owner.error(quantity).white_sigma(owner.rate), size)
+        if not (sigma[quantity] > 0.0).all():
+            raise ControlError(
+                f"No noise is stated of {quantity.replace('_', ' ')}, measured by '{owner.name}'; a design "
+                "without noise is ill-posed.",
+                advice=f"State it in the description: errors.{quantity} = {{ noise_sigma = ... }}, or let "
+                "another sensor measure it.",
+                sensor=owner.name,
+            )
     return (
         np.concatenate([sigma["attitude"], sigma["joint_position"]]),
         np.concatenate([sigma["angular_rate"], sigma["joint_velocity"]]),

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from smsid.control.shaper import Shaper
+from smsid.effects.rotor import turns
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -17,6 +18,8 @@ PAPER_ACCELERATION = 0.001
 """a_0 of section V [rad/s^2]."""
 PAPER_PHASES = (20.0, 20.0, 20.0, 20.0)
 """Acceleration, coasting, deceleration, rest of section V [s]."""
+TRAVEL_SHARE = 0.9
+"""Of a joint's room and rate that the motion of a design uses where these limit it."""
 
 
 class Motion(Protocol):
@@ -217,6 +220,29 @@ class Remembered:
         return found
 
 
+def design_motion(model: SpacecraftModel) -> Piecewise:
+    """Return the paper's trapezoid from home, gentler and the other way round where joints need it.
+
+    A joint travels at most `TRAVEL_SHARE` of its way to the farther limit, at as much of its largest rate.
+    """
+    joints, home = model.arm_joints, model.joint_angles(model.home)
+    rise, coast = PAPER_PHASES[:2]
+    acceleration = np.full(len(joints), PAPER_ACCELERATION)
+    for k in range(len(joints)):
+        fastest = float(model.pin.velocityLimit[joints.v[k]])
+        if fastest > 0.0:
+            acceleration[k] = min(acceleration[k], TRAVEL_SHARE * fastest / rise)
+        if model.pin.joints[int(joints.joints[k])].nq != 1:
+            continue  # turns without end
+        up = float(model.pin.upperPositionLimit[joints.q[k]]) - home[k]
+        down = home[k] - float(model.pin.lowerPositionLimit[joints.q[k]])
+        way = acceleration[k] * rise * (rise + coast)
+        if way > up:
+            share = TRAVEL_SHARE * max(up, down) / way
+            acceleration[k] *= min(max(share, 0.0), 1.0) * (1.0 if up >= down else -1.0)
+    return trapezoid(home, acceleration)
+
+
 def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000) -> None:
     """Raise `ControlError` when a motion of the arm joints leaves their limits in angle or rate.
 
@@ -239,9 +265,10 @@ def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000)
             low = float(model.pin.lowerPositionLimit[joints.q[k]])
             high = float(model.pin.upperPositionLimit[joints.q[k]])
         fastest = float(model.pin.velocityLimit[joints.v[k]])
+        unit = "rad" if turns(model.pin, int(joints.joints[k])) else "m"
         for values, lower, upper, what in (
-            (angles[:, k], low, high, "rad"),
-            (np.abs(rates[:, k]), -np.inf, fastest, "rad/s"),
+            (angles[:, k], low, high, unit),
+            (np.abs(rates[:, k]), -np.inf, fastest, f"{unit}/s"),
         ):
             beyond = np.flatnonzero((values < lower - 1e-12) | (values > upper + 1e-12))
             if beyond.size:

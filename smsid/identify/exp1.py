@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,7 @@ FEWEST_PERIODS = 20.0  # of the cut-off in a record: below, the filter's ends re
 TANK_REPLICATES = 8  # of noise once more, where there are several tanks
 FEW_STEPS = 1e-2  # of all samples: a thrust that changes more often has no steps
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
+NOISE_SIGMAS = 5.0  # of the gyro's stated noise that are no rotation
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
 
@@ -174,11 +176,15 @@ def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
     imu = Roles.of(model, recording, joints=False).imu
     fs = rate_of(recording, imu, "angular_rate")
     rate = zero_phase(recording[f"{imu.name}.angular_rate"], fs, SMOOTHING)
-    worst = float(np.abs(rate - np.median(rate, axis=0)).max())
-    if worst > HOLDING:
+    turning = np.abs(rate - np.median(rate, axis=0)).max(axis=0)
+    white = imu.error("angular_rate").white_sigma(fs)  # of which the low-pass leaves its share
+    held = HOLDING + NOISE_SIGMAS * white * math.sqrt(min(2.0 * SMOOTHING / fs, 1.0))
+    worst = float(turning.max())
+    if (turning > held).any():
         raise NotIdentifiableError(
             f"'{recording.name}' rotates at up to {worst:.3g} rad/s, so it is no Exp. 1 (pure translation).",
-            advice=f"Hold the attitude to {HOLDING:g} rad/s, or give it as Exp. 2 (no thrust).",
+            advice=f"Hold the attitude to {HOLDING:g} rad/s; if it is the gyro's noise, state noise_sigma of "
+            f"'{imu.name}'.",
             rate=worst,
             other_flight=True,
         )

@@ -338,7 +338,8 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
         raise DescriptionError(
             "The bus (root link of the URDF) has no mass.",
             advice='Give it an <inertial>; of a machine on the ground say root = "fixed" in its TOML (of '
-            "`smsid regressor`: --fixed).",
+            "`smsid regressor`: --fixed). Where joints of a 'world' let a craft slide and turn in a plane, "
+            "take the world and these joints out of the URDF: it floats without them.",
         )
     if model.nv == 0:
         raise DescriptionError("Nothing can move.", advice='Give the spacecraft joints, or `root = "free"`.')
@@ -359,7 +360,8 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
     )
     raise DescriptionError(
         f"Moving joint '{model.names[joint]}' takes no inertia: its acceleration is undefined.",
-        advice="Give the links beyond it an <inertial> with mass and positive moments, or make it a fixed "
-        "joint (for a mounted arm, list it in `fixed`).",
+        advice="Give the links beyond it an <inertial> with mass and positive moments. A reaction wheel has "
+        f"its spin inertia in the description: [[wheel]] joint = '{model.names[joint]}', inertia = ... in "
+        "kg m^2; a joint that is welded stands in `fixed` of its [[arm]].",
         joint=model.names[joint],
     )

@@ -16,15 +16,20 @@ from smsid.recording._units import convert
 from smsid.recording.channels import QUANTITIES
 
 CLOCK = re.compile(
-    r"(^|[^a-z])(t|time|times|timestamps?|stamp|zeit|zeitstempel|temps|tiempo|tempo|tid|tow|epoch|elapsed|"
+    r"(^|[^a-z])(t|time|times|timestamps?|stamp|zeit|uhrzeit|zeitstempel|temps|tiempo|tempo|tid|tow|epoch|elapsed|"
     r"uptime|utc|secs?|seconds|millis|micros|datetime|s|ms|us|ns|msec|usec|nsec|milliseconds)($|[^a-z])|"
-    r"time(stamp)?(_?[munµ]?s(ecs?)?)?$"
+    r"time(stamp)?(_?[munµ]?s(ecs?|econds?)?)?$"
 )
 COUNTER = re.compile(
     r"(^|[^a-z])(seq|sequence|count|counter|cnt|index|idx|id|frames?|packets?|row|sample|samples|nr|no|"
     r"unnamed|apid|ssc)($|[^a-z])|counter$|count$|seq$"
 )
 NO_SIGNAL = re.compile(r"covarianc|checksum|(^|[^a-z])crc")
+ABOUT = re.compile(r"bias|(^|[^a-z])(std|stddev|variance|offset|limit)($|[^a-z])")
+"""Words of columns that say something about a quantity and are none themselves."""
+BY_UNIT = {"rad": "joint_position", "degree": "joint_position", "rad/s": "joint_velocity",
+           "degree/s": "joint_velocity", "rpm": "joint_velocity", "N m": "joint_torque"}  # fmt: skip
+"""What numbered columns of joints are by the unit that they state."""
 
 NAMES: tuple[tuple[str, str, str], ...] = (
     (r"quat|orientation|attitude|lage", "attitude", "1"),
@@ -45,8 +50,12 @@ gain.
 LETTERS = {"a": "acceleration", "g": "angular_rate", "w": "angular_rate", "v": "velocity", "p": "position",
            "f": "force"}  # fmt: skip
 """What a letter before x, y, z usually stands for."""
+QUATERNIONS = ("i j k w", "i j k r", "i j k s", "i j k real", "x y z s", "x y z r", "x y z 0", "x y z scalar",
+               "v1 v2 v3 s", "vx vy vz s", "vec1 vec2 vec3 scalar", "1 2 3 w", "1 2 3 s")  # fmt: skip
+"""Ends of names of the components of a quaternion, scalar last, beside x y z w and numbers."""
 OF_AXES = {"joint_torque": "torque", "joint_velocity": "angular_rate"}
 OF_JOINTS = {"position": "joint_position", "velocity": "joint_velocity"}
+JOINTS = re.compile(r"joint|arm|axis|axes|motor|servo|actuator|achse|(^|[^a-z])[ja]_?\d")
 NUMERIC = "fiu"
 
 
@@ -73,20 +82,27 @@ def stated_unit(columns: Mapping[str, NDArray[Any]], name: str) -> str | None:
     return getattr(columns, "units", {}).get(name) or written_unit(name)
 
 
-def is_clock(name: str, values: NDArray[Any]) -> bool:
-    """Tell whether a column is a clock: so named, and mostly increasing.
+def is_clock(name: str, values: NDArray[Any], *, surely: bool = False) -> bool:
+    """Tell whether a column is a clock: so named or ``surely`` one, and mostly going one way, or never back.
 
     A counter, an angle or anything else that rises steadily is none: what it counts in is not known.
     """
-    if values.ndim != 1 or values.dtype.kind not in NUMERIC or values.size < 3:
+    named = surely or is_named_time(name)
+    if values.ndim != 1 or values.dtype.kind not in NUMERIC or values.size < 3 or not named:
         return False
     steps = np.diff(values[np.isfinite(values)].astype(np.float64))
-    if steps.size < 2 or not np.any(steps > 0.0):
+    if steps.size < 2 or not np.any(steps != 0.0):
         return False
-    text = bare(name)
-    tail = re.split(r"[./]", text.strip("./"))[-1]
+    return max(float(np.mean(steps > 0.0)), float(np.mean(steps < 0.0))) > 0.5 or bool(np.all(steps >= 0.0))
+
+
+def is_named_time(name: str) -> bool:
+    """Tell whether a column is called a time, and no counter."""
+    tail = re.split(r"[./]", bare(name).strip("./"))[-1]
     lowered = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", tail).lower()
-    return bool(CLOCK.search(lowered) and not COUNTER.search(lowered)) and float(np.mean(steps > 0.0)) > 0.5
+    last = {name: max((m.end() for m in pattern.finditer(lowered)), default=-1)
+            for name, pattern in (("clock", CLOCK), ("counter", COUNTER))}  # fmt: skip
+    return last["clock"] > last["counter"]  # a packet's time is one, a time's index is none
 
 
 def rises_evenly(values: NDArray[Any]) -> bool:
@@ -122,14 +138,39 @@ def groups(columns: Mapping[str, NDArray[Any]], skip: set[str]) -> list[Group]:
     ]
     stems: dict[tuple[Any, ...], list[str]] = {}
     single = {bare(name): name for name in names if columns[name].ndim == 1}
+    quaternions = _quaternions(columns, {n: n for n in names if columns[n].ndim == 1} | single)
     for name in names:
         values = columns[name]
+        if name in quaternions:
+            stem, members = quaternions[name]
+            stems.setdefault((stem, "quaternion", *members), list(members))
+            continue
         stem, kind = _stem(bare(name), single) if values.ndim == 1 else (bare(name), "array")
         rows = blank[name].tobytes() if name in blank else b""
-        # Columns of other units, lengths or blank rows are no components of one channel.
+        # Columns of other units, lengths or blank rows are no components of one channel; damaged ones
+        # (of samples that are not finite) shall not spoil the others.
         unit = stated_unit(columns, name) if kind != "axis" else ""
-        stems.setdefault((stem, kind, values.shape, unit, rows), []).append(name)
+        sound = bool(np.isfinite(values).all()) or bool(rows)
+        stems.setdefault((stem, kind, values.shape, unit, rows, sound), []).append(name)
     return [_group(columns, stem, kind, members) for (stem, kind, *_), members in stems.items()]
+
+
+def _quaternions(
+    columns: Mapping[str, NDArray[Any]], single: Mapping[str, str]
+) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Give by column the stem and the columns, scalar last, of the unit quaternion that it belongs to."""
+    found: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for ends in map(str.split, QUATERNIONS):
+        for name in single:
+            stem = name[: -len(ends[-1])]
+            if not name.lower().endswith(ends[-1]) or not re.search(r"(?i)q|att|rot|orient|lage", stem):
+                continue
+            alternatives = [[f"{stem}{end}", f"{stem}{end.upper()}"] for end in ends]
+            members = tuple(next((single[n] for n in names if n in single), "") for names in alternatives)
+            alike = all(members) and len({columns[m].shape for m in members}) == 1
+            if alike and _unit(columns, list(members)):
+                found |= dict.fromkeys(members, (f"{stem}#", members))
+    return found
 
 
 def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
@@ -166,7 +207,13 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", " ".join(map(bare, members))).lower()
     quantity = next((q for pattern, q, _ in NAMES if re.search(pattern, text)), None)
     order = None
-    if kind == "axis":
+    if ABOUT.search(text):
+        quantity = None
+    if kind == "number" and quantity is None and not ABOUT.search(text) and JOINTS.search(text):
+        quantity = BY_UNIT.get(stated_unit(columns, members[0]) or "")
+    if kind == "quaternion":
+        quantity, order = "attitude", "xyzw"
+    elif kind == "axis":
         letter = re.search(r"(?i)(?:^|[^a-z])([a-z])[ _.]?#", stem)
         if quantity in (None, "joint_position") and letter:
             quantity = LETTERS.get(letter.group(1).lower())
@@ -202,7 +249,7 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
 
 def _of_numbered(quantity: str | None, kind: str, count: int, text: str) -> str | None:
     """Choose the quantity of columns that are numbered, or of a single one: joints rather than axes."""
-    jointed = bool(re.search(r"joint|arm|axis|motor|servo|actuator", text))
+    jointed = bool(JOINTS.search(text))
     if quantity in ("position", "velocity") and (kind == "number" or jointed):
         return OF_JOINTS[quantity]
     if quantity is None or quantity.startswith("joint_") or quantity == "attitude":

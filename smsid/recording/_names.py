@@ -11,6 +11,7 @@ WORDS = {
     "m/s": "m/s", "mm/s": "mm/s", "s": "s", "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us",
     "ns": "ns", "rad": "rad", "mrad": "mrad", "rad/s": "rad/s", "rad/s2": "rad/s^2", "rad/s^2": "rad/s^2",
     "rpm": "rpm", "1/min": "rpm", "deg": "degree", "°": "degree", "degree": "degree", "degrees": "degree",
+    "grad": "degree",
     "deg/s": "degree/s", "°/s": "degree/s", "dps": "degree/s", "deg/s2": "degree/s^2",
     "deg/s^2": "degree/s^2", "g": "standard_gravity", "mg": "millistandard_gravity", "nm": "N m",
     "n m": "N m", "n·m": "N m", "n*m": "N m", "mnm": "mN m", "n": "N", "kn": "kN", "a": "A", "ma": "mA",
@@ -31,6 +32,10 @@ _ENDINGS = "|".join(sorted(SUFFIXES, key=len, reverse=True))
 _SUFFIX = re.compile(rf"(?<=[A-Za-z0-9\])])_({_ENDINGS})(?=$|_?[xyzXYZ\d]{{1,2}}$)")
 
 
+_BEHIND = re.compile(r"\s*(?:,\s|\s/\s|\s(?i:in)\s)\s*\(?([^\s()]+|N m)\)?$")
+"""A unit behind the name: ``Force, N``, ``phi / deg``, ``omega / (deg/s)``, ``Zeit in s``."""
+
+
 def unit_word(text: str) -> str | None:
     """Give the unit that a text such as ``deg/s`` means, in the words of a mapping file, or None."""
     return WORDS.get(text.strip().strip("[]()").strip().lower())
@@ -42,14 +47,18 @@ def written_unit(name: str) -> str | None:
         unit = WORDS.get(found.group(1).lower())
         if unit is not None and unit != "1":
             return unit
+    behind = _BEHIND.search(name)
+    if behind and (unit := unit_word(behind.group(1))) not in (None, "1"):
+        return unit
     match = _SUFFIX.search(UNIT_IN_NAME.sub("", name).strip())
     return SUFFIXES[match.group(1)] if match else None
 
 
 def bare(name: str) -> str:
     """Give the name of a column without its unit."""
-    text = name
-    for found in reversed(list(UNIT_IN_NAME.finditer(name))):
+    behind = _BEHIND.search(name)
+    text = name[: behind.start()] if behind and unit_word(behind.group(1)) not in (None, "1") else name
+    for found in reversed(list(UNIT_IN_NAME.finditer(text))):
         if not found.group(1).strip().isdigit():
             text = text[: found.start()] + text[found.end() :]
     return _SUFFIX.sub("", text.strip()).strip()

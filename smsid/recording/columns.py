@@ -15,6 +15,8 @@ class Columns(dict[str, NDArray[Any]]):
     Attributes:
         blank: by column, (N,) True where the cell was left blank: there is no sample, and the number is NaN.
             A column that has no blank cell is not listed.
+        times: columns that were written as dates or times of the day, so that they are clocks whatever
+            their names.
         units: by column, the unit that a row of units under the header states, in the words of a mapping.
     """
 
@@ -28,6 +30,7 @@ class Columns(dict[str, NDArray[Any]]):
         super().__init__(arrays or {})
         self.blank: dict[str, NDArray[np.bool_]] = dict(blank or {})
         self.units: dict[str, str] = dict(units or {})
+        self.times: set[str] = set()
 
     def missing(self, name: str) -> NDArray[np.bool_]:
         """Tell the rows in which a column has no sample: (N,) bool."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,8 @@ from smsid.recording.mapping import (
 )
 from smsid.recording.readers import Columns, parse_number
 from smsid.recording.recording import Recording
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
@@ -100,6 +103,7 @@ class _Import:
     def __init__(self, file: Path, rules: ImportMapping, columns: Columns) -> None:
         self.file, self.rules, self.columns = file, rules, columns
         self._clocks: dict[str, FloatArray] = {}
+        self._turn_round()
 
     def run(self, provenance: dict[str, Any]) -> Recording:
         present = {name: table for name, table in self.rules.channel.items() if not self.is_absent(name)}
@@ -139,6 +143,29 @@ class _Import:
             raise RecordingError(
                 f"{self.file}: {error.message}", advice=error.advice, **error.evidence
             ) from error
+
+    def _turn_round(self) -> None:
+        """Put the oldest sample first where a clock only decreases, with all columns that run on it."""
+        turned: dict[str, NDArray[Any]] = {}
+        blank = dict(self.columns.blank)
+        for name, table in self.rules.channel.items():
+            clock = self.rules.clock.get(name.partition(".")[0], self.rules.time)
+            times = None if clock is None or clock.column is None else self.columns.get(clock.column)
+            if times is None or times.ndim != 1 or times.dtype.kind not in "fiu" or times.size < 3:
+                continue
+            assert clock is not None and clock.column is not None
+            if not (np.diff(times[~self.columns.missing(clock.column)].astype(np.float64)) < 0.0).all():
+                continue
+            if clock.column not in turned:
+                logger.warning("%s: '%s' runs backwards; the rows are turned round.", self.file, clock.column)
+            for column in (clock.column, *table.columns):
+                axis = 0 if column == clock.column else table.time_axis
+                if column in self.columns and column not in turned and axis < self.columns[column].ndim:
+                    turned[column] = np.flip(self.columns[column], axis)
+                    if column in blank:
+                        blank[column] = blank[column][::-1]
+        if turned:
+            self.columns = Columns({**self.columns, **turned}, blank=blank, units=self.columns.units)
 
     def joint_kinds(self) -> dict[str, list[str]]:
         """Return the labels of joints that slide, in metres or newtons, and of those that surely turn.
@@ -385,12 +412,13 @@ class _Import:
             return values.astype(np.float64)
         if values.dtype.kind == "U" and values.ndim == 1:
             for row, cell in enumerate(values):
-                if self.columns.missing(column)[row] or _is_number(str(cell)):
+                if self.columns.missing(column)[row] or is_number(str(cell)):
                     continue
                 raise RecordingError(
                     f"{self.file}, column '{column}', row {row + 1} after the header: '{cell}' is not a "
                     "number.",
-                    advice="Correct it; for a missing sample leave the cell blank.",
+                    advice="Correct it; for a missing sample leave the cell blank, or state "
+                    f'[csv] missing = ["{cell}"].',
                     column=column,
                     row=row + 1,
                 )
@@ -427,7 +455,8 @@ class _Import:
         return labels
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Tell whether a cell is a number, with a point or a comma."""
     for decimal in (".", ","):
         try:
             parse_number(cell, decimal)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
-from smsid.recording._draft import draft_mapping
+from smsid.recording._draft import draft_mapping, quoted
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
 from smsid.recording.columns import Columns
-from smsid.recording.importing import import_recording
+from smsid.recording.importing import import_recording, is_number
 from smsid.recording.joined_columns import read_joined
 from smsid.recording.mapping import ImportMapping, load_mapping
 
@@ -31,14 +31,18 @@ MIN_CHANGES = 20
 EPOCHS = (("ns", 5e17, 4e18), ("us", 5e14, 4e15), ("ms", 5e11, 4e12))
 """Times since 1970 in each unit, from 1985 to 2096."""
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DAYS = ((2e4, 8e4), (6.9e5, 7.7e5))
+"""Dates as spreadsheets (days since 1900) and MATLAB (since the year 0) count them, from 1954 on."""
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}
 
 
 @dataclass(frozen=True)
 class ClockReport:
     """A column of times: ``unit`` guessed, ``rate`` [Hz] of the median step, ``jitter`` the standard
     deviation of the steps relative to it, ``duplicates`` and ``backwards`` steps, ``gaps`` as sentences,
-    the longest of them; ``unit_written`` whether the file states the unit.
+    the longest of them; ``unit_written`` whether the file states the unit; ``newest_first`` whether times
+    only decrease.
     """
 
     name: str
@@ -53,6 +57,7 @@ class ClockReport:
     gaps: tuple[str, ...]
     unit_written: bool = False
     longest_gap: str = ""
+    newest_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ def inspect_file(
     clocks = {
         name: _clock(columns, name)
         for name, values in columns.items()
-        if name not in joined and is_clock(name, values)
+        if name not in joined and is_clock(name, values, surely=name in columns.times)
     }
     found = groups(columns, set(clocks) | joined)
     doubts = [sentence for clock in clocks.values() for sentence in _clock_doubts(clock)]
@@ -120,7 +125,9 @@ def inspect_file(
     reports = tuple(_column(columns, name) for name in columns)
     doubts += [f"'{c.name}' has {c.not_finite} samples that are not finite." for c in reports if c.not_finite]
     texts = [name for name, values in columns.items() if values.dtype.kind not in "fiub"]
-    if texts:
+    nearly = {name: sentence for name in texts if (sentence := words_among_numbers(name, columns[name]))}
+    doubts += nearly.values()
+    if texts := [name for name in texts if name not in nearly]:
         doubts.append(f"Text, not numbers: {', '.join(texts)}.")
     drafted = draft_mapping(Path(path), columns, clocks, found)
     if rules is None:
@@ -129,6 +136,22 @@ def inspect_file(
     else:
         doubts += _contradictions(path, rules, doubts, also)
     return FileReport(str(path), tuple(clocks.values()), reports, tuple(doubts), drafted.text)
+
+
+def words_among_numbers(name: str, cells: NDArray[Any]) -> str | None:
+    """Say which cells of a column (N,) are no numbers where most are; None for a column of text."""
+    if cells.ndim != 1 or cells.dtype.kind != "U":
+        return None
+    words = [k for k, cell in enumerate(cells) if not is_number(str(cell))]
+    if len(words) > cells.size // 5:
+        return None
+    if not words:
+        return f"'{name}' has points and commas in its numbers: state [csv] decimal, or mend the others."
+    cell = str(cells[words[0]])
+    return (
+        f"'{name}' is no column of numbers for {len(words)} of {cells.size} cells, the first '{cell}' in row "
+        f"{words[0] + 1} after the header: mend them, or state [csv] missing = [{quoted(cell)}]."
+    )
 
 
 def _contradictions(
@@ -150,6 +173,8 @@ def _contradictions(
 def _clock_doubts(clock: ClockReport) -> list[str]:
     """Say what is wrong with a clock, each kind of fault in one sentence."""
     doubts = []
+    if clock.newest_first:
+        doubts.append(f"'{clock.name}' runs backwards, newest sample first: import turns the rows round.")
     if clock.backwards:
         doubts.append(
             f"'{clock.name}' goes back {clock.backwards} times: rows are reordered, or a new run starts."
@@ -199,6 +224,8 @@ def _clock(columns: Columns, name: str) -> ClockReport:
     values = columns[name]
     times = values[np.isfinite(values)].astype(np.float64)
     steps = np.diff(times)
+    reversed_ = bool((steps < 0.0).all())
+    steps = -steps if reversed_ else steps
     forward = steps[steps > 0.0]
     step = float(np.median(forward))
     unit = stated_unit(columns, name)
@@ -207,6 +234,8 @@ def _clock(columns: Columns, name: str) -> ClockReport:
         epoch = [word for word, low, high in EPOCHS if low < abs(float(np.median(times))) < high]
         # A log of less than 2 Hz or more than 1 MHz is rarer than one whose clock counts in another unit.
         by_step = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
+        if step < 1e-3 and any(low < float(np.median(times)) < high for low, high in DAYS):
+            by_step = "day"
         unit = epoch[0] if epoch else by_step
     scale = SECONDS[unit]
     gaps = find_gaps(np.unique(times) * scale, name)
@@ -215,7 +244,7 @@ def _clock(columns: Columns, name: str) -> ClockReport:
     return ClockReport(
         name, unit, int(times.size), float(times[0]), float(times[-1]), 1.0 / (step * scale),
         float(np.std(regular) / step), int(np.sum(steps == 0.0)), int(np.sum(steps < 0.0)),
-        tuple(str(gap) for gap in gaps), written, longest,
+        tuple(str(gap) for gap in gaps), written, longest, reversed_,
     )  # fmt: skip
 
 

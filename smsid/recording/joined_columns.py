@@ -34,9 +34,11 @@ def read_joined(
                     column=name,
                 )
         blank, units = {**more.blank, **joined.blank}, {**more.units, **joined.units}
+        times = joined.times | more.times
         joined = Columns(
             {**joined, **{n: x for n, x in more.items() if n not in joined}}, blank=blank, units=units
         )
+        joined.times |= times
     return joined
 
 

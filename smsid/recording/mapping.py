@@ -61,10 +61,11 @@ class CsvTable(_Table):
     decimal: Literal[".", ","] | None = None
     skip_rows: Annotated[int, Field(ge=0)] = 0
     names: tuple[str, ...] | None = None
+    missing: tuple[Text, ...] = ()
 
     def format(self) -> CsvFormat:
         """Give it as the readers take it."""
-        return CsvFormat(self.delimiter, self.decimal, self.skip_rows, self.names)
+        return CsvFormat(self.delimiter, self.decimal, self.skip_rows, self.names, self.missing)
 
 
 class ChannelTable(_Table):

@@ -316,6 +316,10 @@ def test_perturbed_models_stay_physical_and_within_the_level():
         (lambda: track(paper(), pd(paper()), sensors=paper().description.sensor), "without a generator"),
         (lambda: track(paper(), pd(paper()), sensors=[], rng=np.random.default_rng(0)), "No sensor measures"),
         (lambda: sensor_noise([], 3, 100.0, 1.0), "No sensor measures"),
+        (
+            lambda: sensor_noise([Sensor(name="pose", kind="pose", rate=10.0)], 3, 100.0, 1.0),
+            r"No noise is stated of attitude, measured by 'pose'.*errors\.attitude",
+        ),
         (lambda: perturbed(ReducedDynamics(paper()), 1.0, np.random.default_rng(0)), "not in"),
         (lambda: perturbed(ReducedDynamics(paper()), 0.1, np.random.default_rng(0), "x"), "no way to draw"),
         (

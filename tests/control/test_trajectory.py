@@ -7,8 +7,18 @@ import pytest
 from control_cases import paper
 
 from smsid.control.shaper import shaper
-from smsid.control.trajectory import Reference, Remembered, Shaped, check_joints, minimum_jerk, trapezoid
+from smsid.control.trajectory import (
+    Reference,
+    Remembered,
+    Shaped,
+    check_joints,
+    design_motion,
+    minimum_jerk,
+    trapezoid,
+)
+from smsid.description import load_description
 from smsid.errors import ControlError
+from smsid.model import build_model
 
 START, STOP = np.array([0.4, -0.6, 0.9]), np.array([0.9, 0.1, -0.2])
 MOTIONS = {
@@ -142,3 +152,27 @@ def test_a_remembered_reference_is_the_reference_and_cannot_be_written_into():
             np.testing.assert_array_equal(ours, exact)
     with pytest.raises(ValueError, match="read-only"):
         kept.at(13.0)[0][0] = 1.0
+
+
+RAIL = """<robot name="r"><link name="bus"><inertial><mass value="50"/>
+<inertia ixx="4" iyy="4" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="cart"><inertial>
+<mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="rod"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+<inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="bus"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-0.4" upper="0.1" effort="1" velocity="0.01"/></joint>
+<joint name="swing" type="revolute"><parent link="cart"/><child link="rod"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_the_motion_of_a_design_keeps_to_the_joints(tmp_path):
+    (tmp_path / "r.urdf").write_text(RAIL)
+    model = build_model(load_description(tmp_path / "r.urdf"))
+    motion = design_motion(model)
+    check_joints(motion, model)
+    position, rate, _ = motion.at(30.0)
+    assert rate[0] == pytest.approx(-0.9 * 0.4 / 40.0)  # its way back is longer: 0.36 m in 40 s
+    assert motion.at(60.0)[0] == pytest.approx([-0.36, 0.8])  # what has room moves as in the paper
+    assert position[1] == pytest.approx(trapezoid([0.0]).at(30.0)[0][0])
+    with pytest.raises(ControlError, match=r"'rail' would be at .* m at t"):
+        check_joints(trapezoid(np.zeros(2)), model)

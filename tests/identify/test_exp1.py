@@ -254,6 +254,18 @@ def test_rotation_is_refused(model):
         identify_translation(model, [turning])
 
 
+def test_the_noise_of_a_cheap_gyro_is_no_rotation():
+    noise = np.random.default_rng(8).normal(scale=2e-3, size=(12001, 3))
+    noisy_gyro = recording("x", **{"imu.angular_rate": noise})
+    described = paper()
+    sensors = [s.model_dump(exclude_unset=True) for s in described.sensor]
+    next(s for s in sensors if s["name"] == "imu")["errors"]["angular_rate"] = {"noise_sigma": 2e-3}
+    cheap = described.model_copy(update={"sensor": tuple(Sensor(**s) for s in sensors)})
+    assert identify_translation(build_model(cheap), [noisy_gyro]).mass == pytest.approx(M, rel=1e-4)
+    with pytest.raises(NotIdentifiableError, match=r"rotates at up to .*state noise_sigma of 'imu'"):
+        identify_translation(build_model(described), [noisy_gyro])
+
+
 def test_a_constant_gyro_bias_is_no_rotation(model):
     biased = recording("x", **{"imu.angular_rate": np.full((12001, 3), 0.01)})
     assert identify_translation(model, [biased]).mass == pytest.approx(M, rel=1e-4)

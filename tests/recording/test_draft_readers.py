@@ -22,7 +22,21 @@ from .test_ready_maps import ulog
 ONCE = settings(max_examples=10, deadline=None, derandomize=True)
 FIELDS = ("q", "xyz", "vel", "current", "temperature", "pos", "count", "timestamp_sample")
 COVERED = {".csv", ".npz", ".mat", ".h5"}  # by test_draft
-HERE = {".csv.gz", ".tsv", ".txt", ".hdf5", ".nc", ".parquet", ".bag", ".db3", ".mcap", ".ulg"}
+HERE = {
+    ".csv.gz",
+    ".tsv",
+    ".txt",
+    ".dat",
+    ".asc",
+    ".log",
+    ".hdf5",
+    ".nc",
+    ".parquet",
+    ".bag",
+    ".db3",
+    ".mcap",
+    ".ulg",
+}
 
 
 def twist(make, k):
@@ -68,7 +82,12 @@ def test_the_draft_of_further_arrays_imports(columns, suffix):
 
 
 @ONCE
-@given(columns_of_logs, st.sampled_from([(".tsv", "\t"), (".txt", " "), (".csv.gz", ",")]))
+@given(
+    columns_of_logs,
+    st.sampled_from(
+        [(".tsv", "\t"), (".txt", " "), (".csv.gz", ","), (".dat", " "), (".asc", ";"), (".log", ",")]
+    ),
+)
 def test_the_draft_of_further_text_imports(columns, form):
     suffix, delimiter = form
     arrays = {name: signal(seed, (N,), kind) for name, (seed, _, kind) in columns.items()}

@@ -73,12 +73,12 @@ def test_nan_and_infinity_are_numbers(tmp_path):
         ("t,x\n0,1\n0.5\n1.0,3\n", r"line 3: 1 cells, but there are 2 columns\."),
         ("t,x\n0,1\n0.5,2,3\n1.0,3\n", r"line 3: 3 cells"),
         ("t,x\n0,1\n\n1.0,3\n", r"line 3: 0 cells"),
-        ("t,x,x\n0,1,2\n1,1,2\n", "columns x appear more than once"),
         ("t,x\n", "has no samples"),
         ("", "no lines"),
         ("\n\n", "no lines"),
         ("t x y\n0 1\n", "no delimiter found"),
-        (b"t,x\n\xff\xfe,1\n", "not UTF-8"),
+        ("t,x\n0,000,1,000\n0,100,2,000\n", r"line 2: 4 cells.*decimals look like commas"),
+        (b"t,x\n\xff\x00\x01,1\n", "no text in UTF-8, UTF-16 or Windows-1252"),
     ],
 )
 def test_what_is_wrong_with_a_csv_is_named(text, message, tmp_path):
