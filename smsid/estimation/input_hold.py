@@ -14,11 +14,14 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs
 
-Hold = Literal["held", "linear", "jumps"]
+Hold = Literal["held", "linear", "smooth", "jumps"]
 JUMP = 5.0  # times its neighbours' changes together that a change is a jump between samples
 RAMP = 1e-9  # share of a sample interval that a jump takes: less than `limits` looks aside
 FEW = 10  # least number of neighbouring changes that tell a wave
+VARYING: tuple[Hold, ...] = ("linear", "smooth")  # without jumps, so without a side of one
+CURVED = 1e-3  # of a command's size: by how much a cubic leaves the straight line before it matters
 
+DEGREE: dict[Hold, int] = {"held": 0, "linear": 1, "jumps": 1, "smooth": 3}
 COMMANDS = {
     "force": "command.force",
     "torque": "command.torque",
@@ -33,9 +36,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True) -> Inputs:
     """Return the commanded inputs of a recording; between samples they are held or vary linearly.
 
-    With ``"jumps"`` they vary linearly but where they jump: there the sample before is held until the one
-    after. So are thrusters that switch beside wheels or a torque that do not. What is not commanded but
-    measured (``<sensor>.joint_torque``, say) stands in.
+    ``"smooth"`` ones follow a cubic spline: telemetry that is slow beside what it commands. With ``"jumps"``
+    they vary linearly but where they jump: there the sample before is held until the one after. So are
+    thrusters that switch beside wheels or a torque that do not. What is not commanded but measured
+    (``<sensor>.joint_torque``, say) stands in.
 
     Its columns are in the model's order (`order_columns`).
 
@@ -51,7 +55,7 @@ def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, requi
         if field == "thruster_force":
             full = [t.force for t in model.description.thruster]
             field, values = "thruster", values.reshape(len(values), -1) / full
-        signals[field] = Sampled.from_samples(times, values, 0 if hold == "held" else 1)
+        signals[field] = Sampled.from_samples(times, values, DEGREE[hold])
     if required and all(s is None for s in signals.values()):
         raise RecordingError(
             f"The recording '{recording.name}' has no command.* channel.",
@@ -88,6 +92,25 @@ def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
 def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether commands (N, k) of a recording jump between samples, and none varies smoothly."""
     return _looks(recording) == (True, False)
+
+
+def curved(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+    """Whether smooth commands (N, k) bend between samples by as much as matters: none jumps, and halfway
+    between samples a cubic through them leaves the straight line by more than `CURVED` of their size.
+    """
+    steps, smooth = _looks(recording)
+    if steps or not smooth:
+        return False
+    bend = 0.0
+    for channel in COMMANDS.values():
+        if channel in recording:
+            values = np.asarray(recording[channel], dtype=float)
+            values = values.reshape(len(values), -1)
+            if len(values) > 3:
+                # of four equidistant samples the cubic's middle is (-1, 9, 9, -1) / 16
+                off = np.abs(values[1:-2] + values[2:-1] - values[:-3] - values[3:]).max(initial=0.0) / 16.0
+                bend = max(bend, float(off) / max(float(np.abs(values).max(initial=0.0)), 1e-300))
+    return bend > CURVED
 
 
 def _looks(recording: Mapping[str, np.ndarray] | Recording) -> tuple[bool, bool]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.errors import SimulationError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_hold import Hold, mixed
+from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
 from smsid.estimation.kalman import FilterRun, Problem, Timing, run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
@@ -23,7 +23,7 @@ def timings(recording: Recording) -> tuple[Timing, ...]:
     """Return how the commands of a recording may act: one where it says so itself.
 
     It does by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance. Commands that jump
-    beside others that do not may be both.
+    beside others that do not may be both; those that vary may bend between slow samples.
     """
     told = recording.provenance
     side = "left" if "left" in str(told.get("acceleration", "")) else "right"
@@ -31,7 +31,9 @@ def timings(recording: Recording) -> tuple[Timing, ...]:
     holds: tuple[Hold, ...] = ("linear", "held", *(("jumps",) if mixed(recording) else ()))
     if told.get("inputs") in ("held", "linear"):
         holds = (told["inputs"],)
-    return tuple(Timing(h, s) for h in holds for s in (sides[:1] if h == "linear" else sides))
+    if "linear" in holds and curved(recording):
+        holds = (*holds, "smooth")
+    return tuple(Timing(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides))
 
 
 def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timing:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.linalg import block_diag, lapack
 
 from smsid.errors import SimulationError
-from smsid.estimation.input_hold import Hold, commanded, jumps_in, limits, means, unevenness
+from smsid.estimation.input_hold import VARYING, Hold, commanded, jumps_in, limits, means, unevenness
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import Block, Measured
 from smsid.estimation.parameter_vector import JointPrior
@@ -363,7 +363,7 @@ def _readable(problem: Problem) -> np.ndarray:
     Of the first sample none that shows at once what acts, where that is a command from before the recording.
     """
     present, timing = np.isfinite(problem.data.values), problem.timing
-    if timing.hold != "linear" and timing.side == "left" and jumps_in(problem.recording):
+    if timing.hold not in VARYING and timing.side == "left" and jumps_in(problem.recording):
         for block in problem.data.blocks:
             if block.quantity in AT_ONCE:
                 present[0, block.rows] = False

@@ -11,6 +11,7 @@ from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight, longest_step
 from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.input_hold import VARYING
 from smsid.estimation.kalman import Noise, UnknownInput
 from smsid.estimation.measurements import Block, Measured, _block, _labels
 from smsid.model.spacecraft import SpacecraftModel
@@ -102,7 +103,7 @@ class Setting:
             tuple(int(v) for v in problem.locked),
             problem.unknown_inputs,
             problem.noise,
-            "linear" if problem.timing.hold == "linear" else "held",
+            "linear" if problem.timing.hold in VARYING else "held",
             longest_step(flight.model),
             problem.substep,
             lateness,

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from smsid.effects import ThrusterGain
-from smsid.estimation.input_hold import locked
+from smsid.estimation.input_hold import curved, locked
 from smsid.estimation.input_timing import timing_of, timings
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measured
+from smsid.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +47,17 @@ def test_waves_vary(known, problem, recording):
     """Torques of the second experiment never jump: nothing to choose but held and linear."""
     assert {t.hold for t in timings(recording)} == {"held", "linear"}
     assert timing_of(known.point, problem).hold == "linear"
+
+
+def test_slow_samples_of_what_varies_are_a_smooth_course(known, recording):
+    """At 100 Hz the paper's waves do not bend between samples; at 5 Hz they do, and are followed so."""
+    slow = {c: recording[c][::20] for c in recording.channels}
+    thin = Recording.from_arrays(recording.time("imu.angular_rate")[::20], slow, labels=recording.labels)
+    assert not curved(recording) and curved(thin)
+    assert "smooth" in {t.hold for t in timings(thin)}
+    assert timing_of(known.point, problem_of(known.point, thin)).hold == "smooth"
+
+
+def test_what_jumps_is_not_smooth(thrust):
+    slow = {c: thrust[c][::20] for c in ("command.force", "command.torque")}
+    assert not curved(slow)
