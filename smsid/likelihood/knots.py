@@ -2,8 +2,9 @@
 
 Akaike's criterion chooses the knots by what encoders see. Outputs may see more: a gyro feels the motion a
 hundred times better than a coarse encoder, and a panel rings where the spline cannot follow. What the spline
-leaves out is then taken for the panel's own motion, and since nothing in the model may move the panel at that
-frequency but the parameters, their standard deviations come out too small (ten times, on a light bus with a heavy arm).
+leaves out is then taken for the panel's own motion, and as nothing in the model but the parameters may move
+the panel at that frequency, their standard deviations come out too small: ten times, on a light bus with a
+heavy arm.
 
 So a maximum is compared with one step towards the maximum of a finer spline that contains the first. It has
 twice as many knots at least, and enough to follow whatever the craft rings at. Where estimates or standard
