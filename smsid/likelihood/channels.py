@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,7 +127,7 @@ def measured_channels(
     Raises `RecordingError` when a panel's columns do not fit, or a channel has too few usable samples.
     """
     found = []
-    shared: dict[bytes, tuple[csr_array, csr_array, csr_array]] = {}
+    weights_at = _Weights(timeline)
     for sensor, quantity in present(model, recording):
         name = f"{sensor.name}.{quantity}"
         values = recording[name]
@@ -138,16 +139,43 @@ def measured_channels(
         if not kept.all():
             times, values = times[kept], values[kept]
         size = _noise(values, quantity) if sigma is None else np.asarray(sigma[name], dtype=float)
-        key = times.tobytes()
-        if key not in shared:
-            coarse = timeline.coarse.interpolation(times)
-            shared[key] = timeline.interpolation(times), coarse, gram_root(coarse)
         found.append(
             Channel(
-                sensor, quantity, times, values, np.diag(size**2), *shared[key], int(np.count_nonzero(~kept))
+                sensor,
+                quantity,
+                times,
+                values,
+                np.diag(size**2),
+                *weights_at(times),
+                int(np.count_nonzero(~kept)),
             )
         )
     return tuple(found)
+
+
+def on_timeline(channels: Sequence[Channel], timeline: Timeline) -> tuple[Channel, ...]:
+    """Return the channels to be compared with predictions on another grid."""
+    weights_at = _Weights(timeline)
+    out = []
+    for c in channels:
+        weights, coarse, root = weights_at(c.times)
+        out.append(replace(c, weights=weights, coarse_weights=coarse, root=root))
+    return tuple(out)
+
+
+class _Weights:
+    """Weights, coarse ones and their root by times of samples (N,) [s]; equal times share them."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._shared: dict[bytes, tuple[csr_array, csr_array, csr_array]] = {}
+
+    def __call__(self, times: np.ndarray) -> tuple[csr_array, csr_array, csr_array]:
+        key = times.tobytes()
+        if key not in self._shared:
+            coarse = self._timeline.coarse.interpolation(times)
+            self._shared[key] = self._timeline.interpolation(times), coarse, gram_root(coarse)
+        return self._shared[key]
 
 
 def gram_root(weights: csr_array) -> csr_array:

@@ -14,11 +14,11 @@ from smsid.errors import ExperimentError
 from smsid.experiments import Experiment
 from smsid.experiments.fly import fly
 from smsid.likelihood.combinations import Combination
+from smsid.likelihood.knots import resolved_information
 from smsid.likelihood.local import Nuisance
-from smsid.likelihood.normal import normal_at
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import piece_of
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.point import Point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.refine import free_predictions, gradient_matrix, prior_shares, reported
 from smsid.model import build_model
@@ -105,10 +105,10 @@ def _fisher(
         # the whitening by what measured wheels add, as the refinement has it
         own = piece.following()
         pieces.append(own.with_input_noise(at, own.predict(at, local)))
-    seen = Seen.at(pieces, point)
-    normal = normal_at(pieces, seen, Prior(at), with_data=False)
-    covariance = normal.covariance()
     combinations, _ = reported(at, at, free_predictions(pieces, point))
+    rows = np.array([c.gradient for c in combinations])
+    normal = resolved_information(pieces, point, Prior(at), rows)
+    covariance = normal.covariance()
     jacobian = gradient_matrix(combinations, len(covariance), at.size, ())
     return FisherInformation(
         tuple(combinations), jacobian @ covariance @ jacobian.T, prior_shares(normal, jacobian, covariance)

@@ -11,7 +11,14 @@ from scipy.sparse import csr_array
 
 from smsid.identify.corrected import corrected
 from smsid.identify.usable import outliers
-from smsid.likelihood.channels import Channel, described_sigma, measured_channels, present, spanned
+from smsid.likelihood.channels import (
+    Channel,
+    described_sigma,
+    measured_channels,
+    on_timeline,
+    present,
+    spanned,
+)
 from smsid.likelihood.drive import Drive, measured_drive
 from smsid.likelihood.input_noise import with_input_noise
 from smsid.likelihood.local import (
@@ -30,6 +37,7 @@ from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
 from smsid.likelihood.readings import agreement, misfit, refitted
+from smsid.likelihood.spline import MeasuredMotion
 from smsid.likelihood.timeline import Timeline
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -118,6 +126,19 @@ class Piece:
             return self
         size = self.drive.joints.coefficients.size
         return replace(self, slots=(*self.slots, Slot("joint_motion", "", self.size, size, np.inf, "rad")))
+
+    def with_joints(self, joints: MeasuredMotion) -> Piece:
+        """Return the piece with another spline of the joints' motion, and steps that end at its knots."""
+        drive = replace(self.drive, joints=joints)
+        timeline = _knots_on_grid(drive, self.timeline)
+        slots = []
+        for s in self.slots:
+            size = joints.coefficients.size if s.kind == "joint_motion" else s.size
+            slots.append(replace(s, start=sum(x.size for x in slots), size=size))
+        channels = self.channels
+        if not np.array_equal(timeline.counts, self.timeline.counts):
+            channels = on_timeline(channels, timeline)
+        return replace(self, drive=drive, timeline=timeline, channels=channels, slots=tuple(slots))
 
     def with_clocks(self, names: Sequence[str]) -> Piece:
         """Return the piece with the clocks of sensors by ``names`` among its parameters too."""
@@ -305,9 +326,11 @@ def longest_step(model: SpacecraftModel) -> float:
 
 
 def _knots_on_grid(drive: Drive, timeline: Timeline) -> Timeline:
-    """Return the grid refined so that steps end at the knots of measured joint motion, where that jerks."""
+    """Return the grid refined so that steps end at the knots of measured joint motion, where that jerks.
+
+    Those of the coarse grid too.
+    """
     if drive.joints is None or len(timeline.counts) > 1:
         return timeline
-    intervals = drive.joints.intervals
-    unit = intervals if intervals % 2 == 0 else 2 * intervals
+    unit = 2 * drive.joints.intervals
     return Timeline(timeline.edges, unit * np.ceil(timeline.counts / unit).astype(int))

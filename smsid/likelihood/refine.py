@@ -19,11 +19,12 @@ from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
 from smsid.likelihood.held import not_seen, resting
 from smsid.likelihood.history import history_of
+from smsid.likelihood.knots import resolve_motion
 from smsid.likelihood.local import Nuisance
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.piece import Piece, piece_of
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import Point, Seen
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Cad, Prior
 from smsid.likelihood.report import (
@@ -41,6 +42,11 @@ from smsid.likelihood.unseen import UnseenDirection, unseen_directions
 from smsid.likelihood.unseen import notes as unseen_notes
 from smsid.model import build_model
 from smsid.recording import Recording
+
+UNRESOLVED = (
+    "the joints move faster than their motion can be told: standard deviations may be too small; record the "
+    "encoders faster, or a shorter flight"
+)
 
 
 @short_repr
@@ -128,12 +134,17 @@ def _refine(
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
     sought = search(pieces, first, prior)
-    found = sought.found
+
+    def gradients(seen: Seen, own: Sequence[Piece]) -> np.ndarray:
+        return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
+
+    found, enough = resolve_motion(sought.found, prior, gradients)
+    visits = (*sought.visits, *found.visits[len(sought.found.visits) :])
     searched = time.perf_counter()
     at = found.point.parameters
-    pairs_ = zip(found.pieces, found.seen.predictions, strict=True)
-    predictions = [x for p, x in pairs_ if not p.drive.held]
-    combinations, notes = reported(at, described, predictions)
+    combinations, notes = seen_in(found.pieces, found.seen, described)
+    if not enough:
+        notes.append(UNRESOLVED)
     if sought.clocks:
         names = ", ".join(sorted(sought.clocks))
         notes.append(f"clocks that do not agree with the rest, estimated too: {names}")
@@ -172,9 +183,7 @@ def _refine(
             "iterations": float(found.iterations),
             "sum of squares / samples": found.cost / found.samples,
         },
-        history=history_of(
-            sought.visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]
-        ),
+        history=history_of(visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]),
         covariance=reported_covariance,
     )
     inertias = dict(zip(at.layout.names, bodies, strict=True))
@@ -198,6 +207,14 @@ def free_predictions(pieces: Sequence[Piece], point: Point) -> list[Prediction]:
     """Return the predictions of the free-floating recordings at a point."""
     pairs = zip(pieces, point.locals, strict=True)
     return [p.predict(point.parameters, local) for p, local in pairs if not p.drive.held]
+
+
+def seen_in(
+    pieces: Sequence[Piece], seen: Seen, described: Parameters
+) -> tuple[list[Combination], list[str]]:
+    """Return what is reported (`reported`) of the motions that recordings show."""
+    pairs = zip(pieces, seen.predictions, strict=True)
+    return reported(seen.point.parameters, described, [x for p, x in pairs if not p.drive.held])
 
 
 def reported(

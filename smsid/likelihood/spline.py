@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
@@ -48,7 +48,7 @@ class MeasuredMotion:
     in band as the fit: its mean variance times samples over coefficients. ``information`` (k, m, m) of the
     coefficients (m, k). ``samples`` are what it was fitted to, ``sensor`` what took them. ``clock`` (offset
     [s], drift [1]) is what their clock shows too much: the spline runs by that clock, `values` by the true
-    one.
+    one. ``rate`` [Hz] is that of the densities.
     """
 
     spline: BSpline
@@ -59,6 +59,7 @@ class MeasuredMotion:
     samples: tuple[Samples, ...] = ()
     sensor: str = ""
     clock: tuple[float, float] = (0.0, 0.0)
+    rate: float = 1.0
 
     @property
     def spacing(self) -> float:
@@ -74,6 +75,21 @@ class MeasuredMotion:
     def with_coefficients(self, coefficients: np.ndarray) -> MeasuredMotion:
         """Return the motion with other coefficients (m, k)."""
         return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
+
+    def divided(self, factor: int) -> MeasuredMotion:
+        """Return the same motion on knots that are so many times as dense."""
+        t = self.spline.t
+        knots = _knots(float(t[0]), float(t[-1]), factor * self.intervals)
+        # averages of the inner knots: collocation there determines every coefficient
+        places = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(len(knots) - DEGREE - 1)])
+        spline = make_interp_spline(places, self.spline(places), k=DEGREE, t=knots)
+        return replace(self, spline=spline, intervals=factor * self.intervals)
+
+    def refitted(self, intervals: int) -> MeasuredMotion:
+        """Return the motion that its samples have on so many intervals."""
+        t = self.spline.t
+        found = _Fitted.of(list(self.samples), float(t[0]), float(t[-1]), intervals).motion(self.rate)
+        return replace(found, samples=self.samples, sensor=self.sensor, clock=self.clock)
 
     def with_clock(self, clock: np.ndarray) -> MeasuredMotion:
         """Return the motion as it was if the sensor's ``clock`` (2,) shows so much [s, 1] too much."""
@@ -212,7 +228,7 @@ class _Fitted:
                 variance = np.sum(x.T * cho_solve(cho_factor(normal), x.T), axis=0)
                 out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
         spline = BSpline(self.knots, self.coefficients, DEGREE)
-        return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information)
+        return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information, rate=rate)
 
 
 def _knots(start: float, stop: float, intervals: int) -> np.ndarray:

@@ -1,0 +1,153 @@
+"""Whether the spline of the joints' motion has knots enough, and a finer one where it has not.
+
+Akaike's criterion chooses the knots by what encoders see. Outputs may see more: a gyro feels the motion a
+hundred times better than a coarse encoder, and a panel rings where the spline cannot follow. What the spline
+leaves out is then taken for the panel's own motion, and as nothing in the model but the parameters may move
+the panel at that frequency, their standard deviations come out too small: ten times, on a light bus with a
+heavy arm.
+
+So a maximum is compared with one step towards the maximum of a finer spline that contains the first. It has
+twice as many knots at least, and enough to follow whatever the craft rings at. Where estimates or standard
+deviations differ, the finer spline it is; where nothing rings the comparison is made again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import eigvalsh
+
+from smsid.likelihood.fit import Fit, fit
+from smsid.likelihood.local import Local
+from smsid.likelihood.normal import Normal, normal_at
+from smsid.likelihood.piece import Piece
+from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.prediction import symmetric
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.spline import DEGREE
+from smsid.model.spacecraft import SpacecraftModel
+
+logger = logging.getLogger(__name__)
+
+KNOTS_PER_PERIOD = 2.5
+CLOSEST = 0.1  # [s] between knots
+MOST = 2500  # coefficients of all joints of a recording: the normal equations are dense
+GROWTH = 1.05  # factor of a standard deviation that counts as none
+SHIFT = 0.3  # standard deviations of an estimate that count as none
+
+Gradients = Callable[[Seen, Sequence[Piece]], np.ndarray]
+"""Rows (k, size) by which what is reported depends on the common parameters."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What a finer spline changes: ``growth`` of a standard deviation [1], ``shift`` [standard deviations].
+
+    The largest of all that is reported.
+    """
+
+    growth: float
+    shift: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether the coarser one does."""
+        return self.growth < GROWTH and self.shift < SHIFT
+
+
+def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit, bool]:
+    """Return the maximum with knots enough; and whether they are: not where there may be no more of them.
+
+    Raises `NotIdentifiableError` when a search does not come to rest.
+    """
+    model, changed = found.point.parameters.layout.model, False
+    while True:
+        pieces, locals_ = refined_motion(found.pieces, found.point)
+        if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
+            return found, not changed
+        seen = Seen.at(pieces, Point(found.point.parameters, locals_))
+        change = resolution(found.normal, normal_at(pieces, seen, prior), gradients(found.seen, found.pieces))
+        logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
+        if change.is_enough:
+            return found, True
+        again, changed = fit(pieces, seen.point, prior), True
+        steps = found.iterations + again.iterations
+        found = replace(again, iterations=steps, visits=(*found.visits, *again.visits))
+        if all(resolves_ringing(p, model) for p in pieces):
+            return found, True
+
+
+def resolved_information(pieces: Sequence[Piece], point: Point, prior: Prior, rows: np.ndarray) -> Normal:
+    """Return the information at a point, the joints' motion on knots enough for ``rows`` (k, size).
+
+    Without data: a bound of the standard deviations.
+    """
+    pieces, found = tuple(pieces), normal_at(pieces, Seen.at(pieces, point), prior, with_data=False)
+    while True:
+        more, locals_ = refined_motion(pieces, point)
+        if all(new is old for new, old in zip(more, pieces, strict=True)):
+            return found
+        point = Point(point.parameters, locals_)
+        after = normal_at(more, Seen.at(more, point), prior, with_data=False)
+        enough = resolution(found, after, rows).is_enough
+        pieces, found = more, after
+        if enough or all(resolves_ringing(p, point.parameters.layout.model) for p in pieces):
+            return found
+
+
+def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
+    """Return what another spline changes of what is reported, ``rows`` (k, size) by common parameters."""
+    size = rows.shape[1]
+    first, second = (x.covariance() for x in (before, after))
+    shift = rows @ (second @ after.gradient)[:size]
+    sigma = [np.sqrt(np.einsum("ij,jk,ik->i", rows, x[:size, :size], rows)) for x in (first, second)]
+    return Resolution(float(np.max(sigma[1] / sigma[0])), float(np.max(np.abs(shift) / sigma[1])))
+
+
+def refined_motion(pieces: Sequence[Piece], point: Point) -> tuple[tuple[Piece, ...], tuple[Local, ...]]:
+    """Return the recordings and their local values with more knots for the same motion.
+
+    A recording that may have no more is returned as it is.
+    """
+    model = point.parameters.layout.model
+    pairs = [_refined(p, x, model) for p, x in zip(pieces, point.locals, strict=True)]
+    return tuple(p for p, _ in pairs), tuple(x for _, x in pairs)
+
+
+def resolves_ringing(piece: Piece, model: SpacecraftModel) -> bool:
+    """Return whether the spline follows whatever moves the craft as fast as it rings."""
+    joints = piece.drive.joints
+    return joints is None or joints.spacing < _period(piece, model) / KNOTS_PER_PERIOD < np.inf
+
+
+def _refined(piece: Piece, local: Local, model: SpacecraftModel) -> tuple[Piece, Local]:
+    joints = piece.drive.joints
+    if joints is None or not piece.follows:
+        return piece, local
+    wanted = min(0.5 * joints.spacing, _period(piece, model) / KNOTS_PER_PERIOD)
+    size, width = joints.coefficients.shape
+    most = min(joints.spacing / CLOSEST, (MOST / width - DEGREE) / (size - DEGREE))
+    factor = min(int(np.ceil(joints.spacing / wanted)), int(most))
+    if factor < 2:
+        return piece, local
+    finer = joints.with_coefficients(local.motion).divided(factor)
+    piece = piece.with_joints(joints.refitted(factor * joints.intervals))
+    return piece, replace(local, motion=finer.coefficients)
+
+
+def _period(piece: Piece, model: SpacecraftModel) -> float:
+    """Shortest period [s] at which the craft rings with its joints held; infinite where nothing does."""
+    springs = model.spring_v
+    if not len(springs):
+        return np.inf
+    mass = symmetric(pin.crba(model.pin, model.pin.createData(), model.home))
+    base = piece.drive.free[piece.drive.free < 6]
+    own = mass[np.ix_(springs, springs)]
+    if len(base):
+        across = mass[np.ix_(base, springs)]
+        own = own - across.T @ np.linalg.solve(mass[np.ix_(base, base)], across)
+    return float(2.0 * np.pi / np.sqrt(eigvalsh(np.diag(model.stiffness), own)[-1]))
