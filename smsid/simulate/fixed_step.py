@@ -10,8 +10,9 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.held_step import held_step
+from smsid.simulate.held_step import take_held_steps
 from smsid.simulate.integrate import initial_state
+from smsid.simulate.kernel import Kernel
 from smsid.simulate.trajectory import Audit, closing_audit
 
 Controller = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -62,30 +63,29 @@ def simulate_closed_loop(
         raise ExperimentError(f"A delay of {delay} samples is in the future.", advice="Give 0 or more.")
     nv = model.nv
     time = dt * np.arange(steps + 1)
-    q, v = np.empty((steps + 1, model.nq)), np.empty((steps + 1, nv))
+    q, v = np.empty((steps + 1, model.nq)), np.full((steps + 1, nv), np.nan)
     tau, gained = np.zeros((steps + 1, nv)), np.zeros((steps + 1, 7))
     q[0], v[0] = initial_state(model, q0, v0)
-    pending = [np.zeros(nv)] * delay
+    pending, kernel = [np.zeros(nv)] * delay, Kernel.of(model)
     with np.errstate(over="ignore", invalid="ignore"):
-        for i in range(steps):
-            if i % hold == 0:
-                pending.append(_asked(controller, time[i], q[i], v[i]))
-                tau[i] = pending.pop(0)
-            else:
-                tau[i] = tau[i - 1]
-            q[i + 1], v[i + 1], gain = held_step(model, time[i], dt, q[i], v[i], tau[i], audit)
-            gained[i + 1] = gained[i] + gain
-            if not np.isfinite(v[i + 1]).all():
+        for i in range(0, steps, hold):
+            end = min(i + hold, steps)
+            pending.append(_asked(controller, time[i], q[i], v[i]))
+            tau[i:end] = now = pending.pop(0)
+            rows = slice(i, end + 1)
+            take_held_steps(model, kernel, time[i], dt, q[rows], v[rows], now, gained[rows] if audit else None)
+            if not np.isfinite(v[end]).all():
+                lost = i + int(np.argmin(np.isfinite(v[rows]).all(axis=1)))
                 raise SimulationError(
-                    f"The closed loop blew up at t = {time[i + 1]:.6g} s.",
+                    f"The closed loop blew up at t = {time[lost]:.6g} s.",
                     advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
-                    time=time[i + 1],
-                    q=q[i],
-                    v=v[i],
-                    tau=tau[i],
+                    time=time[lost],
+                    q=q[lost - 1],
+                    v=v[lost - 1],
+                    tau=now,
                 )
     tau[-1] = tau[-2]
-    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained) if audit else None)
+    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained, kernel) if audit else None)
 
 
 def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
