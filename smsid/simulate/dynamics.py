@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.simulate.held_chart import HeldRun
 from smsid.simulate.inputs import Inputs, Prescribed
-from smsid.simulate.kernel import Kernel
 from smsid.simulate.signals import is_held, sample
 
 

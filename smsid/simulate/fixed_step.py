@@ -9,10 +9,10 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError, SimulationError
+from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.held_step import take_held_steps
 from smsid.simulate.integrate import initial_state
-from smsid.simulate.kernel import Kernel
 from smsid.simulate.trajectory import Audit, closing_audit
 
 Controller = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -73,7 +73,9 @@ def simulate_closed_loop(
             pending.append(_asked(controller, time[i], q[i], v[i]))
             tau[i:end] = now = pending.pop(0)
             rows = slice(i, end + 1)
-            take_held_steps(model, kernel, time[i], dt, q[rows], v[rows], now, gained[rows] if audit else None)
+            take_held_steps(
+                model, kernel, time[i], dt, q[rows], v[rows], now, gained[rows] if audit else None
+            )
             if not np.isfinite(v[end]).all():
                 lost = i + int(np.argmin(np.isfinite(v[rows]).all(axis=1)))
                 raise SimulationError(

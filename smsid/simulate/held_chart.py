@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.simulate import compiled
-from smsid.simulate.kernel import Kernel
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.short import short_states, short_steps
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class HeldChart:
         """Return q (M, nq), v (M, nv) and accelerations (M, nv) at times (M,) [s] within."""
         q = np.empty((len(times), self.q.shape[1]))
         v, a = np.empty((2, len(times), self.v.shape[1]))
-        compiled.short_states(*self.kernel.arrays, self.times, self.q, self.v, self.tau, self.parts, times, q, v, a)
+        short_states(*self.kernel.arrays, self.times, self.q, self.v, self.tau, self.parts, times, q, v, a)
         return q, v, a
 
 
@@ -55,7 +55,7 @@ class HeldRun:
         any such stretch there is no chart.
         """
         self.q[k], self.v[k] = q, v
-        done, step = compiled.short_steps(
+        done, step = short_steps(
             *self.kernel.arrays,
             self.edges[k:],
             self.q[k:],

@@ -12,11 +12,10 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.steps import DOUBT, LOST, SMALL, held_steps
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate import compiled
-from smsid.simulate.compiled import DOUBT, LOST, SMALL
 from smsid.simulate.integrate import Tolerance, run_chart
-from smsid.simulate.kernel import Kernel
 from smsid.simulate.stiff_steps import Stiffness
 from smsid.simulate.trajectory import external_rates
 
@@ -45,7 +44,7 @@ def take_held_steps(
     kept = np.empty((0, 7)) if gained is None else gained
     while i < count:
         if kernel is not None:
-            i += compiled.held_steps(*kernel.arrays, q[i:], v[i:], tau, h, count - i, kept[i:])
+            i += held_steps(*kernel.arrays, q[i:], v[i:], tau, h, count - i, kept[i:])
             if i == count:
                 return
         audit = gained is not None

@@ -18,9 +18,9 @@ import pinocchio as pin
 from scipy.integrate import DOP853, DenseOutput
 
 from smsid.errors import SimulationError
+from smsid.kernel.short import SHORT, STEP_ANGLE
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.chart_derivative import ChartDerivative, Enforce
-from smsid.simulate.compiled import SHORT, STEP_ANGLE
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.held_chart import HeldChart
 from smsid.simulate.inputs import Inputs

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import RK45, DenseOutput
 
-from smsid.simulate.compiled import MOST_ERROR, PARTS, STAGES
+from smsid.kernel.short import MOST_ERROR, PARTS, STAGES
 
 STAGE_ROWS = tuple(np.ascontiguousarray(RK45.A[s, :s]) for s in range(1, STAGES))
 STAGE_TIMES = tuple(float(c) for c in RK45.C[1:STAGES])
@@ -62,7 +62,7 @@ def short_steps(
     if not error < MOST_ERROR:
         return None
     found: list[ShortPiece] = []
-    count, start = 2 + int(PARTS * error**0.2), t
+    count, start = 1 + int(PARTS * error**0.2), t
     for part in range(1, count + 1):
         end = t_end if part == count else start + part * (t_end - start) / count
         piece, error = short_step(derivative, t, y, rate, end, relative, absolute)

@@ -11,12 +11,12 @@ from scipy.integrate._ivp.base import DenseOutput
 
 from smsid._short_repr import short_repr
 from smsid.errors import SimulationError
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.steps import conserved
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate import compiled
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.held_chart import HeldChart
 from smsid.simulate.inputs import Inputs
-from smsid.simulate.kernel import Kernel
 from smsid.simulate.signals import sample
 
 
@@ -180,7 +180,7 @@ def closing_audit(
     """
     kept = np.empty((len(q), 8))
     if kernel is not None:
-        compiled.conserved(*kernel.arrays, q, v, kept)
+        conserved(*kernel.arrays, q, v, kept)
     else:
         for row, a, b in zip(kept, q, v, strict=True):
             row[:6], row[6] = model.momentum(a, b), model.energy(a, b)

@@ -6,20 +6,15 @@ with other forces goes the plain way, over Pinocchio, as does everything where n
 
 from __future__ import annotations
 
-import logging
-import os
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import pinocchio as pin
 
+from smsid.kernel import tree as c
+from smsid.kernel.jit import available
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate import compiled as c
 
-logger = logging.getLogger(__name__)
-
-SWITCH = "SMSID_COMPILED"  # environment variable; "0" asks for the plain way
 KINDS = {
     "JointModelRevoluteUnaligned": c.HINGE,
     "JointModelPrismaticUnaligned": c.SLIDE,
@@ -52,37 +47,31 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first three arguments of everything in `smsid.simulate.compiled`."""
+        """The first three arguments of everything in this folder that is compiled."""
         return self.tree, self.bodies, self.root
 
 
-def available() -> bool:
-    """Return whether compiled code can be used; where it cannot, the log says why, once."""
-    return os.environ.get(SWITCH, "1") != "0" and _compiled()
-
-
-@cache
-def _compiled() -> bool:
-    if c.numba is None:
-        logger.info("numba is not installed: the plain way is taken (pip install 'smsid[fast]' is faster)")
-        return False
-    if c.held_steps is None:
-        logger.info("numba finds no folder for its cache (NUMBA_CACHE_DIR names one): the plain way is taken")
-        return False
-    return True
-
-
 def arrays_of(model: SpacecraftModel) -> Kernel | None:
-    """Return the arrays of a model, ``None`` for joints that the kernel does not know."""
-    m, first = model.pin, 2 if model.free else 1
+    """Return the arrays of a model, ``None`` for joints or springs that the kernel does not know."""
+    found, start = tree_of(model.pin, model.free), 6 if model.free else 0
+    if found is None or np.any(model.spring_v < start):
+        return None
+    found.bodies[model.spring_v - start, c.STIFFNESS] = model.stiffness
+    found.bodies[model.spring_v - start, c.DAMPING] = model.damping
+    return found
+
+
+def tree_of(m: pin.Model, free: bool) -> Kernel | None:
+    """Return the arrays of a Pinocchio model, whose first joint is a free-flyer or not, without springs."""
+    first = 2 if free else 1
     root = np.zeros(16)
     root[c.GRAVITY : c.GRAVITY + 3] = m.gravity.linear
-    root[c.FREE] = float(model.free)
-    if model.free:
+    root[c.FREE] = float(free)
+    if free:
         root[:10] = m.inertias[1].toDynamicParameters()
     rows: list[np.ndarray] = []
     tree: list[list[int]] = []
-    last: dict[int, int] = {0: -1, 1: -1} if model.free else {0: -1}  # row of a joint's body
+    last: dict[int, int] = {0: -1, 1: -1} if free else {0: -1}  # row of a joint's body
     parents = {int(p) for p in list(m.parents)[first:]}
     for j in range(first, m.njoints):
         joint = m.joints[j]
@@ -108,11 +97,6 @@ def arrays_of(model: SpacecraftModel) -> Kernel | None:
     table = np.array(rows).reshape(-1, c.COLUMNS)
     links = np.array(tree, dtype=np.int64).reshape(-1, 4)
     _to_bus_axes(links, table)
-    start = 6 if model.free else 0
-    if np.any(model.spring_v < start):
-        return None
-    table[model.spring_v - start, c.STIFFNESS] = model.stiffness
-    table[model.spring_v - start, c.DAMPING] = model.damping
     return Kernel(links, table, root)
 
 
