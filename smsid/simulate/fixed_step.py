@@ -57,8 +57,8 @@ def simulate_closed_loop(
     Raises `ExperimentError` when they are not or the controller returns another shape, `SimulationError`
     when the start is no state of the spacecraft or the state is no longer finite.
     """
-    hold = _whole(1.0 / control_rate, dt, "The control period")
-    steps = _whole(duration, dt, "The duration")
+    hold = whole_steps(1.0 / control_rate, dt, "The control period")
+    steps = whole_steps(duration, dt, "The duration")
     if delay < 0:
         raise ExperimentError(f"A delay of {delay} samples is in the future.", advice="Give 0 or more.")
     nv = model.nv
@@ -76,18 +76,24 @@ def simulate_closed_loop(
             take_held_steps(
                 model, kernel, time[i], dt, q[rows], v[rows], now, gained[rows] if audit else None
             )
-            if not np.isfinite(v[end]).all():
-                lost = i + int(np.argmin(np.isfinite(v[rows]).all(axis=1)))
-                raise SimulationError(
-                    f"The closed loop blew up at t = {time[lost]:.6g} s.",
-                    advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
-                    time=time[lost],
-                    q=q[lost - 1],
-                    v=v[lost - 1],
-                    tau=now,
-                )
+            check_finite(time[rows], q[rows], v[rows], now)
     tau[-1] = tau[-2]
     return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained, kernel) if audit else None)
+
+
+def check_finite(time: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+    """Raise `SimulationError` where v (N, nv) is not finite, with the time (N,) [s], under held tau (nv,)."""
+    finite = np.isfinite(v).all(axis=1)
+    if not finite.all():
+        lost = int(np.argmin(finite))
+        raise SimulationError(
+            f"The closed loop blew up at t = {time[lost]:.6g} s.",
+            advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
+            time=time[lost],
+            q=q[lost - 1],
+            v=v[lost - 1],
+            tau=tau,
+        )
 
 
 def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -100,7 +106,8 @@ def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np
     return tau
 
 
-def _whole(length: float, dt: float, what: str) -> int:
+def whole_steps(length: float, dt: float, what: str) -> int:
+    """Return how many steps of ``dt`` [s] a length [s] is; raises `ExperimentError` if no whole number."""
     count = round(length / dt) if dt > 0.0 and 0.0 < length < np.inf else 0
     if count < 1 or abs(count * dt - length) > 1e-9 * length:
         raise ExperimentError(
