@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
+import joblib
 import numpy as np
 import pinocchio as pin
 
 from smsid.control.attitude import attitude_errors
-from smsid.control.compiled_flight import CompiledFlight
+from smsid.control.compiled_flight import PLAIN, CompiledFlight
 from smsid.control.pd import ModelBasedController
 from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.trajectory import sampled_motion
@@ -149,12 +152,36 @@ def track(
     if flight is not None:
         found, every = flight.run(q0, step, delay), 1
     else:
-        found = simulate_closed_loop(
-            model, plain, duration, dt=step, control_rate=rate, q0=q0, delay=delay, audit=False
-        )
+        with PLAIN:
+            found = simulate_closed_loop(
+                model, plain, duration, dt=step, control_rate=rate, q0=q0, delay=delay, audit=False
+            )
         every = round(1.0 / (rate * step))
     time, q, v, tau = (x[::every] for x in (found.time, found.q, found.v, found.tau))
     return tracking_of(model, controller, time, q, v, tau, actuators)
+
+
+def track_many(
+    model: SpacecraftModel,
+    controllers: Sequence[ModelBasedController],
+    *,
+    generators: Sequence[np.random.Generator] | None = None,
+    workers: int | None = None,
+    **options: Any,
+) -> list[Tracking]:
+    """Fly the complete spacecraft under each controller, as `track` does, several at a time.
+
+    Compiled flights run in ``workers`` threads, by default one per core; others take turns. ``generators``
+    draw the errors of sensors, one per flight; ``options`` are those of `track`. No controller stands twice.
+    Raises what `track` raises.
+    """
+    draws = [None] * len(controllers) if generators is None else generators
+    with ThreadPoolExecutor(workers or joblib.cpu_count()) as pool:
+        flights = [
+            pool.submit(track, model, controller, rng=rng, **options)
+            for controller, rng in zip(controllers, draws, strict=True)
+        ]
+        return [flight.result() for flight in flights]
 
 
 def track_continuously(
