@@ -88,6 +88,8 @@ def move_bus(q, xi, out):
     e = plus(plus(cross(a, w), s, w), t, a)
     last = s * t - dot(a, w)
     size = 1.0 / sqrt(dot(e, e) + last * last)
+    if dot(e, a) + last * s < 0.0:  # of the two quaternions the nearer one
+        size = -size
     out[3], out[4], out[5], out[6] = size * e[0], size * e[1], size * e[2], size * last
 
 

@@ -11,7 +11,7 @@ from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.tree import FREE, acceleration, workspace
 
-SHORT = 0.25  # of the planned step: an end nearer than that is reached by the fifth order
+SHORT = 0.5  # of the planned step: an end nearer than that is reached by the fifth order
 STEP_ANGLE = 1.0  # [rad] turn of the bus in one step at most
 PARTS, MOST_ERROR = 1.2, 500.0  # steps of fifth order per stretch: safety, error of one beyond which none do
 STAGES = 6
@@ -98,11 +98,10 @@ def short_steps(tree, bodies, root, times, q, v, tau, parts, step, relative, abs
 
 
 @compiled_and_cached
-def short_states(tree, bodies, root, times, q, v, tau, parts, wanted, out_q, out_v, out_a):
+def short_states(tree, bodies, root, times, q, v, tau, parts, wanted, forces, out_q, out_v, out_a):
     """Write the states at times ``wanted`` (M,) [s] between those of `short_steps`, by taking steps again.
 
-    ``out_q`` (M, nq), ``out_v`` and the accelerations ``out_a`` (M, nv), which are those under the tau that
-    acts from a time on.
+    ``out_q`` (M, nq), ``out_v`` and the accelerations ``out_a`` (M, nv) under ``forces`` (M, nv).
     """
     nq, nv, n = q.shape[1], v.shape[1], len(tree)
     scratch = workspace(n), np.empty(n), np.empty(n)
@@ -137,4 +136,4 @@ def short_states(tree, bodies, root, times, q, v, tau, parts, wanted, out_q, out
             for i in range(nv):
                 out_v[m, i] = speed[here, i] + y[nv + i]
         g = start_of_chart(tree, root, out_q[m], scratch[1])
-        acceleration(tree, bodies, root, scratch[1], out_v[m], tau[at], g, scratch[0], out_a[m])
+        acceleration(tree, bodies, root, scratch[1], out_v[m], forces[m], g, scratch[0], out_a[m])

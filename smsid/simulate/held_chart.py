@@ -30,11 +30,12 @@ class HeldChart:
         """Number of integration steps."""
         return int(self.parts.sum())
 
-    def states(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q (M, nq), v (M, nv) and accelerations (M, nv) at times (M,) [s] within."""
+    def states(self, times: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q (M, nq), v (M, nv) at times (M,) [s] within, and accelerations (M, nv) under tau."""
         q = np.empty((len(times), self.q.shape[1]))
         v, a = np.empty((2, len(times), self.v.shape[1]))
-        short_states(*self.kernel.arrays, self.times, self.q, self.v, self.tau, self.parts, times, q, v, a)
+        taken = self.times, self.q, self.v, self.tau, self.parts
+        short_states(*self.kernel.arrays, *taken, times, tau, q, v, a)
         return q, v, a
 
 

@@ -52,10 +52,10 @@ class Chart:
 
     def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq,) and v (nv,) at one time."""
-        q, v, _ = self.states(np.array([t]))
+        q, v, _ = self.states(np.array([t]), np.empty((1, self.pin.nv)))
         return q[0], v[0]
 
-    def states(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, None]:
+    def states(self, times: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, None]:
         """Return q (N, nq) and v (N, nv) at times (N,) [s] within; accelerations are left to the dynamics."""
         raw = self.raw(times)
         q = np.empty((len(times), self.pin.nq))
@@ -133,17 +133,17 @@ class Trajectory:
         q, v = np.empty((len(times), model.nq)), np.empty((len(times), model.nv))
         starts = np.array([c.times[0] for c in self.charts])
         index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
+        tau = sample(dynamics.applied, times)
         a, reaction = np.empty_like(v), np.zeros_like(v)
         missing = np.ones(len(times), dtype=bool)
         for k in np.unique(index):
             chosen = np.flatnonzero(index == k)
-            q[chosen], v[chosen], known = self.charts[k].states(times[chosen])
+            q[chosen], v[chosen], known = self.charts[k].states(times[chosen], tau[chosen])
             if known is not None:
                 a[chosen], missing[chosen] = known, False
         if dynamics.prescribed:
             for i in range(len(times)):
                 q[i], v[i] = dynamics.enforce(float(times[i]), q[i], v[i])
-        tau = sample(dynamics.applied, times)
         a[missing], reaction[missing] = dynamics.accelerations(
             times[missing], q[missing], v[missing], tau[missing]
         )
