@@ -148,9 +148,9 @@ def track(
         seen = measured_truth(model, q, v) if sensed is None else sensed(t, q, v)
         return actuators(controller.command(t, seen).torques, v[model.wheels.v])
 
-    flight = CompiledFlight.of(model, controller, actuators, sensed, duration, rate)
-    if flight is not None:
-        found, every = flight.run(q0, step, delay), 1
+    flight = CompiledFlight.of(model, controller, actuators, sensed, duration, rate, step)
+    if flight is not None and delay >= 0:
+        found, every = flight.run(q0, delay), 1
     else:
         with PLAIN:
             found = simulate_closed_loop(

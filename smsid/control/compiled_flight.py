@@ -37,6 +37,8 @@ class CompiledFlight:
     craft: Craft
     senses: Senses
     time: np.ndarray
+    hold: int
+    dt: float
 
     @classmethod
     def of(
@@ -47,20 +49,22 @@ class CompiledFlight:
         sensed: SensedState | None,
         duration: float,
         rate: float,
+        dt: float,
     ) -> CompiledFlight | None:
-        """Return the flight, ``None`` where the plain way has to be taken.
+        """Return the flight in steps of ``dt`` [s], ``None`` where the plain way has to be taken.
 
         That is for forces that the kernel does not know, Euler angles, rounded attitudes, unmeasured wheels,
-        wheels that are unloaded.
+        wheels that are unloaded. Raises `ExperimentError` when periods are not whole numbers of steps.
         """
         kernel, d = Kernel.of(model), controller.dynamics
         inside = tree_of(d.pin, True)
-        count = round(duration * rate)
         if kernel is None or inside is None or controller.coordinates != "quaternion" or actuators.unload:
             return None
-        if count < 1 or abs(count - duration * rate) > 1e-9 * count:  # the last period is cut short
+        hold = whole_steps(1.0 / rate, dt, "The control period")
+        count, rest = divmod(whole_steps(duration, dt, "The duration"), hold)
+        if rest:  # the last period is cut short
             return None
-        time = np.arange(count + 1) / rate
+        time = dt * np.arange(0, count * hold + 1, hold)
         n, w = len(model.arm_joints), len(model.wheels)
         senses = _perfect(count, 12 + 2 * n + w) if sensed is None else sensed.table(time[:-1])
         if senses is None:
@@ -88,16 +92,16 @@ class CompiledFlight:
             actuators.effort,
             layout.inertia,
         )
-        return cls(model, kernel, controller, actuators, law, craft, senses, time)
+        return cls(model, kernel, controller, actuators, law, craft, senses, time, hold, dt)
 
-    def run(self, q0: np.ndarray, dt: float, delay: int) -> ClosedLoop:
-        """Fly from rest at q0 (nq,) with steps of ``dt`` [s]; the states are those at the samples.
+    def run(self, q0: np.ndarray, delay: int) -> ClosedLoop:
+        """Fly from rest at q0 (nq,), commands ``delay`` samples late; the states are those at the samples.
 
         Raises `ControlError` where the attitude error nears half a turn, `SimulationError` when the loop
         blows up.
         """
         model, wheels, n = self.model, len(self.model.wheels), len(self.model.arm_joints)
-        hold, count = whole_steps(self.time[1], dt, "The control period"), len(self.time) - 1
+        hold, count = self.hold, len(self.time) - 1
         path = Path(
             np.empty((count * hold + 1, model.nq)),
             np.full((count * hold + 1, model.nv), np.nan),
@@ -107,7 +111,7 @@ class CompiledFlight:
             np.zeros(2 * wheels + n, dtype=np.int64),
         )
         path.q[0], path.v[0] = initial_state(model, q0, None)
-        fixed = *self.kernel.arrays, self.law, self.craft, self.senses, dt, hold, delay
+        fixed = *self.kernel.arrays, self.law, self.craft, self.senses, self.dt, hold, delay
         at, given = 0, False
         while True:
             at, why = fly(*fixed, path, at, given)
@@ -116,25 +120,26 @@ class CompiledFlight:
             given = why == COMMAND
             with PLAIN:
                 if given:
-                    self._command(path, at, hold)
+                    self._command(path, at)
                 else:
-                    self._step(path, at, hold, dt, delay)
+                    self._step(path, at, delay)
                     at += 1
         self.actuators.add_hits(path.hits)
         acted = np.vstack([np.zeros((delay, model.nv)), path.asked])[:count]
         return ClosedLoop(self.time, path.q[::hold], path.v[::hold], np.vstack([acted, acted[-1:]]), None)
 
-    def _command(self, path: Path, at: int, hold: int) -> None:
+    def _command(self, path: Path, at: int) -> None:
         n, seen = len(self.model.arm_joints), path.seen[at]
         ends = np.cumsum([9, 3, n, n])
         turn, omega, angles, rates, wheels = np.split(seen, ends)
         self.controller.state = path.state.copy()
         measured = Measured(turn.reshape(3, 3), omega, angles, rates, wheels)
         torques = self.controller.command(self.time[at], measured).torques
-        path.asked[at] = self.actuators(torques, path.v[at * hold, self.model.wheels.v])
+        path.asked[at] = self.actuators(torques, path.v[at * self.hold, self.model.wheels.v])
         path.state[:] = self.controller.state
 
-    def _step(self, path: Path, at: int, hold: int, dt: float, delay: int) -> None:
+    def _step(self, path: Path, at: int, delay: int) -> None:
+        hold, dt = self.hold, self.dt
         tau = path.asked[at - delay] if at >= delay else np.zeros(self.model.nv)
         rows = slice(at * hold, (at + 1) * hold + 1)
         with np.errstate(over="ignore", invalid="ignore"):
