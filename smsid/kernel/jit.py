@@ -39,10 +39,23 @@ def compiled_and_cached(function: Callable[..., Any]) -> Any:
     try:
         found = numba.njit(function, cache=True, **OPTIONS)
         found._cache._cache_file._source_stamp = _digest()
+        found._cache.save_overload = _forgiving(found._cache.save_overload)
     except (RuntimeError, AttributeError, OSError) as error:
         _reasons.append(f"numba keeps no cache ({error}); NUMBA_CACHE_DIR may name a folder for it")
         return function
     return found
+
+
+def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that saves, or says why it could not: what is compiled can be used all the same."""
+
+    def attempt(*given: Any) -> None:
+        try:
+            save(*given)
+        except OSError as error:
+            logger.warning("what numba has compiled is not kept for the next time: %s", error)
+
+    return attempt
 
 
 @cache
