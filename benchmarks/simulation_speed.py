@@ -156,9 +156,11 @@ def main() -> None:
     """Run every case and write the result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=9)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--cases", nargs="+", default=["free", "smooth", "held"], help="has its own result")
+    options = parser.parse_args()
+    rounds, chosen = options.rounds, options.cases
     write_result(
-        "simulation_speed",
+        "simulation_speed" if len(chosen) == 3 else f"simulation_speed_{'_'.join(chosen)}",
         {
             "what": "seconds of computing per simulated second at equal accuracy; ratios are against smsid "
             "in the same round; medians and quartiles over interleaved rounds in one process, one thread",
@@ -186,7 +188,7 @@ def main() -> None:
             ],
             "environment": environment("pin", "mujoco", "bsk", "numpy", "scipy", "numba"),
             "closed_loops": closed_loops(paper_model(), rounds),
-            "cases": {name: measure(name, rounds) for name in ("free", "smooth", "held")},
+            "cases": {name: measure(name, rounds) for name in chosen},
         },
     )
 

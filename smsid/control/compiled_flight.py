@@ -71,14 +71,17 @@ class CompiledFlight:
             return None
         size, f = d.size, controller.filter
         none = np.zeros((0, 0)), np.zeros((0, 2 * size)), np.zeros((size, 0)), np.zeros((size, 2 * size))
-        parts = none if f is None else (f.a, f.b, f.c, f.d)
+        a, b, c, through = (np.ascontiguousarray(x) for x in (none if f is None else (f.a, f.b, f.c, f.d)))
         law = Law(
             *inside.arrays,
             d.arm.v - 6,
             d.wheels.v - 6,
             np.ascontiguousarray(controller.gains.proportional),
             np.ascontiguousarray(controller.gains.derivative),
-            *(np.ascontiguousarray(x) for x in parts),
+            a,
+            b,
+            c,
+            through,
             sampled_motion(controller.reference, time[:-1]),
             SMALLEST_COSINE,
         )
@@ -105,7 +108,8 @@ class CompiledFlight:
         path = Path(
             np.empty((count * hold + 1, model.nq)),
             np.full((count * hold + 1, model.nv), np.nan),
-            *np.empty((2, *self.senses.errors.shape)),
+            np.empty(self.senses.errors.shape),
+            np.empty(self.senses.errors.shape),
             np.zeros((count, model.nv)),
             np.zeros(len(self.law.a)),
             np.zeros(2 * wheels + n, dtype=np.int64),

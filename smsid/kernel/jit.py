@@ -7,11 +7,12 @@ import logging
 import os
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 try:
-    import numba
+    numba: Any = import_module("numba")
 except ImportError:
     numba = None
 
