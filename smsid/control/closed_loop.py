@@ -88,7 +88,7 @@ class Actuators:
         return tau
 
     def add_hits(self, counts: np.ndarray) -> None:
-        """Add how often each limit was met: torques and rates of the wheels, torques of the joints."""
+        """Add how often limits were met (2 w + n,): torques and rates of wheels, torques of joints."""
         wheels, joints = self.layout.names, self.model.arm_joints.names
         names = [*(f"{k} torque" for k in wheels), *(f"{k} speed" for k in wheels)]
         for name, count in zip([*names, *(f"{k} torque" for k in joints)], counts.tolist(), strict=True):

@@ -230,7 +230,7 @@ class Reference:
 
 
 def sampled_motion(motion: Motion, times: np.ndarray) -> np.ndarray:
-    """Return position, rate and acceleration (N, 3, size) of a motion at times (N,) [s]."""
+    """Return position, rate and acceleration (N, 3, size) at times (N,) [s], such as of (46)'s reference."""
     sampled = getattr(motion, "sampled", None)
     if sampled is not None:
         return sampled(times)

@@ -47,7 +47,7 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first three arguments of everything in this folder that is compiled."""
+        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (16,)."""
         return self.tree, self.bodies, self.root
 
 
