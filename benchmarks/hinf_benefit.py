@@ -26,6 +26,7 @@ import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 from _table4_identified import identified  # noqa: E402
 
+from smsid.control.closed_loop import track_many  # noqa: E402
 from smsid.control.disturbance import left_out, sensor_noise  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.guarded import guarded_term  # noqa: E402
@@ -34,8 +35,6 @@ from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.robust import flexible_plant, least_damping, named_poles  # noqa: E402
 from smsid.control.robust_term import RobustTerm, design_robust_term  # noqa: E402
-from smsid.control.sensed import SensedState  # noqa: E402
-from smsid.control.side_by_side import track_side_by_side  # noqa: E402
 from smsid.control.trajectory import PAPER_ACCELERATION  # noqa: E402
 from smsid.control.weights import weights_from_level  # noqa: E402
 from smsid.description import load_description  # noqa: E402
@@ -203,19 +202,22 @@ def designed(study: Study, case, design: Design) -> RobustTerm:
 
 
 def fly(study: Study, case, term: RobustTerm | None, draws: int, *, quiet: bool = False):
-    """Return flights of the first draws, side by side."""
-    rate, reference = study.variant.rate, study.reference
+    """Return flights of the first draws."""
+    rate = study.variant.rate
     k = gains(study.dynamics.size, case.proportional, case.derivative)
     laws = [
-        ModelBasedController(study._law(case, "pd", d).dynamics, k, reference, robust=term, period=1.0 / rate)
+        ModelBasedController(
+            study._law(case, "pd", d).dynamics, k, study.reference, robust=term, period=1.0 / rate
+        )
         for d in range(draws)
     ]
-    sensed = [
-        SensedState(study.model, study.sensors, reference.duration, rate, np.random.default_rng([d, 2]))
-        for d in range(draws)
-    ]
-    return track_side_by_side(
-        study.model, laws, rate=rate, delay=study.variant.delay, sensed=None if quiet else sensed
+    return track_many(
+        study.model,
+        laws,
+        rate=rate,
+        delay=study.variant.delay,
+        sensors=None if quiet else study.sensors,
+        generators=None if quiet else [np.random.default_rng([d, 2]) for d in range(draws)],
     )
 
 

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from _closed_loops import closed_loops
 from _common import environment, spread, write_result
 from _engines import Basilisk, Case, Engine, MujocoRollout, PinocchioRk4, Smsid, SmsidFixedStep
 from _exp2 import DURATION, FREQUENCY, RATE, moving_start, paper_model, smooth_inputs
@@ -155,9 +156,11 @@ def main() -> None:
     """Run every case and write the result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=9)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--cases", nargs="+", default=["free", "smooth", "held"], help="has its own result")
+    options = parser.parse_args()
+    rounds, chosen = options.rounds, options.cases
     write_result(
-        "simulation_speed",
+        "simulation_speed" if len(chosen) == 3 else f"simulation_speed_{'_'.join(chosen)}",
         {
             "what": "seconds of computing per simulated second at equal accuracy; ratios are against smsid "
             "in the same round; medians and quartiles over interleaved rounds in one process, one thread",
@@ -173,15 +176,19 @@ def main() -> None:
                 "MuJoCo's rollout holds torques over a step. In 'smooth' it therefore runs twice: with the "
                 "torque of mid-step held, and with the torque computed at every stage by a C callback that "
                 "is not part of MuJoCo's rollout interface",
-                "'held': simulate restarts 100 times a second, its worst case; simulate_closed_loop is meant "
-                "for held torques; a fixed step must divide 10 ms, which is coarse for tuning",
+                "'held': simulate goes from sample to sample in compiled steps of fifth order, "
+                "simulate_closed_loop in compiled steps of fourth order, its controller a table in Python; a "
+                "fixed step must divide 10 ms, which is coarse for tuning",
+                "'closed_loops': the paper's flight under the H-infinity controller with sensors, 80 s, and "
+                "the same flight with its torques held, at the default tolerance; 'plain' is without numba",
                 "'reached' false: the target was not reached at the finest setting tried",
                 "Basilisk: MJScene, that is MuJoCo's dynamics under Basilisk's integrators, stopped and read "
                 "once a second; its own state effectors cannot mount a three-joint arm, point slosh mass and "
                 "modal panel exactly as here and were not measured",
             ],
-            "environment": environment("pin", "mujoco", "bsk", "numpy", "scipy"),
-            "cases": {name: measure(name, rounds) for name in ("free", "smooth", "held")},
+            "environment": environment("pin", "mujoco", "bsk", "numpy", "scipy", "numba"),
+            "closed_loops": closed_loops(paper_model(), rounds),
+            "cases": {name: measure(name, rounds) for name in chosen},
         },
     )
 

@@ -50,7 +50,7 @@ VARIANTS = {
     )
 }
 IDENTIFIED = 100  # models
-TOGETHER = 20  # flights side by side
+TOGETHER = 20  # flights in a job
 
 
 @cache

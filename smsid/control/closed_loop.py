@@ -6,15 +6,20 @@ The flights of section V of the paper, (10)-(15) under (43) or (46).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
+import joblib
 import numpy as np
 import pinocchio as pin
 
 from smsid.control.attitude import attitude_errors
-from smsid.control.pd import Command, Measured, ModelBasedController
+from smsid.control.compiled_flight import PLAIN, CompiledFlight
+from smsid.control.pd import ModelBasedController
 from smsid.control.sensed import SensedState, measured_truth
+from smsid.control.trajectory import sampled_motion
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError, SimulationError
 from smsid.model.spacecraft import SpacecraftModel
@@ -82,10 +87,18 @@ class Actuators:
         tau[self.model.wheels.v], tau[self.model.arm_joints.v] = found.wheels, joints
         return tau
 
-    def _hit(self, name: str) -> None:
+    def add_hits(self, counts: np.ndarray) -> None:
+        """Add how often limits were met (2 w + n,): torques and rates of wheels, torques of joints."""
+        wheels, joints = self.layout.names, self.model.arm_joints.names
+        names = [*(f"{k} torque" for k in wheels), *(f"{k} speed" for k in wheels)]
+        for name, count in zip([*names, *(f"{k} torque" for k in joints)], counts.tolist(), strict=True):
+            if count:
+                self._hit(name, count)
+
+    def _hit(self, name: str, count: int = 1) -> None:
         if name not in self.hits:
             logger.info("%s is at its limit", name)  # the run says so, and how often
-        self.hits[name] = self.hits.get(name, 0) + 1
+        self.hits[name] = self.hits.get(name, 0) + count
 
 
 def track(
@@ -126,40 +139,49 @@ def track(
         none = np.full(len(lay.names), np.inf)
         actuators.layout = WheelLayout(lay.names, lay.axes, lay.inertia, none, none)
         actuators.effort = np.full_like(actuators.effort, np.inf)
-    see: Callable[[float, np.ndarray, np.ndarray], Measured]
-    if sensors is None:
-        see = lambda t, q, v: measured_truth(model, q, v)  # noqa: E731
-    elif rng is None:
+    if sensors is not None and rng is None:
         raise ControlError("Sensors were given without a generator for their errors.", advice="Pass rng.")
+    sensed = SensedState(model, sensors, duration, rate, rng) if sensors is not None and rng else None
+    step = 1.0 / rate if dt is None else dt
+
+    def plain(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        seen = measured_truth(model, q, v) if sensed is None else sensed(t, q, v)
+        return actuators(controller.command(t, seen).torques, v[model.wheels.v])
+
+    flight = CompiledFlight.of(model, controller, actuators, sensed, duration, rate, step)
+    if flight is not None and delay >= 0:
+        found, every = flight.run(q0, delay), 1
     else:
-        see = SensedState(model, sensors, duration, rate, rng)
-    commands: list[Command] = []
+        with PLAIN:
+            found = simulate_closed_loop(
+                model, plain, duration, dt=step, control_rate=rate, q0=q0, delay=delay, audit=False
+            )
+        every = round(1.0 / (rate * step))
+    time, q, v, tau = (x[::every] for x in (found.time, found.q, found.v, found.tau))
+    return tracking_of(model, controller, time, q, v, tau, actuators)
 
-    def act(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        command = controller.command(t, see(t, q, v))
-        commands.append(command)
-        return actuators(command.torques, v[model.wheels.v])
 
-    flown = simulate_closed_loop(
-        model,
-        act,
-        duration,
-        dt=1.0 / rate if dt is None else dt,
-        control_rate=rate,
-        q0=q0,
-        delay=delay,
-        audit=False,
-    )
-    every = (len(flown.time) - 1) // len(commands)
-    return tracking_of(
-        model,
-        controller,
-        flown.time[::every],
-        flown.q[::every],
-        flown.v[::every],
-        flown.tau[::every],
-        actuators,
-    )
+def track_many(
+    model: SpacecraftModel,
+    controllers: Sequence[ModelBasedController],
+    *,
+    generators: Sequence[np.random.Generator] | None = None,
+    workers: int | None = None,
+    **options: Any,
+) -> list[Tracking]:
+    """Fly the complete spacecraft under each controller, as `track` does, several at a time.
+
+    Compiled flights run in ``workers`` threads, by default one per core; others take turns. ``generators``
+    draw the errors of sensors, one per flight; ``options`` are those of `track`. No controller stands twice.
+    Raises what `track` raises.
+    """
+    draws = [None] * len(controllers) if generators is None else generators
+    with ThreadPoolExecutor(workers or joblib.cpu_count()) as pool:
+        flights = [
+            pool.submit(track, model, controller, rng=rng, **options)
+            for controller, rng in zip(controllers, draws, strict=True)
+        ]
+        return [flight.result() for flight in flights]
 
 
 def track_continuously(
@@ -223,8 +245,8 @@ def tracking_of(
     actuators: Actuators,
 ) -> Tracking:
     """Return a run from ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
-    wanted = [controller.reference.at(float(t)) for t in time]
-    position, rate = np.array([w[0] for w in wanted]), np.array([w[1] for w in wanted])
+    wanted = sampled_motion(controller.reference, time)
+    position, rate = wanted[:, 0], wanted[:, 1]
     base, base_rate = attitude_errors(
         controller.coordinates, rotations(q), v[:, 3:6], position[:, :3], rate[:, :3]
     )

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from smsid.control.pd import Measured
 from smsid.errors import ControlError
+from smsid.kernel.flight import Senses
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.sensor import Sensor
@@ -92,6 +94,31 @@ class SensedState:
         rest = [self._read(name, t) for name in NEEDED[1:]]
         return Measured(turned, rest[0], rest[1], rest[2], wheels)
 
+    def table(self, times: np.ndarray) -> Senses | None:
+        """Return what the sensors do at the controller's calls (N,) [s], for the compiled flight.
+
+        ``None`` where wheel rates are not measured or the attitude is rounded.
+        """
+        if "wheel_rate" not in self.streams or self.streams["attitude"].step > 0.0:
+            return None
+        widths = [s.errors[0].size for s in self.streams.values()]
+        begins = np.cumsum([0, *widths])
+        size, calls = int(begins[-1]), np.arange(len(times))
+        errors, source = np.empty((len(times), size)), np.empty((len(times), len(widths)), dtype=np.int64)
+        mix, bound, grain = np.eye(size), np.full(size, np.inf), np.zeros(size)
+        for k, s in enumerate(self.streams.values()):
+            columns = slice(begins[k], begins[k + 1])
+            index = np.minimum((times * s.rate + 1e-6).astype(int), len(s.errors) - 1)
+            errors[:, columns] = s.errors[index].reshape(len(times), -1)
+            late = int(np.ceil(s.late / self.period - 1e-9))
+            fresh = np.diff(index, prepend=-1) != 0
+            source[:, k] = np.where(fresh, np.maximum(calls - late, 0), -1)
+            if s.linear is not None:
+                mix[columns, columns] = s.linear
+            bound[columns] = np.inf if s.saturation is None else s.saturation
+            grain[columns] = s.step
+        return Senses(errors, source, mix, bound, grain)
+
     def _read(self, quantity: str, t: float) -> np.ndarray:
         s = self.streams[quantity]
         index = min(int(t * s.rate + 1e-6), len(s.errors) - 1)
@@ -132,8 +159,15 @@ def _stream(
         turns = _with(sensor, quantity, error.model_copy(update=nothing)).measure(
             quantity, times, still, np.random.default_rng(seed), delayed=True
         )
-        matrices = np.array([pin.Quaternion(x).toRotationMatrix() for x in turns])
-        return _Stream(rate, error.delay, matrices, None, None, error.quantisation, sensor.rotation)
+        return _Stream(
+            rate,
+            error.delay,
+            Rotation.from_quat(turns).as_matrix(),
+            None,
+            None,
+            error.quantisation,
+            sensor.rotation,
+        )
     fresh = ErrorModel()
     additive = error.model_copy(update={**nothing, **{k: getattr(fresh, k) for k in LINEAR}})
     errors = _with(sensor, quantity, additive).measure(

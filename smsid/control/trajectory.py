@@ -72,6 +72,19 @@ class Piecewise:
             return self._of(0, self.breaks[0])[0], np.zeros(self.size), np.zeros(self.size)
         return self._of(bisect.bisect_right(self.breaks, t) - 1, t)
 
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Return position, rate and acceleration (N, 3, size) at times (N,) [s], as `at`."""
+        inside = (times >= self.breaks[0]) & (times < self.breaks[-1])
+        within = np.clip(times, self.breaks[0], self.breaks[-1])
+        piece = np.clip(np.searchsorted(self.breaks, within, side="right") - 1, 0, len(self.breaks) - 2)
+        s = (within - np.array(self.breaks)[piece])[:, None]
+        x, v, a = np.zeros((3, len(times), self.size))
+        for power in range(self.coefficients.shape[1] - 1, -1, -1):
+            a = a * s + 2.0 * v
+            v = v * s + x
+            x = x * s + self.coefficients[piece, power]
+        return np.stack([x, v * inside[:, None], a * inside[:, None]], axis=1)
+
     def _of(self, piece: int, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         s, c = t - self.breaks[piece], self.coefficients[piece]
         x, v, a = c[-1].copy(), np.zeros(self.size), np.zeros(self.size)
@@ -173,6 +186,13 @@ class Shaped:
             a += weight * da
         return x, v, a
 
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Return position, rate and acceleration (N, 3, size) at times (N,) [s], as `at`."""
+        pairs = zip(self.shaper.amplitudes.tolist(), self.shaper.times.tolist(), strict=True)
+        return np.sum(
+            [weight * sampled_motion(self.motion, times - later) for weight, later in pairs], axis=0
+        )
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -202,22 +222,22 @@ class Reference:
         x, v, a = self.joints.at(t)
         return np.concatenate([base[0], x]), np.concatenate([base[1], v]), np.concatenate([base[2], a])
 
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Return position, rate and acceleration (N, 3, 3 + n) at times (N,) [s], as `at`."""
+        out = np.zeros((len(times), 3, self.size))
+        out[:, 0, :3] = self.attitude
+        if self.base is not None:
+            out[:, :, :3] = sampled_motion(self.base, times)
+        out[:, :, 3:] = sampled_motion(self.joints, times)
+        return out
 
-class Remembered:
-    """A reference that remembers what it was asked: many flights ask for the same times."""
 
-    def __init__(self, reference: Reference) -> None:
-        self.reference, self.size, self.duration = reference, reference.size, reference.duration
-        self._known: dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return position, rate and acceleration (3 + n,) at t [s]; not to be written into."""
-        found = self._known.get(t)
-        if found is None:
-            found = self._known[t] = self.reference.at(t)
-            for x in found:
-                x.flags.writeable = False
-        return found
+def sampled_motion(motion: Motion, times: np.ndarray) -> np.ndarray:
+    """Return position, rate and acceleration (N, 3, size) at times (N,) [s], such as of (46)'s reference."""
+    sampled = getattr(motion, "sampled", None)
+    if sampled is not None:
+        return sampled(times)
+    return np.array([motion.at(float(t)) for t in times]).reshape(len(times), 3, motion.size)
 
 
 def design_motion(model: SpacecraftModel) -> Piecewise:
@@ -256,8 +276,8 @@ def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000)
             advice="Give one column per arm joint.",
         )
     times = np.linspace(0.0, motion.duration, samples)
-    rows = [motion.at(float(t)) for t in times]
-    angles, rates = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
+    found = sampled_motion(motion, times)
+    angles, rates = found[:, 0], found[:, 1]
     for k, name in enumerate(joints.names):
         bounded = model.pin.joints[int(joints.joints[k])].nq == 1
         low, high = -np.inf, np.inf

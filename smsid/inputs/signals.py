@@ -93,6 +93,11 @@ class Steps:
         i = int(np.searchsorted(self.times, t, side="right")) - 1
         return self.values[i] if i >= 0 else np.zeros(self.size)
 
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Value at times (N,): (N, size)."""
+        i = np.searchsorted(self.times, times, side="right")
+        return np.vstack([np.zeros(self.size), self.values])[i]
+
     def mapped(self, matrix: np.ndarray) -> Steps:
         """Return ``matrix @ self``, matrix (m, size)."""
         return Steps(self.times, self.values @ matrix.T)
@@ -288,6 +293,13 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
     if sampled is not None:
         return sampled(np.asarray(times, dtype=float))
     return np.array([signal(float(t)) for t in times]).reshape(len(times), signal.size)
+
+
+def is_held(signal: Signal) -> bool:
+    """Return whether a signal is constant between its breakpoints."""
+    if isinstance(signal, Sum | Stacked):
+        return all(map(is_held, signal.parts))
+    return isinstance(signal, Constant | Steps) or (isinstance(signal, Sampled) and signal.degree == 0)
 
 
 def merge(signals: list[Signal]) -> Signal:

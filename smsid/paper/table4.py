@@ -7,15 +7,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from smsid.control.closed_loop import Tracking, track
+from smsid.control.closed_loop import Tracking, track_many
 from smsid.control.disturbance import left_out, sensor_noise
 from smsid.control.gains import Gains, gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import RobustTerm, design_robust_term
-from smsid.control.sensed import SensedState
-from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
-from smsid.control.trajectory import PAPER_ACCELERATION, Reference, Remembered, check_joints, trapezoid
+from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
 from smsid.control.uncertainty import Draw, perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
@@ -129,7 +127,7 @@ class Study:
         start = model.joint_angles(model.home) if variant.start is None else np.asarray(variant.start)
         motion = trapezoid(start)
         check_joints(motion, model)
-        self.reference = Remembered(Reference(motion))
+        self.reference = Reference(motion)
         self.dynamics = ReducedDynamics(model)
         own = {"attitude": variant.attitude_noise, "angular_rate": variant.gyro_noise}
         described = [_with_noise(s, own) for s in model.description.effective_sensors()]
@@ -164,33 +162,19 @@ class Study:
 
         Raises `ControlError` for an unknown controller.
         """
-        law = self._law(case, controller, draw)
+        return self.fly_many(case, controller, [draw])[0]
+
+    def fly_many(self, case: Case, controller: str, draws: Sequence[int]) -> list[Run]:
+        """Fly several draws: as `fly`, several at a time."""
         quiet = self.variant.noise == 0.0
-        run = track(
+        runs = track_many(
             self.model,
-            law,
+            [self._law(case, controller, d) for d in draws],
             rate=self.variant.rate,
             delay=self.variant.delay,
             sensors=None if quiet else self.sensors,
-            rng=None if quiet else np.random.default_rng([draw, 2]),
+            generators=None if quiet else [np.random.default_rng([d, 2]) for d in draws],
         )
-        return self._run(case, controller, draw, run)
-
-    def fly_many(self, case: Case, controller: str, draws: Sequence[int]) -> list[Run]:
-        """Fly several draws: as `fly`, side by side where that is possible, which is faster."""
-        laws = [self._law(case, controller, d) for d in draws]
-        rate = self.variant.rate
-        sensed = None
-        if self.variant.noise != 0.0:
-            sensed = [
-                SensedState(
-                    self.model, self.sensors, self.reference.duration, rate, np.random.default_rng([d, 2])
-                )
-                for d in draws
-            ]
-        if not can_fly_side_by_side(laws, sensed):
-            return [self.fly(case, controller, d) for d in draws]
-        runs = track_side_by_side(self.model, laws, rate=rate, delay=self.variant.delay, sensed=sensed)
         return [self._run(case, controller, d, r) for d, r in zip(draws, runs, strict=True)]
 
     def _law(self, case: Case, controller: str, draw: int) -> ModelBasedController:

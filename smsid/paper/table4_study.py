@@ -23,7 +23,7 @@ from smsid.paper.table4 import (
 from smsid.paper.table4_summary import improvements, orderings, summarise
 
 TOGETHER = 20
-"""Flights side by side."""
+"""Flights between two looks at the clock."""
 COLUMNS = ("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
 
 

@@ -19,7 +19,7 @@ from smsid.report.model import Provenance
 if TYPE_CHECKING:
     from smsid.description import Description
 
-PACKAGES = {"pinocchio": "pin", "numpy": "numpy", "scipy": "scipy"}
+PACKAGES = {"pinocchio": "pin", "numpy": "numpy", "scipy": "scipy", "numba": "numba"}
 
 
 def provenance(inputs: Iterable[str | os.PathLike[str]] = (), *, seed: object = None) -> Provenance:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.inputs.inputs import Inputs, Prescribed
+from smsid.inputs.signals import is_held, sample
+from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
+from smsid.simulate.held_chart import HeldRun
 
 
 class Dynamics:
@@ -63,6 +68,16 @@ class Dynamics:
             for i in range(len(times)):
                 a[i] = aba(model, data, q[i], v[i], tau[i])
         return a, reaction
+
+    def held_run(self, edges: Sequence[float]) -> HeldRun | None:
+        """Return the compiled run from edge to edge [s], ``None`` where the plain way has to be taken."""
+        if self._hybrid_needed or len(edges) < 3 or not is_held(self.applied):
+            return None
+        kernel = Kernel.of(self.model)
+        if kernel is None:
+            return None
+        starts = np.asarray(edges)
+        return HeldRun(kernel, starts, sample(self.applied, starts[:-1]), self.model.nq)
 
     def _hybrid(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray

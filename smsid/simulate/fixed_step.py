@@ -9,8 +9,9 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError, SimulationError
+from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.held_step import held_step
+from smsid.simulate.held_step import take_held_steps
 from smsid.simulate.integrate import initial_state
 from smsid.simulate.trajectory import Audit, closing_audit
 
@@ -56,36 +57,43 @@ def simulate_closed_loop(
     Raises `ExperimentError` when they are not or the controller returns another shape, `SimulationError`
     when the start is no state of the spacecraft or the state is no longer finite.
     """
-    hold = _whole(1.0 / control_rate, dt, "The control period")
-    steps = _whole(duration, dt, "The duration")
+    hold = whole_steps(1.0 / control_rate, dt, "The control period")
+    steps = whole_steps(duration, dt, "The duration")
     if delay < 0:
         raise ExperimentError(f"A delay of {delay} samples is in the future.", advice="Give 0 or more.")
     nv = model.nv
     time = dt * np.arange(steps + 1)
-    q, v = np.empty((steps + 1, model.nq)), np.empty((steps + 1, nv))
+    q, v = np.empty((steps + 1, model.nq)), np.full((steps + 1, nv), np.nan)
     tau, gained = np.zeros((steps + 1, nv)), np.zeros((steps + 1, 7))
     q[0], v[0] = initial_state(model, q0, v0)
-    pending = [np.zeros(nv)] * delay
+    pending, kernel = [np.zeros(nv)] * delay, Kernel.of(model)
     with np.errstate(over="ignore", invalid="ignore"):
-        for i in range(steps):
-            if i % hold == 0:
-                pending.append(_asked(controller, time[i], q[i], v[i]))
-                tau[i] = pending.pop(0)
-            else:
-                tau[i] = tau[i - 1]
-            q[i + 1], v[i + 1], gain = held_step(model, time[i], dt, q[i], v[i], tau[i], audit)
-            gained[i + 1] = gained[i] + gain
-            if not np.isfinite(v[i + 1]).all():
-                raise SimulationError(
-                    f"The closed loop blew up at t = {time[i + 1]:.6g} s.",
-                    advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
-                    time=time[i + 1],
-                    q=q[i],
-                    v=v[i],
-                    tau=tau[i],
-                )
+        for i in range(0, steps, hold):
+            end = min(i + hold, steps)
+            pending.append(_asked(controller, time[i], q[i], v[i]))
+            tau[i:end] = now = pending.pop(0)
+            rows = slice(i, end + 1)
+            take_held_steps(
+                model, kernel, time[i], dt, q[rows], v[rows], now, gained[rows] if audit else None
+            )
+            check_finite(time[rows], q[rows], v[rows], now)
     tau[-1] = tau[-2]
-    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained) if audit else None)
+    return ClosedLoop(time, q, v, tau, closing_audit(model, q, v, gained, kernel) if audit else None)
+
+
+def check_finite(time: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+    """Raise `SimulationError` where v (N, nv) is not finite, with the time (N,) [s], under held tau (nv,)."""
+    finite = np.isfinite(v).all(axis=1)
+    if not finite.all():
+        lost = int(np.argmin(finite))
+        raise SimulationError(
+            f"The closed loop blew up at t = {time[lost]:.6g} s.",
+            advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
+            time=time[lost],
+            q=q[lost - 1],
+            v=v[lost - 1],
+            tau=tau,
+        )
 
 
 def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -98,7 +106,8 @@ def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np
     return tau
 
 
-def _whole(length: float, dt: float, what: str) -> int:
+def whole_steps(length: float, dt: float, what: str) -> int:
+    """Return how many steps of ``dt`` [s] a length [s] is; raises `ExperimentError` if no whole number."""
     count = round(length / dt) if dt > 0.0 and 0.0 < length < np.inf else 0
     if count < 1 or abs(count * dt - length) > 1e-9 * length:
         raise ExperimentError(

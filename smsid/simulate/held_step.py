@@ -12,15 +12,48 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.steps import DOUBT, LOST, SMALL, held_steps
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.integrate import Tolerance, run_chart
 from smsid.simulate.stiff_steps import Stiffness
 from smsid.simulate.trajectory import external_rates
 
-DOUBT = 0.05  # of the change of the velocities; a motion of frequency w has (w h)^2 / 12
-SMALL = 1e-6  # [m/s, rad/s] error of the velocities that does not count
-LOST = 1.0  # [rad] turn of the bus in a step
 TOLERANCE = Tolerance(relative=1e-7, absolute=1e-9)
+
+
+def take_held_steps(
+    model: SpacecraftModel,
+    kernel: Kernel | None,
+    t: float,
+    h: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    tau: np.ndarray,
+    gained: np.ndarray | None = None,
+) -> None:
+    """Fill q (N + 1, nq), v (N + 1, nv) from their first rows, N steps of ``h`` [s] under held tau (nv,).
+
+    ``gained`` (N + 1, 7) is filled from its first row with what momentum and energy should have gained. The
+    kernel takes the steps it can, `held_step` all others. It ends before a state that is not finite, which is
+    in the row it came to; those after are what they were.
+
+    Raises `SimulationError` when no step holds the tolerance.
+    """
+    i, count = 0, len(q) - 1
+    kept = np.empty((0, 7)) if gained is None else gained
+    while i < count:
+        if kernel is not None:
+            i += held_steps(*kernel.arrays, q[i:], v[i:], tau, h, count - i, kept[i:])
+            if i == count:
+                return
+        audit = gained is not None
+        q[i + 1], v[i + 1], gain = held_step(model, t + i * h, h, q[i], v[i], tau, audit)
+        if gained is not None:
+            gained[i + 1] = gained[i] + gain
+        i += 1
+        if not np.isfinite(v[i]).all():
+            return
 
 
 def held_step(

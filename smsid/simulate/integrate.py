@@ -9,7 +9,6 @@ asked for. Where stability bounds its steps, implicit ones take over (`smsid.sim
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -20,20 +19,20 @@ from scipy.integrate import DOP853, DenseOutput
 
 from smsid.errors import SimulationError
 from smsid.inputs.inputs import Inputs
+from smsid.kernel.short import SHORT, STEP_ANGLE
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.chart_derivative import ChartDerivative, Enforce
 from smsid.simulate.dynamics import Dynamics
-from smsid.simulate.short_step import ShortPiece, short_step
+from smsid.simulate.held_chart import HeldChart
+from smsid.simulate.short_step import short_steps
 from smsid.simulate.stiff_steps import Stiffness, StiffSteps, failed
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
-STEP_ANGLE = 1.0  # [rad] turn of the bus in one step at most
 STAGES = 12
 STAGE_ROWS = tuple(np.ascontiguousarray(DOP853.A[s, :s]) for s in range(1, STAGES))
 STAGE_TIMES = tuple(float(c) for c in DOP853.C[1:STAGES])
 ERRORS = np.ascontiguousarray(np.vstack([DOP853.E5, DOP853.E3])[:, :STAGES])
-SHORT = 0.25  # of the planned step: an end nearer than that is reached by a lighter method
 SAFETY, SHRINK, GROW = 0.75, 0.2, 10.0  # of the step size; 0.75 rejects less than the usual 0.9
 
 
@@ -72,17 +71,29 @@ def simulate(
     q, v = dynamics.enforce(start, q, v)
     stop = start + duration
     edges = [start, *(b for b in dynamics.breakpoints if start < b < stop), stop]
-    charts: list[Chart] = []
+    charts: list[Chart | HeldChart] = []
     enforce = dynamics.enforce if dynamics.prescribed else None
     step: float | None = None
     stiffness = Stiffness()
-    for t0, t1 in itertools.pairwise(edges):
+    run = dynamics.held_run(edges)
+    k = 0
+    while k < len(edges) - 1:
+        if run is not None and step is not None:
+            chart, step = run.advance(k, q, v, min(step, max_step), tol.relative, tol.absolute)
+            if chart is not None:
+                charts.append(chart)
+                q, v, k = chart.q[-1], chart.v[-1], k + len(chart.tau)
+                if progress is not None:
+                    progress(edges[k])
+                continue
+        t0, t1 = edges[k], edges[k + 1]
         while t0 < t1:
             chart, y = run_chart(dynamics, q, v, t0, t1, step, tol, max_step, stiffness, progress, enforce)
             charts.append(chart)
             step = chart.last_step
             t0 = chart.stop
             q, v = pin.integrate(model.pin, q, y[: model.nv]), y[model.nv :]
+        k += 1
     return Trajectory(model=model, inputs=inputs, charts=tuple(charts), start=start, stop=stop)
 
 
@@ -161,14 +172,21 @@ def run_chart(
             turning = float(np.sqrt(y[nv + 3 : nv + 6] @ y[nv + 3 : nv + 6])) if free else 0.0
             longest = min(max_step, STEP_ANGLE / turning) if turning > 0.0 else max_step
             if implicit is None:
-                piece, step = _step(derivative, t, y, rate, t1, min(step, longest), tol)
-                if isinstance(piece, _Piece) and stiffness.seen(piece.stretch):
-                    implicit = StiffSteps(derivative, piece.t, piece.y, t1, step, tol.relative, tol.absolute)
+                step, found = min(step, longest), None
+                if t1 - t < SHORT * step:
+                    found = short_steps(derivative, t, y, rate, t1, tol.relative, tol.absolute)
+                if found is None:
+                    piece, step = _step(derivative, t, y, rate, t1, step, tol)
+                    found = [piece]
+                    if stiffness.seen(piece.stretch):
+                        implicit = StiffSteps(
+                            derivative, piece.t, piece.y, t1, step, tol.relative, tol.absolute
+                        )
             else:
-                piece = implicit.step(longest)
-            t, y, rate = piece.t, piece.y, piece.end_rate
-            times.append(t)
-            pieces.append(piece)
+                found = [implicit.step(longest)]
+            t, y, rate = found[-1].t, found[-1].y, found[-1].end_rate
+            times.extend(piece.t for piece in found)
+            pieces.extend(found)
             if progress is not None:
                 progress(t)
             if free and np.abs(y[3:6]).max() > RECENTRE_ANGLE:
@@ -222,12 +240,8 @@ def _step(
     t_end: float,
     h: float,
     tol: Tolerance,
-) -> tuple[_Piece | ShortPiece, float]:
+) -> tuple[_Piece, float]:
     """Take a step of at most ``h`` [s] that holds the tolerance; return it and the step size to try next."""
-    if t_end - t < SHORT * h:
-        short = short_step(derivative, t, y, rate, t_end, tol.relative, tol.absolute)
-        if short is not None:
-            return short, h
     size, rejected, error = np.abs(y), False, 0.0
     smallest = 10.0 * (np.nextafter(t, np.inf) - t)
     piece = _Piece(derivative, t, t, y, y)

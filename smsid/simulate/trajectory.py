@@ -13,8 +13,11 @@ from smsid._short_repr import short_repr
 from smsid.errors import SimulationError
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import sample
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.steps import conserved
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.dynamics import Dynamics
+from smsid.simulate.held_chart import HeldChart
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Chart:
     times: np.ndarray
     pieces: Sequence[DenseOutput]
     last_step: float | None
+
+    @property
+    def steps(self) -> int:
+        """Number of integration steps."""
+        return len(self.pieces)
 
     @property
     def stop(self) -> float:
@@ -44,8 +52,17 @@ class Chart:
 
     def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq,) and v (nv,) at one time."""
-        y = self.raw(np.array([t]))[0]
-        return pin.integrate(self.pin, self.q_ref, y[: self.pin.nv]), y[self.pin.nv :]
+        q, v, _ = self.states(np.array([t]), np.empty((1, self.pin.nv)))
+        return q[0], v[0]
+
+    def states(self, times: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, None]:
+        """Return q (N, nq) and v (N, nv) at times (N,) [s] within; accelerations are left to the dynamics."""
+        raw = self.raw(times)
+        q = np.empty((len(times), self.pin.nq))
+        integrate, model, reference = pin.integrate, self.pin, self.q_ref
+        for i, xi in enumerate(raw[:, : model.nv]):
+            q[i] = integrate(model, reference, xi)
+        return q, raw[:, model.nv :], None
 
 
 @short_repr
@@ -89,14 +106,14 @@ class Trajectory:
 
     model: SpacecraftModel
     inputs: Inputs
-    charts: tuple[Chart, ...]
+    charts: tuple[Chart | HeldChart, ...]
     start: float
     stop: float
 
     @property
     def steps(self) -> int:
         """Number of accepted integration steps."""
-        return sum(len(c.pieces) for c in self.charts)
+        return sum(c.steps for c in self.charts)
 
     def states(self, times: np.ndarray) -> States:
         """Return the states at times (N,) [s]; at a jump of an input, accelerations are the right limit.
@@ -116,20 +133,20 @@ class Trajectory:
         q, v = np.empty((len(times), model.nq)), np.empty((len(times), model.nv))
         starts = np.array([c.times[0] for c in self.charts])
         index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
-        for k, chart in enumerate(self.charts):
-            chosen = np.flatnonzero(index == k)
-            if not len(chosen):
-                continue
-            raw = chart.raw(times[chosen])
-            integrate, nv = pin.integrate, model.nv
-            v[chosen] = raw[:, nv:]
-            for i, xi in zip(chosen, raw[:, :nv], strict=True):
-                q[i] = integrate(model.pin, chart.q_ref, xi)
-            if dynamics.prescribed:
-                for i in chosen:
-                    q[i], v[i] = dynamics.enforce(float(times[i]), q[i], v[i])
         tau = sample(dynamics.applied, times)
-        a, reaction = dynamics.accelerations(times, q, v, tau)
+        a, reaction = np.empty_like(v), np.zeros_like(v)
+        missing = np.ones(len(times), dtype=bool)
+        for k in np.unique(index):
+            chosen = np.flatnonzero(index == k)
+            q[chosen], v[chosen], known = self.charts[k].states(times[chosen], tau[chosen])
+            if known is not None:
+                a[chosen], missing[chosen] = known, False
+        if dynamics.prescribed:
+            for i in range(len(times)):
+                q[i], v[i] = dynamics.enforce(float(times[i]), q[i], v[i])
+        a[missing], reaction[missing] = dynamics.accelerations(
+            times[missing], q[missing], v[missing], tau[missing]
+        )
         return States(times, q, v, a, tau, reaction)
 
     def audit(self) -> Audit:
@@ -154,14 +171,22 @@ class Trajectory:
         return closing_audit(model, ends.q, ends.v, gained)
 
 
-def closing_audit(model: SpacecraftModel, q: np.ndarray, v: np.ndarray, gained: np.ndarray) -> Audit:
+def closing_audit(
+    model: SpacecraftModel, q: np.ndarray, v: np.ndarray, gained: np.ndarray, kernel: Kernel | None = None
+) -> Audit:
     """Return what momentum and energy lack at states q (N, nq), v (N, nv).
 
     ``gained`` (N, 7) is what they should have gained since the first, the integral of `external_rates`.
     """
-    kept = np.array([[*model.momentum(a, b), model.energy(a, b)] for a, b in zip(q, v, strict=True)])
-    error = kept - kept[0] - gained
-    kinetic = max(pin.computeKineticEnergy(model.pin, model.data, a, b) for a, b in zip(q, v, strict=True))
+    kept = np.empty((len(q), 8))
+    if kernel is not None:
+        conserved(*kernel.arrays, q, v, kept)
+    else:
+        for row, a, b in zip(kept, q, v, strict=True):
+            row[:6], row[6] = model.momentum(a, b), model.energy(a, b)
+            row[7] = pin.computeKineticEnergy(model.pin, model.data, a, b)
+    error = kept[:, :7] - kept[0, :7] - gained
+    kinetic = kept[:, 7].max()
     return Audit(
         momentum_drift=float(np.abs(error[:, :6]).max()) if model.free else float("nan"),
         momentum_scale=float(np.sqrt(2 * kinetic * model.mass)),

@@ -9,11 +9,11 @@ from control_cases import paper
 from smsid.control.shaper import shaper
 from smsid.control.trajectory import (
     Reference,
-    Remembered,
     Shaped,
     check_joints,
     design_motion,
     minimum_jerk,
+    sampled_motion,
     trapezoid,
 )
 from smsid.description import load_description
@@ -143,15 +143,18 @@ def test_bad_input_is_refused(make):
         make()
 
 
-def test_a_remembered_reference_is_the_reference_and_cannot_be_written_into():
-    plain = Reference(trapezoid([0.1, 0.2]), (0.1, 0.0, -0.2))
-    kept = Remembered(plain)
-    assert kept.size == plain.size and kept.duration == plain.duration
-    for t in (0.0, 13.0, 13.0, 90.0):
-        for ours, exact in zip(kept.at(t), plain.at(t), strict=True):
-            np.testing.assert_array_equal(ours, exact)
-    with pytest.raises(ValueError, match="read-only"):
-        kept.at(13.0)[0][0] = 1.0
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Reference(trapezoid([0.1, 0.2]), (0.1, 0.0, -0.2)),
+        Reference(trapezoid([0.1]), base=minimum_jerk([0.0, 0.1, 0.2], [0.3, 0.0, 0.1], 7.0)),
+        Reference(Shaped(trapezoid([0.1, 0.2]), shaper("zv", [0.8]))),
+    ],
+)
+def test_sampled_is_at_for_every_time(motion):
+    times = np.array([-1.0, 0.0, 3.3, 7.0, 13.0, 20.0, 25.0, 60.0, 79.9, 80.0, 90.0])
+    exact = np.array([motion.at(float(t)) for t in times])
+    np.testing.assert_allclose(sampled_motion(motion, times), exact, rtol=0.0, atol=1e-15)
 
 
 RAIL = """<robot name="r"><link name="bus"><inertial><mass value="50"/>

@@ -9,10 +9,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller
-from smsid.control.gains import gains
-from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.side_by_side import can_fly_side_by_side, track_side_by_side
 from smsid.control.uncertainty import perturbed
 from smsid.description import load_description
 from smsid.errors import ControlError
@@ -85,7 +82,7 @@ def test_a_study_flies_and_repeats_itself():
 
 
 @pytest.mark.parametrize("controller", ["pd", "hinf"])
-def test_flights_side_by_side_are_those_flown_alone(controller):
+def test_flights_in_threads_are_those_flown_alone(controller):
     """With noise, delay and wheels at their limit."""
     study = Study(paper(), Variant(rate=10.0, noise=20.0, delay=1))
     case = cases()[2]
@@ -94,18 +91,7 @@ def test_flights_side_by_side_are_those_flown_alone(controller):
     assert any(r.saturated for r in alone) or controller == "hinf"
     for a, b in zip(alone, together, strict=True):
         assert a.saturated == b.saturated
-        np.testing.assert_allclose([a.base, a.joints], [b.base, b.joints], rtol=1e-9)
-
-
-def test_redundant_wheels_fly_one_by_one():
-    """Four wheels share their torque by a search: not side by side, and `fly_many` still flies them."""
-    study = Study(two_arms(), Variant(rate=5.0, noise=0.0, start=tuple(np.zeros(6))))
-    laws = [ModelBasedController(study.dynamics, gains(9, 4.0, 4.0), study.reference)]
-    assert not can_fly_side_by_side(laws)
-    with pytest.raises(ControlError, match="cannot be flown side by side"):
-        track_side_by_side(two_arms(), laws, rate=5.0)
-    (found,) = study.fly_many(cases()[1], "pd", (0,))
-    assert found == study.fly(cases()[1], "pd", 0)
+        assert (a.base, a.joints) == (b.base, b.joints)
 
 
 def test_case_d_flies_with_the_models_given():

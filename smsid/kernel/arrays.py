@@ -1,0 +1,142 @@
+"""A spacecraft as the arrays that the compiled kernel takes, and whether it can be used.
+
+The kernel knows rigid bodies in a tree of hinges and slides, springs and dampers on them, and weight. A model
+with other forces goes the plain way, over Pinocchio, as does everything where numba is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.kernel import tree as c
+from smsid.kernel.jit import available
+from smsid.model.spacecraft import SpacecraftModel
+
+KINDS = {
+    "JointModelRevoluteUnaligned": c.HINGE,
+    "JointModelPrismaticUnaligned": c.SLIDE,
+    "JointModelRevoluteUnboundedUnaligned": c.ENDLESS,
+    **{f"JointModelR{axis}": c.HINGE for axis in "XYZ"},
+    **{f"JointModelP{axis}": c.SLIDE for axis in "XYZ"},
+    **{f"JointModelRUB{axis}": c.ENDLESS for axis in "XYZ"},
+}
+SAME = 1e-14  # share by which the inertia of a balanced rotor may change as it turns
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (16,), see the columns there.
+
+    A rotation, position, axis and inertia are in the axes of the joint's parent, joint axes at rest; where
+    nothing turns a body against the bus, in bus axes.
+    """
+
+    tree: np.ndarray
+    bodies: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def of(cls, model: SpacecraftModel) -> Kernel | None:
+        """Return the kernel of a model, or ``None`` where the plain way has to be taken."""
+        if not available() or model.forces or model.loads:
+            return None
+        return arrays_of(model)
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (16,)."""
+        return self.tree, self.bodies, self.root
+
+
+def arrays_of(model: SpacecraftModel) -> Kernel | None:
+    """Return the arrays of a model, ``None`` for joints or springs that the kernel does not know."""
+    found, start = tree_of(model.pin, model.free), 6 if model.free else 0
+    if found is None or np.any(model.spring_v < start):
+        return None
+    found.bodies[model.spring_v - start, c.STIFFNESS] = model.stiffness
+    found.bodies[model.spring_v - start, c.DAMPING] = model.damping
+    return found
+
+
+def tree_of(m: pin.Model, free: bool) -> Kernel | None:
+    """Return the arrays of a Pinocchio model, whose first joint is a free-flyer or not, without springs."""
+    first = 2 if free else 1
+    root = np.zeros(16)
+    root[c.GRAVITY : c.GRAVITY + 3] = m.gravity.linear
+    root[c.FREE] = float(free)
+    if free:
+        root[:10] = m.inertias[1].toDynamicParameters()
+    rows: list[np.ndarray] = []
+    tree: list[list[int]] = []
+    last: dict[int, int] = {0: -1, 1: -1} if free else {0: -1}  # row of a joint's body
+    parents = {int(p) for p in list(m.parents)[first:]}
+    for j in range(first, m.njoints):
+        joint = m.joints[j]
+        steps = _single(joint)
+        if steps is None:
+            return None
+        above = last[m.parents[j]]
+        for k, (kind, axis) in enumerate(steps):
+            row = np.zeros(c.COLUMNS)
+            placement = m.jointPlacements[j] if k == 0 else pin.SE3.Identity()
+            theta = m.inertias[j].toDynamicParameters() if k == len(steps) - 1 else np.zeros(10)
+            row[c.ROTATION : c.ROTATION + 9] = placement.rotation.ravel()
+            row[c.POSITION : c.POSITION + 3] = placement.translation
+            row[c.AXIS : c.AXIS + 3] = axis
+            row[c.MASS : c.MASS + 10] = theta
+            row[c.ARMATURE] = m.armature[joint.idx_v + k]
+            turns = kind != c.SLIDE and not (j not in parents and _is_balanced(axis, theta))
+            turning = turns or (above >= 0 and tree[above][c.TURNING] > 0)
+            tree.append([above, kind, joint.idx_q + k, int(turning)])
+            rows.append(row)
+            above = len(rows) - 1
+        last[j] = above
+    table = np.array(rows).reshape(-1, c.COLUMNS)
+    links = np.array(tree, dtype=np.int64).reshape(-1, 4)
+    _to_bus_axes(links, table)
+    return Kernel(links, table, root)
+
+
+def _single(joint: pin.JointModel) -> list[tuple[int, np.ndarray]] | None:
+    """Return the kinds and axes (3,) of joints of one degree of freedom that make up a joint."""
+    name = joint.shortname()
+    if name == "JointModelTranslation":
+        return [(c.SLIDE, axis) for axis in np.eye(3)]
+    if name not in KINDS:
+        return None
+    data = joint.createData()
+    joint.calc(data, np.r_[1.0, 0.0] if joint.nq == 2 else np.zeros(1))
+    motion = np.asarray(data.S).reshape(6)
+    return [(KINDS[name], motion[:3] if KINDS[name] == c.SLIDE else motion[3:])]
+
+
+def _is_balanced(axis: np.ndarray, theta: np.ndarray) -> bool:
+    """Return whether inertial parameters (10,) stay what they are when the body turns about its axis."""
+    turned = pin.AngleAxis(1.0, axis).toRotationMatrix()
+    xx, xy, yy, xz, yz, zz = theta[4:]
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    gap = max(np.abs(turned @ about @ turned.T - about).max(), np.abs(turned @ theta[1:4] - theta[1:4]).max())
+    return bool(gap <= SAME * np.abs(theta).max())
+
+
+def _to_bus_axes(tree: np.ndarray, table: np.ndarray) -> None:
+    """Put into bus axes what does not turn against the bus, and where its children are."""
+    turns = [np.eye(3)] * len(tree)
+    for i, (parent, _, _, turning) in enumerate(tree):
+        if parent >= 0 and tree[parent, c.TURNING]:
+            continue
+        outer = turns[parent] if parent >= 0 else np.eye(3)
+        row = table[i]
+        turn = outer @ row[c.ROTATION : c.ROTATION + 9].reshape(3, 3)
+        row[c.ROTATION : c.ROTATION + 9] = turn.ravel()
+        row[c.POSITION : c.POSITION + 3] = outer @ row[c.POSITION : c.POSITION + 3]
+        turns[i] = turn
+        if not turning:
+            row[c.AXIS : c.AXIS + 3] = turn @ row[c.AXIS : c.AXIS + 3]
+            xx, xy, yy, xz, yz, zz = row[c.INERTIA : c.INERTIA + 6]
+            about = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+            row[c.MOMENT : c.MOMENT + 3] = turn @ row[c.MOMENT : c.MOMENT + 3]
+            row[c.INERTIA : c.INERTIA + 6] = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]

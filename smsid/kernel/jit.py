@@ -1,0 +1,77 @@
+"""Compilation by numba, and its cache on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+try:
+    numba: Any = import_module("numba")
+except ImportError:
+    numba = None
+
+logger = logging.getLogger(__name__)
+
+SWITCH = "SMSID_COMPILED"  # environment variable; "0" asks for the plain way
+# not-a-number and infinity keep their meaning
+OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
+_reasons: list[str] = [] if numba else ["numba is not installed (pip install 'smsid[fast]')"]
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile a function that other compiled ones call."""
+    return function if numba is None else numba.njit(function, **OPTIONS)
+
+
+def compiled_and_cached(function: Callable[..., Any]) -> Any:
+    """Compile a function that Python calls, or take it from the disk.
+
+    numba would ask whether the file of the function has changed, and not whether those of what it calls
+    have: what it finds is taken only where the text of this whole folder is the same.
+    """
+    if numba is None:
+        return function
+    try:
+        found = numba.njit(function, cache=True, **OPTIONS)
+        found._cache._cache_file._source_stamp = _digest()
+        found._cache.save_overload = _forgiving(found._cache.save_overload)
+    except (RuntimeError, AttributeError, OSError) as error:
+        _reasons.append(f"numba keeps no cache ({error}); NUMBA_CACHE_DIR may name a folder for it")
+        return function
+    return found
+
+
+def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that saves, or says why it could not: what is compiled can be used all the same."""
+
+    def attempt(*given: Any) -> None:
+        try:
+            save(*given)
+        except OSError as error:
+            logger.warning("what numba has compiled is not kept for the next time: %s", error)
+
+    return attempt
+
+
+@cache
+def _digest() -> str:
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def available() -> bool:
+    """Return whether compiled code can be used; where it cannot, the log says why, once."""
+    return os.environ.get(SWITCH, "1") != "0" and _complete()
+
+
+@cache
+def _complete() -> bool:
+    if _reasons:
+        logger.info("simulations go the plain way, which is slower: %s", _reasons[0])
+    return not _reasons

@@ -1,0 +1,163 @@
+"""Vectors, rotations and inertias as tuples of floats, for what is compiled: they stay in registers.
+
+A spatial vector is a pair, the linear part first. An inertia is (mass, moment h, I about the origin), I as
+(xx, xy, yy, xz, yz, zz).
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+from smsid.kernel.jit import compiled
+
+NEAR = 0.05  # square of an angle [rad^2] below which its functions are series
+
+
+@compiled
+def cross(a, b):
+    """Return the cross product of two vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def dot(a, b):
+    """Return the scalar product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def plus(a, s, b):
+    """Return a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+@compiled
+def three(x, k):
+    """Return three numbers of an array from k on."""
+    return x[k], x[k + 1], x[k + 2]
+
+
+@compiled
+def six(x, k):
+    """Return six numbers of an array from k on."""
+    return x[k], x[k + 1], x[k + 2], x[k + 3], x[k + 4], x[k + 5]
+
+
+@compiled
+def matrix(x, k):
+    """Return nine numbers of an array from k on as the rows of a matrix."""
+    return (
+        (x[k], x[k + 1], x[k + 2]),
+        (x[k + 3], x[k + 4], x[k + 5]),
+        (x[k + 6], x[k + 7], x[k + 8]),
+    )
+
+
+@compiled
+def times_vector(m, a):
+    """Return the matrix m times the vector a."""
+    return dot(m[0], a), dot(m[1], a), dot(m[2], a)
+
+
+@compiled
+def times_matrix(m, n):
+    """Return the product of two matrices."""
+    a = (n[0][0], n[1][0], n[2][0])
+    b = (n[0][1], n[1][1], n[2][1])
+    c = (n[0][2], n[1][2], n[2][2])
+    return (
+        (dot(m[0], a), dot(m[0], b), dot(m[0], c)),
+        (dot(m[1], a), dot(m[1], b), dot(m[1], c)),
+        (dot(m[2], a), dot(m[2], b), dot(m[2], c)),
+    )
+
+
+@compiled
+def turn_about(axis, angle):
+    """Return the rotation about a unit vector."""
+    c, s = cos(angle), sin(angle)
+    x, y, z = axis
+    d = 1.0 - c
+    return (
+        (c + d * x * x, d * x * y - s * z, d * x * z + s * y),
+        (d * x * y + s * z, c + d * y * y, d * y * z - s * x),
+        (d * x * z - s * y, d * y * z + s * x, c + d * z * z),
+    )
+
+
+@compiled
+def turned_inertia(m, i):
+    """Return R I R' of I = (xx, xy, yy, xz, yz, zz)."""
+    full = ((i[0], i[1], i[3]), (i[1], i[2], i[4]), (i[3], i[4], i[5]))
+    a, b, c = (
+        times_vector(full, m[0]),
+        times_vector(full, m[1]),
+        times_vector(full, m[2]),
+    )  # full is symmetric
+    return dot(m[0], a), dot(m[1], a), dot(m[1], b), dot(m[2], a), dot(m[2], b), dot(m[2], c)
+
+
+@compiled
+def by_inertia(i, a):
+    """Return I a of I = (xx, xy, yy, xz, yz, zz)."""
+    return (
+        i[0] * a[0] + i[1] * a[1] + i[3] * a[2],
+        i[1] * a[0] + i[2] * a[1] + i[4] * a[2],
+        i[3] * a[0] + i[4] * a[1] + i[5] * a[2],
+    )
+
+
+@compiled
+def wrench(mass, moment, inertia, linear, angular):
+    """Return the inertia (mass, moment h, I about the origin) times a spatial vector."""
+    return (
+        plus(cross(angular, moment), mass, linear),
+        plus(cross(moment, linear), 1.0, by_inertia(inertia, angular)),
+    )
+
+
+@compiled
+def bearing_force(mass, moment, inertia, velocity, spin, acceleration, turning):
+    """Return the force I a + V x* (I V) of a body on its bearing."""
+    p, k = wrench(mass, moment, inertia, velocity, spin)
+    f, n = wrench(mass, moment, inertia, acceleration, turning)
+    return (
+        plus(f, 1.0, cross(spin, p)),
+        plus(plus(n, 1.0, cross(velocity, p)), 1.0, cross(spin, k)),
+    )
+
+
+@compiled
+def put(x, first, more):
+    """Write two vectors, one after the other, into an array."""
+    x[0], x[1], x[2] = first
+    x[3], x[4], x[5] = more
+
+
+@compiled
+def bracket(v, w, a, b):
+    """Return the Lie bracket of the spatial vectors (v, w) and (a, b)."""
+    return plus(cross(w, a), 1.0, cross(v, b)), cross(w, b)
+
+
+@compiled
+def unit_functions(square):
+    """Return sin(x)/x, (1 - cos x)/x^2 and (x - sin x)/x^3 of the square of x."""
+    if square < NEAR:
+        first, second, third, term = 0.0, 0.0, 0.0, 1.0
+        for k in range(8):
+            first += term
+            second += term / (2.0 * k + 2.0)
+            third += term / ((2.0 * k + 2.0) * (2.0 * k + 3.0))
+            term *= -square / ((2.0 * k + 2.0) * (2.0 * k + 3.0))
+        return first, second, third
+    x = sqrt(square)
+    return sin(x) / x, (1.0 - cos(x)) / square, (x - sin(x)) / (x * square)
+
+
+@compiled
+def turned(pose, a):
+    """Return a vector of bus axes in inertial axes."""
+    x = three(pose, 3)
+    y = cross(x, a)
+    return plus(plus(a, 2.0 * pose[6], y), 2.0, cross(x, y))
