@@ -20,7 +20,8 @@ from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
 from smsid.estimation.parameter_vector import Unknown
-from smsid.tracking.tracker import Tracker, Update
+from smsid.tracking.tracker import Tracker
+from smsid.tracking.update import Update
 
 HOUR = 3600.0  # [s]
 CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: an outlier is no change
