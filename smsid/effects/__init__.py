@@ -41,6 +41,7 @@ from smsid.effects.sensor_errors import (
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity
+from smsid.effects.slosh_pendulum import SloshPendulum
 from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -83,6 +84,7 @@ __all__ = [
     "Servo",
     "Slosh",
     "SloshNonlinearity",
+    "SloshPendulum",
     "Starting",
     "Stuck",
     "ThermalSnap",
