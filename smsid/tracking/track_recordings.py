@@ -159,6 +159,7 @@ def _track(
             "samples": float(tracker.samples),
             "rebuilt": float(tracker.filter.rebuilt),
             "widening": watch.widening,
+            "log_likelihood": rows.log_likelihood,
         },
     )
     return history, tracker
@@ -234,8 +235,10 @@ class _Rows:
     table: dict[str, list] = field(default_factory=dict)
     fit: list[dict[str, float]] = field(default_factory=list)
     sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+    log_likelihood: float = 0.0
 
     def hear(self, update: Update) -> None:
+        self.log_likelihood += update.log_likelihood
         for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
             channel = name.partition("[")[0]
             total, count = self.sums.get(channel, (0.0, 0))
