@@ -124,7 +124,7 @@ def heavier(sign):
 
 
 def soft(truth):
-    return replace(truth, panel=(0.9 * truth.panel[0], *truth.panel[1:]))
+    return replace(truth, panel=(0.995 * truth.panel[0], *truth.panel[1:]))
 
 
 def inertia_of(sign):
@@ -137,14 +137,15 @@ CAUSES = {
     "leak": (
         "leak",
         {"leak": LEAK},
-        {f"leak.{f}.{a}": x for f, v in zip(("force", "torque"), LEAK, strict=True) for a, x in zip("xyz", v, strict=True)},
+        {f"leak.force.{a}": x for a, x in zip("xyz", LEAK[0], strict=True)}
+        | {f"leak.torque.{a}": x for a, x in zip("xyz", LEAK[1], strict=True)},
     ),
     "weak thruster": ("thrust", {"gain": np.array([0.9, 1.0, 1.0])}, {"thrust.gain.x": -0.1}),
     "dragging wheel": ("drag", {"drag": DRAG}, {"drag.viscous": DRAG}),
     "soft panel": (
         "panel",
         {"after": soft},
-        {"panel.mode1.frequency": -0.1 * GUESS.panel[0]},
+        {"panel.mode1.frequency": -0.005 * GUESS.panel[0]},
     ),
     "drifting gyro": ("gyro.angular_rate.bias", {"drift": 3e-6}, {}),
 }  # fmt: skip
@@ -157,7 +158,8 @@ def test_a_cause_is_named_in_time_with_its_size(description, truth, before, caus
     assert changes, "nothing was seen"
     first = changes[0]
     assert first.group == group, (first.sentence, first.others)
-    assert 0.0 < first.alarm - AT < (10.0 if cause == "drifting gyro" else 5.0)
+    grows = cause in ("drifting gyro", "soft panel")  # what is seen of it does: a bias, a phase
+    assert 0.0 < first.alarm - AT < (10.0 if grows else 5.0)
     if size:  # a jump: its time, and its size within its interval
         assert abs(first.began - AT) <= first.grid + 0.1
         jumps = dict(zip(first.names, zip(first.jumps, first.sigmas, strict=True), strict=True))
