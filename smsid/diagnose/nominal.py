@@ -24,7 +24,8 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
-FREE = (Slosh, SloshPendulum, Appendage, ModeError, BeamMode, ExtraMode)  # effects whose parameters are nominal ones
+# effects whose parameters are nominal ones
+FREE = (Slosh, SloshPendulum, Appendage, ModeError, BeamMode, ExtraMode)
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10

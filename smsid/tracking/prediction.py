@@ -44,7 +44,7 @@ def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: flo
 
 
 def filled(start: float, end: float, longest: float) -> np.ndarray:
-    """Return times (n,) from start to end [s], no further apart than ``longest``; one if they are the same."""
+    """Return times (n,) from start to end [s], ``longest`` apart at most; one if they are the same."""
     if end <= start:
         return np.array([start])
     return np.linspace(start, end, max(1, int(np.ceil((end - start) / longest - 1e-9))) + 1)

@@ -23,7 +23,7 @@ AT, AFTER = 20.0, 26.0  # [s]
 GRASPED = np.array([[4.0, 0.5, 0.0], [0.5, 3.0, -0.4], [0.0, -0.4, 6.0]])  # [kg m^2]
 LEAK = np.array([0.05, 0.0, -0.03]), np.array([0.004, -0.002, 0.001])  # [N], [N m]
 DRAG = 2e-3  # [N m s/rad] of the first wheel
-FOLLOW = dict.fromkeys(
+FOLLOW: dict[str, float | None] = dict.fromkeys(
     (
         "bus.I*",
         "leak.*",
