@@ -58,12 +58,14 @@ def move(
     wheels: bool = False,
     external: np.ndarray | None = None,
     start: np.ndarray | None = None,
+    growth: np.ndarray | None = None,
 ) -> Motion:
     """Integrate Euler's equations (RK4, 40 Hz), torque (601, 3) on the body linear between samples.
 
     With ``wheels`` the torque is theirs: within `LIMITS`, and nothing beyond the momentum they can hold.
     ``inertia`` is that of all with wheels locked, their momentum that of their rates against the body.
-    ``inertia`` (..., 3, 3), ``external`` [N m] and ``start`` [rad/s] (..., 3) may be many.
+    ``inertia`` (..., 3, 3), ``external`` [N m] and ``start`` [rad/s] (..., 3) may be many. ``growth`` (3, 3)
+    [kg m^2/s] is how the inertia changes, by what takes its momentum along: no torque comes of it.
     """
     most, full = LIMITS
     step = 1.0 / (RATE * FINE)
@@ -71,30 +73,48 @@ def move(
     outside = np.zeros(3) if external is None else np.asarray(external)
     begin = np.zeros(3) if start is None else np.asarray(start)
     shape = np.broadcast_shapes(inertia.shape[:-2], outside.shape[:-1], begin.shape[:-1])
-    inverse = np.linalg.inv(inertia)
+    now, inverse = inertia, np.linalg.inv(inertia)
     w = np.broadcast_to(begin, (*shape, 3))
     rates = [w]
-
-    def derivative(w: np.ndarray, h: np.ndarray, u: np.ndarray) -> np.ndarray:
-        angular = (inertia @ w[..., None])[..., 0] + h
-        cross = (w[..., AHEAD] * angular[..., BEHIND]) - (w[..., BEHIND] * angular[..., AHEAD])
-        return (inverse @ (u + outside - cross)[..., None])[..., 0]
-
     for k in range(len(given)):
-        u0, u1, u2 = given[k]
-        h0, h2 = momenta[k], momenta[k + 1]
-        h1 = 0.5 * (h0 + h2)
-        k1 = derivative(w, h0, u0)
-        k2 = derivative(w + step / 2 * k1, h1, u1)
-        k3 = derivative(w + step / 2 * k2, h1, u1)
-        k4 = derivative(w + step * k3, h2, u2)
-        w = w + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if growth is not None:  # in the middle of the step
+            now = inertia + growth * (k + 0.5) * step
+            inverse = np.linalg.inv(now)
+        w = turned(w, momenta[k], momenta[k + 1], given[k], step, now, inverse, outside)
         if k % FINE == FINE - 1:
             rates.append(w)
     return Motion(np.stack(rates, axis=-2), momenta[::FINE], saturated)
 
 
 AHEAD, BEHIND = [1, 2, 0], [2, 0, 1]
+
+
+def turned(
+    w: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    torque: np.ndarray,
+    step: float,
+    inertia: np.ndarray,
+    inverse: np.ndarray,
+    external: np.ndarray,
+) -> np.ndarray:
+    """Return the rates (..., 3) a step [s] later: wheels' momenta go straight from one to the other (..., 3).
+
+    ``torque`` (3, ..., 3) is theirs on the body at begin, middle and end; ``inverse`` is that of the inertia.
+    """
+
+    def derivative(w: np.ndarray, h: np.ndarray, u: np.ndarray) -> np.ndarray:
+        angular = (inertia @ w[..., None])[..., 0] + h
+        cross = (w[..., AHEAD] * angular[..., BEHIND]) - (w[..., BEHIND] * angular[..., AHEAD])
+        return (inverse @ (u + external - cross)[..., None])[..., 0]
+
+    between = 0.5 * (before + after)
+    k1 = derivative(w, before, torque[0])
+    k2 = derivative(w + step / 2 * k1, between, torque[1])
+    k3 = derivative(w + step / 2 * k2, between, torque[1])
+    k4 = derivative(w + step * k3, after, torque[2])
+    return w + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def _given(

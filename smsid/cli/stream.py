@@ -94,12 +94,12 @@ def stream_command(
             written = [save_tracker(stream.tracker, save)]
     tracker = stream.tracker
     assert tracker is not None
-    sigmas = (stream.watch.widening * tracker.sigmas).tolist()
+    sigmas = (tracker.watch.widening * tracker.sigmas).tolist()
     values = zip(tracker.names, tracker.values.tolist(), sigmas, strict=True)
     document = {
         "lines": told,
         "samples": tracker.samples,
-        "explained": stream.watch.explained,
+        "explained": tracker.watch.explained,
         "events": dict(tracker.log.counts),
         "parameters": [{"name": n, "value": x, "sigma": s} for n, x, s in values],
     }

@@ -15,14 +15,17 @@ from smsid.effects.beam_mode import BeamMode
 from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.mode_error import ModeError
 from smsid.effects.slosh import Slosh
+from smsid.effects.slosh_pendulum import SloshPendulum
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
+from smsid.estimation.unknowns import moving_bodies
 from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, parse_combination, urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
-FREE = (Slosh, Appendage, ModeError, BeamMode, ExtraMode)  # effects whose parameters are nominal ones
+# effects whose parameters are nominal ones
+FREE = (Slosh, SloshPendulum, Appendage, ModeError, BeamMode, ExtraMode)
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
@@ -107,12 +110,7 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
 
     model = point.base
     names = body_names(model.pin)
-    special = {int(j) for g in (model.wheels, model.modes, model.further_modes) for j in g.joints}
-    special |= {s.joint for s in model.slosh}
-    special |= {model.pin.getJointId(e.name) for e in point.description.effect if isinstance(e, ExtraMode)}
-    for j in range(1, model.pin.njoints):
-        if j in special:
-            continue
+    for j in moving_bodies(model):
         theta = dynamic_parameters(model.pin.inertias[j])
         size = body_size(theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):

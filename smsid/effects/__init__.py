@@ -42,6 +42,7 @@ from smsid.effects.sensor_errors import (
 from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshWall
+from smsid.effects.slosh_pendulum import SloshPendulum
 from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -85,6 +86,7 @@ __all__ = [
     "Servo",
     "Slosh",
     "SloshNonlinearity",
+    "SloshPendulum",
     "SloshWall",
     "Starting",
     "Stuck",

@@ -15,6 +15,8 @@ from smsid.errors import DescriptionError
 
 LENT = 1e-6
 """[kg], [kg m^2] lent to bodies that lack it."""
+POINT = 1e-9
+"""Inertia of a point mass that turns about an axis beside it, over what it has about that axis."""
 
 
 def joint_axes(p: pin.Model) -> dict[int, np.ndarray]:
@@ -59,7 +61,8 @@ def stacked_joints(p: pin.Model) -> dict[int, int]:
 def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndarray]:
     """Return every joint's inertia, parameters (10,) in Pinocchio's order, with what lacks it lent.
 
-    ``axes``: as from `joint_axes`. The motion of the whole is the same.
+    ``axes``: as from `joint_axes`. The motion of the whole is the same; to `POINT` where a point mass swings
+    about an axis, whose inertia nothing can lend.
 
     Raises:
         DescriptionError: a body without inertia carries bodies that lack it, too.
@@ -78,6 +81,9 @@ def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndar
         else:
             axis = column[3:]
             spin = float(axis @ parameters_to_matrix(theta[j]) @ axis)
+            if theta[j][0] > 0.0 and spin > 0.0 and axis @ about @ axis <= POINT * spin:
+                theta[j] = theta[j] + POINT * spin * np.array([0.0, 0, 0, 0, 1, 0, 1, 0, 0, 1])
+                continue
             across = max(spin / 2, LENT) * (np.eye(3) - np.outer(axis, axis))
             xx, xy, xz, _, yy, yz, _, _, zz = across.ravel()
             lent = np.array([LENT if theta[j][0] <= 0.0 else 0.0, 0, 0, 0, xx, xy, yy, xz, yz, zz])

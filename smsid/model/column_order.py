@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.model.follower_columns import with_followers
-from smsid.recording.channels import split_channel
+from smsid.recording.channels import LABELLED_DIMS, QUANTITIES, split_channel
 from smsid.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -86,6 +86,31 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
         role=recording.role,
         name=recording.name,
     )
+
+
+def column_map(
+    labels: Mapping[str, Sequence[str]], channel: str, width: int, model: SpacecraftModel
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the affine map that `order_columns` is to one reading of a channel, ``width`` numbers long.
+
+    It is ``matrix`` (k, width) and ``offset`` (k,): a permutation, and of joints that follow another what
+    their leaders say. Stations are read point by point, x, y, z. A channel that no recording can have, and
+    one whose columns have no labels, is left as it is.
+
+    Raises:
+        RecordingError: as `order_columns`.
+    """
+    source, _, name = channel.partition(".")
+    quantity = QUANTITIES.get(name)
+    dims = {d for own in quantity.dims for d in own if d in LABELLED_DIMS} if quantity is not None else set()
+    own = {key: labels[key] for d in dims for key in (d, f"{source}.{d}") if key in labels}
+    if not own:
+        return np.eye(width), np.zeros(width)
+    shape = (width + 1, width // 3, 3) if "station" in dims and width > 3 else (width + 1, width)
+    told = np.concatenate([np.zeros((1, width)), np.eye(width)]).reshape(shape)
+    recording = Recording.from_arrays(np.arange(width + 1.0), {channel: told}, labels=own)
+    ordered = np.asarray(order_columns(recording, model)[channel], dtype=float).reshape(width + 1, -1)
+    return (ordered[1:] - ordered[0]).T, ordered[0]
 
 
 def _concerns(recording: Recording, dim: str, sources: set[str], model: SpacecraftModel) -> bool:

@@ -31,6 +31,7 @@ WORDS = {
     "external_wrench": "something outside pushes or turns {place}: a {shape}",
     "gravity_gradient": "the gravity gradient turns {place}",
     "slosh": "the fuel in {place} moves otherwise than described: {shape}",
+    "slosh_pendulum": "the fuel in {place} swings otherwise than described: {shape}",
     "slosh_nonlinearity": "the fuel in {place} moves non-linearly: {shape}",
     "slosh_wall": "the fuel in {place} reaches the wall of its tank",
     "mode_error": "{place} bends at another frequency or damping than described",

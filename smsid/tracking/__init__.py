@@ -8,13 +8,15 @@ from smsid.tracking.followed_parameters import Followed, followed_parameters
 from smsid.tracking.history import TrackHistory, load_history, save_history
 from smsid.tracking.momentum_tracker import MomentumTracker
 from smsid.tracking.parameter_tracker import ParameterTracker
+from smsid.tracking.prediction import Prediction
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
 from smsid.tracking.stream import Stream
 from smsid.tracking.track_momentum import track_momentum
 from smsid.tracking.track_recordings import track_recordings
-from smsid.tracking.tracker import Prediction, Tracker, Update
+from smsid.tracking.tracker import Tracker
 from smsid.tracking.tracker_file import load_tracker, save_tracker
+from smsid.tracking.update import Update
 
 __all__ = [
     "Change",

@@ -20,7 +20,8 @@ from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
 from smsid.estimation.parameter_vector import Unknown
-from smsid.tracking.tracker import Tracker, Update
+from smsid.tracking.tracker import Tracker
+from smsid.tracking.update import Update
 
 HOUR = 3600.0  # [s]
 CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: an outlier is no change
@@ -74,13 +75,16 @@ class Change:
 class _Start:
     """A time a change may have begun: signature in the state (x, m), scores (m,), information (m, m).
 
-    ``values`` and ``sigmas`` (m,) are what was believed of the parameters then.
+    ``score`` is of clipped innovations, which raises alarms; ``whole`` of all there was, which says what it
+    was: of a large change, clipped ones keep little but the signs. ``values`` and ``sigmas`` (m,) are what
+    was believed of the parameters then.
     """
 
     number: int
     time: float
     delta: np.ndarray
     score: np.ndarray
+    whole: np.ndarray
     information: np.ndarray
     values: np.ndarray
     sigmas: np.ndarray
@@ -160,6 +164,7 @@ class ChangeDetector:
             seen = found.sensitivity @ start.delta
             signature = found.whitening @ seen
             start.score += signature.T @ errors
+            start.whole += signature.T @ found.innovations
             start.information += signature.T @ signature
             start.delta = start.delta - found.gain @ seen
         if self._measured is not None:
@@ -179,7 +184,16 @@ class ChangeDetector:
         delta = np.zeros((len(f.covariance), m))
         delta[f.parameters] = np.eye(m)
         self._starts.append(
-            _Start(self._number, time, delta, np.zeros(m), np.zeros((m, m)), f.values.copy(), f.sigmas())
+            _Start(
+                self._number,
+                time,
+                delta,
+                np.zeros(m),
+                np.zeros(m),
+                np.zeros((m, m)),
+                f.values.copy(),
+                f.sigmas(),
+            )
         )
         self._number += 1
         self._next = max(self._next + self.every, time)
@@ -195,7 +209,7 @@ class ChangeDetector:
                 continue
             start.looked += 1
             for index in self._groups.values():
-                if self._chance(start, index, scale)[0] < np.log(self.level):
+                if self._chance(start, start.score, index, scale)[0] < np.log(self.level):
                     self._alarm = now
             # judged at an age of 2^j, a start goes on to the next age where it is on that age's coarser grid
             if start.number % max(1, 2 ** (start.looked - 1)) == 0 and now - start.time < self.horizon:
@@ -203,9 +217,11 @@ class ChangeDetector:
         if self._alarm is None:
             self._starts = kept
 
-    def _chance(self, start: _Start, index: np.ndarray, scale: float) -> tuple[float, float, int]:
+    def _chance(
+        self, start: _Start, scores: np.ndarray, index: np.ndarray, scale: float
+    ) -> tuple[float, float, int]:
         """Return the log of the chance of a group's ratio, the ratio, and how many directions are seen."""
-        score, information = start.score[index], start.information[np.ix_(index, index)]
+        score, information = scores[index], start.information[np.ix_(index, index)]
         size, basis = np.linalg.eigh(information)
         seen = size > SEEN * max(float(size[-1]), 1e-300)
         if not size[-1] > 0.0:
@@ -217,7 +233,7 @@ class ChangeDetector:
         """Take the likeliest jump into the filter's state and return what is to be measured from here on."""
         found = {}
         for group, index in self._groups.items():
-            looks = [(self._chance(start, index, scale), start) for start in self._starts]
+            looks = [(self._chance(start, start.whole, index, scale), start) for start in self._starts]
             (log_p, ratio, k), start = max(looks, key=lambda x: x[0][1] - 2.0 * x[0][2])
             found[group] = ratio - 2.0 * k, start, log_p
         order = sorted(found, key=lambda g: -found[g][0])
@@ -227,7 +243,7 @@ class ChangeDetector:
         f = self.tracker.filter
         prior = np.diag([(u.unknown.scale / _reach(u.unknown)) ** 2 for u in followed])
         covariance = np.linalg.inv(start.information[np.ix_(index, index)] / scale + prior)
-        jump, moved = covariance @ start.score[index] / scale, start.delta[:, index]
+        jump, moved = covariance @ start.whole[index] / scale, start.delta[:, index]
         # as wide as the jump is large: the filter, linear about the old values, has drawn from data since
         opened = moved @ (covariance + np.diag(jump**2)) @ moved.T
         f.covariance = f.covariance + 0.5 * (opened + opened.T)

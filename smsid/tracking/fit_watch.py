@@ -5,31 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from smsid.estimation.fit_quality import WRONG
-from smsid.tracking.tracker import Update
+from smsid.tracking.update import Update
 
 FEWEST, MEMORY = 20, 600  # readings of a component before it is judged; that its mean square goes back
 
 
-@dataclass(eq=False)
+@dataclass
 class FitWatch:
     """Listens to a tracker. ``widening`` is the factor its standard deviations need, one while all is right.
 
     It is the root mean square of the normalised innovations of the worst component, once that is beyond
     `smsid.estimation.fit_quality.WRONG`, and does not shrink: what a wrong model has done to parameters
-    stays. ``component`` is where it was.
+    stays. ``component`` is where it was; ``squares`` are mean square and number of readings by component.
     """
 
     widening: float = 1.0
     component: str = ""
-    _squares: dict[str, tuple[float, int]] = field(default_factory=dict)
+    squares: dict[str, tuple[float, int]] = field(default_factory=dict)
 
     def hear(self, update: Update) -> None:
         """Take in an update."""
         for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
-            mean, count = self._squares.get(name, (0.0, 0))
+            mean, count = self.squares.get(name, (0.0, 0))
             count += 1
             mean += (x * x - mean) / min(count, MEMORY)
-            self._squares[name] = mean, count
+            self.squares[name] = mean, count
             if count >= FEWEST and mean > max(WRONG, self.widening) ** 2:
                 self.widening, self.component = mean**0.5, name
 

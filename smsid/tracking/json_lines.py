@@ -13,7 +13,7 @@ import numpy as np
 
 from smsid._files import json_ready
 from smsid.errors import RecordingError
-from smsid.model.column_order import order_columns
+from smsid.model.column_order import column_map
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.tracking.sample import Sample, samples_of
@@ -64,7 +64,7 @@ class Columns:
     def __init__(self, model: SpacecraftModel) -> None:
         self.model = model
         self.labels: dict[str, tuple[str, ...]] = {}
-        self._orders: dict[tuple[str, int], np.ndarray] = {}
+        self._maps: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
 
     def told(self, line: str) -> bool:
         """Take in a line, and return whether it was one of labels: ``{"labels": {"joint": [names]}}``.
@@ -82,28 +82,21 @@ class Columns:
             raise RecordingError(
                 "Labels are no lists of names.", advice='Give {"labels": {"wheel": ["rw1", "rw2"]}}.'
             )
-        self.labels, self._orders = {k: tuple(v) for k, v in labels.items()}, {}
+        self.labels, self._maps = {k: tuple(v) for k, v in labels.items()}, {}
         return True
 
     def ordered(self, sample: Sample) -> Sample:
         """Return the sample in the spacecraft's order. Raises `RecordingError` for unknown labels."""
         if not self.labels:
             return sample
-        channels = {name: x[self._order(name, len(x))] for name, x in sample.channels.items()}
+        channels = {}
+        for name, x in sample.channels.items():
+            if (key := (name, len(x))) not in self._maps:
+                self._maps[key] = column_map(self.labels, *key, self.model)
+            matrix, offset = self._maps[key]
+            # by entries that matter: a column that is missing, NaN, says nothing of the others
+            channels[name] = np.where(matrix != 0.0, matrix * x, 0.0).sum(axis=1) + offset
         return Sample(sample.time, channels)
-
-    def _order(self, channel: str, width: int) -> np.ndarray:
-        """Return where the columns (width,) of a channel are: a recording of their numbers, ordered."""
-        if (channel, width) not in self._orders:
-            numbers = np.arange(width, dtype=float)[None]
-            try:
-                of = Recording.from_arrays(np.zeros(1), {channel: numbers}, labels=self.labels)
-            except RecordingError:  # no channel of a recording; the tracker says so
-                self._orders[channel, width] = np.arange(width)
-            else:
-                found = np.asarray(order_columns(of, self.model)[channel], dtype=float).ravel()
-                self._orders[channel, width] = np.round(found).astype(int)
-        return self._orders[channel, width]
 
 
 def growing_lines(

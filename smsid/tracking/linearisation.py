@@ -21,7 +21,7 @@ from smsid.simulate import Inputs
 from smsid.tracking.drive import applied_forces
 
 LEAST = 0.05  # of its first value, the least mass or spring that a model is built with
-MOVED = 0.02  # of its size by which a parameter may move before derivatives by differences are renewed
+MOVED = 0.02  # share by which masses or an effect may change before derivatives by differences are renewed
 
 
 @dataclass(frozen=True)
@@ -114,16 +114,31 @@ class Linearisation:
         self._inertial = np.array(inertial, dtype=int)
         self._columns = np.array([unknowns[i].column for i in inertial], dtype=int)
         self._data = self.base.model.pin.createData()
-        if before is not None and np.all(np.abs(self.values - before.renewed) <= MOVED * self.scales):
+        inverse = _inverse_mass(self.base)
+        if before is not None and self._like(before, inverse):
             self.differences, self._biases, self.renewed = before.differences, before._biases, before.renewed
+            self._inverse = before._inverse
         else:
-            self.renewed = self.values
+            self.renewed, self._inverse = self.values, inverse
             self.differences = tuple(
                 self._difference(i, origin, layout, locked)
                 for i, u in enumerate(unknowns)
                 if u.kind == "effect"
             )
             self._biases = self._bias_columns(layout)
+
+    def _like(self, before: Linearisation, inverse: np.ndarray) -> bool:
+        """Whether derivatives by differences are still those of ``before``: what a force does has hardly
+        changed, nor has any effect, whatever bodies and biases are called.
+        """
+        size = np.sqrt(before._inverse.diagonal())
+        if (np.abs(inverse - before._inverse) > MOVED * np.outer(size, size)).any():
+            return False
+        return all(
+            abs(now - then) <= MOVED * max(abs(u.nominal), u.scale, u.sigma if np.isfinite(u.sigma) else 0.0)
+            for u, now, then in zip(self.unknowns, self.values, before.renewed, strict=True)
+            if u.kind == "effect"
+        )
 
     @property
     def drives(self) -> bool:
@@ -192,6 +207,12 @@ class Linearisation:
                 high, low = (x.predict(m, forces, self.base.plant)[0] for x in (d.high, d.low))
                 out[:, d.index] = (high - low) * (self.scales[d.index] / d.width)
         return out
+
+
+def _inverse_mass(of: Instance) -> np.ndarray:
+    """Return the inverse mass matrix (nv, nv) at home."""
+    upper = np.triu(pin.computeMinverse(of.plant.pin, of.plant.data, of.model.home))
+    return upper + np.triu(upper, 1).T
 
 
 def point_at(origin: Point, unknowns: Sequence[Unknown], values: np.ndarray) -> Point:

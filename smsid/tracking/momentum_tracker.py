@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,9 +17,8 @@ from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus
 from smsid.identify.motion import Motion, prepare, raw_rates
 from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.rest import check_at_rest
-from smsid.identify.robust import hac_covariance
 from smsid.identify.row_sums import ScoreSums
-from smsid.identify.shaken import shaken, widened_for_few
+from smsid.identify.shaken import shaken
 from smsid.identify.streamed import MARGIN, Chunk, HiddenStateCarrier
 from smsid.model import build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
@@ -28,9 +27,10 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.momentum_errors import RowErrors, row_errors, variance_factor
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import EventLog
-from smsid.tracking.tracker import Update
+from smsid.tracking.update import Update
 
 WINDOW = 40.0  # [s] of motion taken in together: a few periods of a panel, many of the errors' correlation
 CUTOFF, RATE = 2.0, 20.0  # [Hz] as Exp. 2 is prepared
@@ -38,20 +38,6 @@ REPLICATES = 3  # of noise once more
 FREE = 1e3  # [m] prior of the centre of mass where a recording begins
 EQUATIONS = tuple(f"{what} {x}" for what in ("angular momentum", "centre of mass") for x in "xyz")
 FORCES = ("command.force", "command.thruster", "command.thruster_force", "command.torque")
-
-
-@dataclass(frozen=True)
-class RowErrors:
-    """What sensor noise makes of the equations, read from the first window of a recording.
-
-    ``weights`` (6,) bring the kinds of equation to errors of one, ``scale`` (n,) the columns to one length;
-    ``noise`` (n + 1, n + 1) is the covariance of a scaled row, made as much larger as its correlation in time
-    costs.
-    """
-
-    weights: np.ndarray
-    scale: np.ndarray
-    noise: np.ndarray
 
 
 class MomentumTracker:
@@ -282,7 +268,7 @@ class MomentumTracker:
             self._solved(tls, errors, *equations)[0] - x
             for tls, equations in zip(self._other_tls, again, strict=True)
         ]
-        covariance = covariance * _factor(covariance[:-3, :-3], [m[:-3] for m in moves])
+        covariance = covariance * variance_factor(covariance[:-3, :-3], [m[:-3] for m in moves])
         left = (rhs - rows @ expected) * errors.weights
         self._mean, own = x[:-3], covariance[:-3, :-3]
         self._covariance = 0.5 * (own + own.T)
@@ -370,16 +356,6 @@ class MomentumTracker:
             self._covariance[i, i] = p.sigma**2
 
 
-def _factor(covariance: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-    """Return by how much larger a covariance (m, m) noise once more shows it to be, at least one.
-
-    Errors of the slosh state stay for its period and look like motion; residuals do not show them, the
-    ``moves`` (each (m,)) that the same noise makes do.
-    """
-    z = np.array(moves) / np.sqrt(np.diag(covariance))
-    return max(1.0, float(np.mean(z**2)) * widened_for_few(len(moves)) ** 2)
-
-
 def structural_base(
     model: SpacecraftModel, regressor: Regressor, split: Split, mass: float, samples: int = 60
 ) -> BaseParameters:
@@ -399,27 +375,3 @@ def structural_base(
     full, _ = rows_b(model, regressor, split, motion, HiddenStates({}, {}), mass, np.zeros(3))
     columns = full[:, :, : len(split.names)].reshape(6 * samples, -1)
     return base_parameters(columns, split.names, split.units)
-
-
-def row_errors(rows: np.ndarray, rhs: np.ndarray, moved: np.ndarray, x: np.ndarray, step: float) -> RowErrors:
-    """Return what noise makes of equations rows (N, 6, n), rhs (N, 6).
-
-    ``moved`` (N, 6, n + 1) is what noise once more changes of [rows rhs], ``x`` (n,) roughly the unknowns,
-    ``step`` [s] the sampling time.
-    """
-    error = moved @ np.append(x, -1.0)
-    size = np.sqrt(np.mean(error**2, axis=0))
-    weights = 1.0 / np.maximum(size, 1e-9 * size.max())
-    weighted, n = rows * weights[:, None], rows.shape[2]
-    length = np.linalg.norm(weighted.reshape(-1, n), axis=0)
-    scale = np.maximum(length, 1e-9 * length.max()) / np.linalg.norm(rhs * weights)
-    own = moved * weights[:, None]
-    own[:, :, :-1] /= scale
-    own = own.reshape(-1, n + 1)
-    covariance = own.T @ own / len(own)
-    lags = max(1, round(CORRELATION_TIME / step))
-    scaled = (weighted / scale).reshape(-1, n)
-    flat = (error * weights).reshape(-1)
-    late, white = (np.diag(hac_covariance(scaled, flat, len(rows), k)) for k in (lags, 0))
-    noise = max(1.0, float(np.median(late / white))) * covariance
-    return RowErrors(weights, scale, noise + 1e-12 * np.trace(noise) * np.eye(n + 1))

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.simulate import Inputs
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import EventLog
-from smsid.tracking.tracker import Update
+from smsid.tracking.update import Update
 
 
 class ParameterTracker(Protocol):

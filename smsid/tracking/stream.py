@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,12 +17,12 @@ from smsid.likelihood.prior import Cad
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.tracking.change_detection import Change, ChangeDetector
-from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.json_lines import Columns, parse_sample
 from smsid.tracking.sample import Sample
 from smsid.tracking.track_recordings import track_recordings
-from smsid.tracking.tracker import Tracker, Update
+from smsid.tracking.tracker import Tracker
+from smsid.tracking.update import Update
 
 BEGIN = 30.0  # [s]
 
@@ -36,7 +37,7 @@ class Stream:
     The first ``begin`` seconds are kept and taken as a recording: they tell how commands act between samples,
     what drives the joints, and without an estimate where to linearise (`track_recordings`). Once the model
     does not explain the telemetry, that is told, and standard deviations are wider from then on
-    (`FitWatch`). Not to be shared between threads.
+    (`Tracker.watch`). Not to be shared between threads.
 
     Args:
         description: the spacecraft.
@@ -60,7 +61,7 @@ class Stream:
         every: float = 0.0,
         false_alarms: float | None = None,
     ) -> None:
-        self.description, self.tracker, self.watch = description, tracker, FitWatch()
+        self.description, self.tracker = description, tracker
         self.columns = Columns(build_model(description) if tracker is None else tracker.origin.base)
         self.begin, self.every, self.false_alarms = begin, every, false_alarms
         self._asked = {"follow": follow, "hold": hold, "estimate": estimate, "cad": cad}
@@ -70,6 +71,7 @@ class Stream:
         self._last, self._untold = -np.inf, None
         if tracker is not None:
             self._watch(tracker)
+            self._explained = tracker.watch.explained
 
     def hear(self, sample: Sample) -> list[Told]:
         """Take in a sample, columns in the spacecraft's order, and return what there is to say.
@@ -128,37 +130,30 @@ class Stream:
     def _start(self) -> list[Told]:
         """Make the tracker of what came first."""
         first = _recorded(self._first)
-        heard: list[Update] = []
-
-        def hear(update: Update) -> None:
-            self.watch.hear(update)
-            heard[:] = [update]
-
+        heard: deque[Update] = deque(maxlen=1)
         _, self.tracker = track_recordings(
-            self.description, [first], warm_up=self.begin, hear=hear, **self._asked
+            self.description, [first], warm_up=self.begin, hear=heard.append, **self._asked
         )
         self._first = []
         self._watch(self.tracker)
-        return self._said(heard, watched=True)
+        return self._said(heard)
 
     def _watch(self, tracker: Tracker) -> None:
         self._events = tracker.log.total
         if self.false_alarms is not None:
             self._detector = ChangeDetector.watch(tracker, false_alarms=self.false_alarms)
 
-    def _said(self, updates: Iterable[Update], *, watched: bool = False) -> list[Told]:
+    def _said(self, updates: Iterable[Update]) -> list[Told]:
         assert self.tracker is not None
-        log, out = self.tracker.log, []
+        log, watch, out = self.tracker.log, self.tracker.watch, []
         fresh = min(log.total - self._events, len(log.last))
         for e in list(log.last)[len(log.last) - fresh :]:
             out.append({"event": e.kind, "time": e.time, "channel": e.channel, "text": e.text})
         self._events = log.total
         for update in updates:
-            if not watched:
-                self.watch.hear(update)
-            if self._explained and not self.watch.explained:
+            if self._explained and not watch.explained:
                 self._explained = False
-                out.append({"event": "not explained", "time": update.time, "text": self.watch.sentence})
+                out.append({"event": "not explained", "time": update.time, "text": watch.sentence})
             self._untold = update
             if update.time >= self._last + self.every:
                 self._last, self._untold = update.time, None
@@ -171,12 +166,13 @@ class Stream:
     def _result(self, update: Update) -> Told:
         """Return what is believed; ``fit`` is the mean square of this moment's normalised innovations."""
         assert self.tracker is not None
-        names, sigmas = self.tracker.names, self.watch.widening * update.sigmas
+        names, watch = self.tracker.names, self.tracker.watch
+        sigmas = watch.widening * update.sigmas
         return {
             "time": update.time,
             "parameters": dict(zip(names, update.values.tolist(), strict=True)),
             "sigmas": dict(zip(names, sigmas.tolist(), strict=True)),
-            "explained": self.watch.explained,
+            "explained": watch.explained,
             "fit": float((update.innovations**2).mean()) if len(update.innovations) else None,
         }
 

@@ -17,7 +17,7 @@ from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
 from smsid.tracking.momentum_tracker import EQUATIONS, WINDOW, MomentumTracker
 from smsid.tracking.sample import samples_of
-from smsid.tracking.tracker import Update
+from smsid.tracking.update import Update
 
 
 def track_momentum(

@@ -29,7 +29,8 @@ from smsid.tracking.history import TrackHistory
 from smsid.tracking.sample import samples_of
 from smsid.tracking.sample_buffer import Event
 from smsid.tracking.setting import Setting
-from smsid.tracking.tracker import CHUNK, Tracker, Update
+from smsid.tracking.tracker import CHUNK, Tracker
+from smsid.tracking.update import Update
 from smsid.tracking.warm_up import linearise_by_search
 
 LOGGER = logging.getLogger(__name__)
@@ -110,7 +111,7 @@ def _track(
     total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
     detector = None if false_alarms is None else ChangeDetector(tracker, false_alarms)
     changes: list[Event] = []
-    watch = FitWatch()
+    watch = tracker.watch
     rows = _Rows(described.base, every if every is not None else total / MOST_ROWS, watch)
     shift, ended = 0.0, None
     notes = list(tracker.start.notes)
@@ -158,6 +159,7 @@ def _track(
             "samples": float(tracker.samples),
             "rebuilt": float(tracker.filter.rebuilt),
             "widening": watch.widening,
+            "log_likelihood": rows.log_likelihood,
         },
     )
     return history, tracker
@@ -233,9 +235,10 @@ class _Rows:
     table: dict[str, list] = field(default_factory=dict)
     fit: list[dict[str, float]] = field(default_factory=list)
     sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+    log_likelihood: float = 0.0
 
     def hear(self, update: Update) -> None:
-        self.watch.hear(update)
+        self.log_likelihood += update.log_likelihood
         for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
             channel = name.partition("[")[0]
             total, count = self.sums.get(channel, (0.0, 0))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight
@@ -22,72 +20,25 @@ from smsid.likelihood.prior import Cad
 from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.tracking.drive import CommandMemory
+from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, StartingPoint, followed_parameters
-from smsid.tracking.linearisation import Driven, Moment
-from smsid.tracking.parameter_filter import Correction, ParameterFilter, Passage, _about
+from smsid.tracking.parameter_filter import Correction, ParameterFilter, Passage
+from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import Entry, EventLog, SampleBuffer
 from smsid.tracking.setting import Setting
+from smsid.tracking.update import TrackedState, Update
 
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
 CHUNK = 25  # samples whose commands are looked up at once
 QUATERNION = 4
 
 
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Update:
-    """What one moment [s] told: parameters (m,) and standard deviations after it, and its innovations.
-
-    ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
-    ``innovations`` the same decorrelated; both are white with variance one while the model is right.
-    """
-
-    time: float
-    values: np.ndarray
-    sigmas: np.ndarray
-    rows: tuple[str, ...]
-    innovations: np.ndarray
-    normalised: np.ndarray
-    log_likelihood: float
-    correction: Correction | None
-    passages: tuple[Passage, ...]
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The state at a time [s] to come: q (nq,), v (nv,), ``covariance`` (x, x) as `Tracker.covariance`.
-
-    ``readings`` and ``sigmas`` by channel are what the sensors will read, and how surely, noise included;
-    an attitude as quaternion (x, y, z, w) and rotation vector [rad].
-    """
-
-    time: float
-    q: np.ndarray
-    v: np.ndarray
-    covariance: np.ndarray
-    readings: Mapping[str, np.ndarray]
-    sigmas: Mapping[str, np.ndarray]
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class TrackedState:
-    """What is believed at a time [s]: q (nq,), v (nv,), unknown inputs (k,), and parameters by name."""
-
-    time: float
-    q: np.ndarray
-    v: np.ndarray
-    unknown_inputs: np.ndarray
-    parameters: Mapping[str, float]
-
-
 class Tracker:
     """An extended Kalman filter with chosen parameters in its state, fed sample by sample.
 
-    Memory does not grow with the number of samples. A ``listener`` hears every update as it is made. Not to
-    be shared between threads.
+    Memory does not grow with the number of samples. A ``listener`` hears every update as it is made;
+    ``watch`` knows whether the model has explained the telemetry so far. Not to be shared between threads.
 
     Args:
         description: the spacecraft. Parameters start from its values, or from the estimate's.
@@ -125,6 +76,7 @@ class Tracker:
             present=self.setting.channels,
         )
         self.listener: Callable[[Update], None] | None = None
+        self.watch = FitWatch()
         self._build(origin, start)
 
     def _build(self, origin: Point, start: StartingPoint) -> None:
@@ -196,7 +148,7 @@ class Tracker:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance (x, x) of the tangent of q (nv,), of v (nv,), of unknown inputs and parameters."""
-        return _in_units(self.filter)
+        return covariance_in_units(self.filter)
 
     @property
     def parameter_covariance(self) -> np.ndarray:
@@ -271,13 +223,7 @@ class Tracker:
             raise RecordingError("Nothing has been read yet.", advice="Call update first.")
         if not (np.isfinite(horizon) and horizon >= 0.0):
             raise RecordingError(f"A horizon of {horizon} s is none.", advice="Give zero or more seconds.")
-        ahead = copy.copy(self.filter)
-        edges = _filled(ahead.time, ahead.time + horizon, self.setting.longest)
-        driven = ahead.at.drive(self.commands.inputs(), edges, self.setting.substep)
-        for k in range(len(edges) - 1):
-            ahead.advance(float(edges[k + 1] - edges[k]), driven, k)
-        readings, sigmas = _readings(ahead, driven, len(edges) - 1)
-        return Prediction(ahead.time, ahead.q, ahead.v, _in_units(ahead), readings, sigmas)
+        return predict(self.filter, self.commands.inputs(), self.setting, horizon)
 
     def _receive(self, sample: Sample) -> None:
         known: dict[str, np.ndarray] = {}
@@ -362,7 +308,7 @@ class Tracker:
         known = inputs if inputs is not None else self.commands.inputs()
         edges, at = [f.time], []
         for entry in entries:
-            edges += _filled(edges[-1], entry.time, setting.longest).tolist()[1:]
+            edges += filled(edges[-1], entry.time, setting.longest).tolist()[1:]
             at.append(len(edges) - 1)
         times = np.array(edges)
         driven = f.at.drive(known, times, setting.substep)
@@ -377,6 +323,7 @@ class Tracker:
             found = f.correct(values, attitudes, driven, k, self._before)
             out.append(self._told(found, passages))
             self.samples += 1
+            self.watch.hear(out[-1])
             if self.listener is not None:
                 self.listener(out[-1])
             if f.relinearise() and f.at.drives:
@@ -429,40 +376,3 @@ def _wrong_size(channel: str, found: int, wanted: int) -> RecordingError:
         advice="Give them in the order of the description.",
         channel=channel,
     )
-
-
-def _filled(start: float, end: float, longest: float) -> np.ndarray:
-    """Return times from start to end [s], no further apart than ``longest``; one if they are the same."""
-    if end <= start:
-        return np.array([start])
-    return np.linspace(start, end, max(1, int(np.ceil((end - start) / longest - 1e-9))) + 1)
-
-
-def _in_units(f: ParameterFilter) -> np.ndarray:
-    scale = np.ones(len(f.covariance))
-    scale[f.parameters] = f.scales
-    return f.covariance * np.outer(scale, scale)
-
-
-def _readings(
-    f: ParameterFilter, driven: Driven, k: int
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return what sensors read and with what standard deviations, by channel, under forces number k."""
-    base = f.at.base
-    off, q, v, driving = f._reference()
-    tau = driven.base.at[k] + driving
-    lin = base.plant.linear(f.time, q, v, tau)
-    moment = Moment(f.time, q, v, tau, lin.a, lin.by_tau)
-    forces = _about(driven.base, k, None, driving)
-    h, cq, cv, ca = base.predict(moment, forces, base.plant)
-    pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
-    by_theta = f.at.readings(moment, forces) + ca @ f.at.accelerations(moment, pairs)
-    unknown = ca @ lin.by_tau[:, [u.dof for u in f.unknown_inputs]]
-    big = np.hstack([ca @ lin.by_q + cq, ca @ lin.by_v + cv, unknown, by_theta])
-    h = h + big @ off
-    variance = np.einsum("ij,jk,ik->i", big, f.covariance, big) + f.layout.sigma**2
-    readings = {b.channel: h[b.rows] for b in f.layout.blocks}
-    for b in f.layout.blocks:
-        if b.quantity == "attitude":
-            readings[b.channel] = f.q[3:7].copy()
-    return readings, {b.channel: np.sqrt(variance[b.rows]) for b in f.layout.blocks}

@@ -21,6 +21,7 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import Noise, UnknownInput
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
 from smsid.tracking.linearisation import Linearisation
 from smsid.tracking.sample_buffer import Entry, Event
@@ -28,7 +29,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 1
+VERSION = 2
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
 
 
@@ -62,6 +63,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "time": f.time,
         "moving": tracker.moving,
         "samples": tracker.samples,
+        "watch": asdict(tracker.watch),
         "rebuilt": f.rebuilt,
         "passed": tracker.buffer.passed,
         "newest": tracker.buffer.newest,
@@ -122,6 +124,9 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     renewed = Linearisation(f.origin, unknowns, arrays["renewed"], f.layout, f.locked)
     f.at = Linearisation(f.origin, unknowns, arrays["linearised"], f.layout, f.locked, before=renewed)
     f.known_at = arrays["known_at"]
+    watch = document["watch"]
+    squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}
+    tracker.watch = FitWatch(watch["widening"], watch["component"], squares)
     tracker.moving, tracker.samples = document["moving"], document["samples"]
     tracker._before = arrays.get("before")
     tracker._unknown_channels = set(document["unknown_channels"])

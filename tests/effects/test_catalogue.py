@@ -83,6 +83,9 @@ EXAMPLES = {
         "name": "sr", "sensor": "imu", "quantity": "angular_rate", "slope": (0.1, -0.2, 0.05),
     },
     "slosh_nonlinearity": {"name": "sn", "tank": "tank", "cubic": 0.5, "quadratic_damping": 0.1},
+    "slosh_pendulum": {
+        "name": "sp", "pivot": (0.1, 0.0, 0.4), "mass": 5.0, "length": 0.5, "damping": 0.02, "stiffness": 0.1,
+    },
     "geometric_stiffness": {"name": "gs", "appendage": "panel", "factor": 1.0},
     "frequency_drift": {"name": "fd", "appendage": "panel", "mode": 2, "rate": 1e-3},
     "mode_error": {"name": "me", "appendage": "panel", "mode": 2, "frequency": 0.03, "damping": 1e-3},

@@ -14,7 +14,7 @@ from smsid.description import load_description
 from smsid.errors import RecordingError
 from smsid.experiments import fly, named_experiment
 from smsid.model import SpacecraftModel, build_model
-from smsid.model.column_order import order_columns
+from smsid.model.column_order import column_map, order_columns
 from smsid.recording import Recording
 
 URDF = Path(__file__).parents[2] / "urdf"
@@ -140,6 +140,23 @@ def test_another_sources_joints_are_its_own():
     t, q = np.arange(3) / 10.0, np.zeros((3, 2))
     other = Recording.from_arrays(t, {"rover.joint_position": q}, labels={"joint": ["steer", "drive"]})
     assert order_columns(other, paper()) is other
+
+
+@pytest.mark.parametrize(
+    ("channel", "labels"),
+    [
+        ("panel.acceleration", {"panel.station": ("6 m", "2 m", "4 m")}),
+        ("encoder.joint_position", {"joint": ("joint3", "joint1", "joint2"), "wheel": ("wheel_x",)}),
+        ("imu.angular_rate", {"joint": ("joint3", "joint1", "joint2")}),
+    ],
+)
+def test_one_reading_is_ordered_as_a_recording_is(channel, labels):
+    given_ = flown("exp2", 2.0)
+    own = {k: v for k, v in labels.items() if k != "wheel" and channel != "imu.angular_rate"}
+    whole = Recording.from_arrays(given_.time(channel), {channel: given_[channel]}, labels=own)
+    matrix, offset = column_map(labels, channel, given_[channel][0].size, paper())
+    found = given_[channel].reshape(len(given_[channel]), -1) @ matrix.T + offset
+    np.testing.assert_array_equal(found, order_columns(whole, paper())[channel].reshape(len(found), -1))
 
 
 # Every consumer: the same numbers whatever the order.

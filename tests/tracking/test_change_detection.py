@@ -88,3 +88,32 @@ def test_false_alarms_are_no_more_than_asked_for(description):
     steady = flight(60.0, seed=11)
     assert len(watched(description, steady, false_alarms=60.0).changes) <= 3
     assert not watched(description, steady).changes
+
+
+def test_the_size_of_the_sequential_test_under_the_null(description):
+    """Ten minutes of innovations drawn as the filter says they are: no more alarms than asked for.
+
+    At 600 an hour 100 are allowed. Bonferroni's inequality keeps them below that, but not out of sight.
+    """
+    steady = flight(12.0, seed=11)
+    plain = Tracker(description, follow=FOLLOW, cad=0.01)
+    setting = Setting.of(plain.description, plain.origin.base, hold="linear")
+    tracker = Tracker(description, follow=FOLLOW, cad=0.01, setting=setting)
+    detector = ChangeDetector(tracker, false_alarms=600.0)
+    last = []
+    tracker.listener = last.append
+    tracker.update_all(samples_of(steady))
+    pattern = last[-20:]  # two seconds of sensitivities and gains, again and again
+    rng, alarms, time, every = np.random.default_rng(4), 0, 0.0, 0.1
+    for k in range(round(600.0 / every)):
+        own = pattern[k % len(pattern)]
+        drawn = rng.standard_normal(len(own.correction.innovations))
+        time += every
+        passages = tuple(replace(p, seconds=every / len(own.passages)) for p in own.passages)
+        detector.hear(
+            replace(own, time=time, passages=passages, correction=replace(own.correction, innovations=drawn))
+        )
+        if detector._alarm is not None:  # heard; on it goes
+            alarms += 1
+            detector._alarm, detector._starts = None, []
+    assert 10 <= alarms <= 100

@@ -13,6 +13,7 @@ from smsid.description import load_description, save_description
 from smsid.errors import RecordingError
 from smsid.recording import Recording, load_recording, save_recording
 from smsid.tracking import load_tracker
+from smsid.tracking.json_lines import lines_of
 
 from .craft import INERTIA, craft, flight
 
@@ -129,9 +130,34 @@ def test_a_model_that_does_not_follow_is_told_and_bands_grow(folder):
         turned.append(json.dumps(table) + "\n")
     _, sound = stream(folder, lines="\n".join(lines) + "\n")
     assert all(x["explained"] for x in results(sound))
-    _, told = stream(folder, lines="".join(turned))
+    state = str(folder / "wrong.npz")
+    _, told = stream(folder, "--save", state, lines="".join(turned))
     (event,) = [x for x in told if x.get("event") == "not explained"]
     assert event["time"] > 4.0 and "tacho.wheel_rate" in event["text"]
     last = results(told)[-1]
     assert not last["explained"]
     assert last["sigmas"]["bus.Izz"] > 3.0 * results(sound)[-1]["sigmas"]["bus.Izz"]
+    words = ["stream", str(folder / "craft.toml"), "--restore", state]
+    later = lines[0] + "\n" + lines[-1].replace('"time": 6.0', '"time": 6.1') + "\n"
+    run = CliRunner().invoke(app, words, input=later, catch_exceptions=False)
+    restored = results([json.loads(x) for x in run.stdout.splitlines()])[-1]
+    assert restored["time"] == pytest.approx(6.1) and not restored["explained"]
+    assert restored["sigmas"]["bus.Izz"] > 0.9 * last["sigmas"]["bus.Izz"]
+
+
+def test_changes_are_told_as_they_are_found(folder):
+    """From 20 s on, the second axis of the gyro reads three standard deviations too much."""
+    turned = []
+    for _, line in lines_of(flight(44.0, seed=5)):
+        table = json.loads(line)
+        if table.get("time", 0.0) >= 20.0:
+            table["gyro.angular_rate"][1] += 3e-5
+        turned.append(json.dumps(table) + "\n")
+    words = ["--changes", "--follow", "gyro.angular_rate.bias.*=0"]
+    _, told = stream(folder, *words, lines="".join(turned))
+    (event,) = [x for x in told if x.get("event") == "change"]
+    assert event["group"] == "gyro.angular_rate.bias" and 20.0 < event["time"] < 25.0
+    assert abs(event["began"] - 20.0) <= event["grid"]
+    axis = "gyro.angular_rate.bias.y"
+    assert abs(event["jumps"][axis] - 3e-5) < 4.0 * event["sigmas"][axis]
+    assert event["text"].startswith("gyro.angular_rate.bias changed at")

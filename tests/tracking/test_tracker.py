@@ -124,6 +124,7 @@ def test_a_restored_tracker_goes_on_exactly(description, samples, tmp_path):
     assert np.array_equal(whole.filter.values, second.filter.values)
     assert np.array_equal(whole.covariance, second.covariance)
     assert second.samples == 35
+    assert second.watch == whole.watch and second.watch.squares
 
 
 def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, samples, tmp_path, monkeypatch):
@@ -132,8 +133,8 @@ def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, sam
     path = save_tracker(tracker, tmp_path / "state.npz")
     with pytest.raises(RecordingError, match="another description"):
         load_tracker(path, craft(tmp_path / "other", off=0.2))
-    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 2)
-    with pytest.raises(RecordingError, match="version 1; this smsid reads 2"):
+    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 3)
+    with pytest.raises(RecordingError, match="version 2; this smsid reads 3"):
         load_tracker(path, description)
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="no saved tracker"):

@@ -1,0 +1,81 @@
+"""What a filter expects of times to come: state and readings, with how surely."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid._short_repr import short_repr
+from smsid.simulate import Inputs
+from smsid.tracking.linearisation import Driven, Moment
+from smsid.tracking.parameter_filter import ParameterFilter, _about
+from smsid.tracking.setting import Setting
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The state at a time [s] to come: q (nq,), v (nv,), ``covariance`` (x, x) as `Tracker.covariance`.
+
+    ``readings`` and ``sigmas`` by channel are what the sensors will read, and how surely, noise included;
+    an attitude as quaternion (x, y, z, w) and rotation vector [rad].
+    """
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    covariance: np.ndarray
+    readings: Mapping[str, np.ndarray]
+    sigmas: Mapping[str, np.ndarray]
+
+
+def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: float) -> Prediction:
+    """Return state and readings ``horizon`` [s] ahead under ``inputs``; the filter is not changed."""
+    ahead = copy.copy(now)
+    edges = filled(ahead.time, ahead.time + horizon, setting.longest)
+    driven = ahead.at.drive(inputs, edges, setting.substep)
+    for k in range(len(edges) - 1):
+        ahead.advance(float(edges[k + 1] - edges[k]), driven, k)
+    readings, sigmas = _readings(ahead, driven, len(edges) - 1)
+    return Prediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
+
+
+def filled(start: float, end: float, longest: float) -> np.ndarray:
+    """Return times (n,) from start to end [s], ``longest`` apart at most; one if they are the same."""
+    if end <= start:
+        return np.array([start])
+    return np.linspace(start, end, max(1, int(np.ceil((end - start) / longest - 1e-9))) + 1)
+
+
+def covariance_in_units(f: ParameterFilter) -> np.ndarray:
+    """Return the covariance (x, x) of a filter's state, parameters in their units."""
+    scale = np.ones(len(f.covariance))
+    scale[f.parameters] = f.scales
+    return f.covariance * np.outer(scale, scale)
+
+
+def _readings(
+    f: ParameterFilter, driven: Driven, k: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return what sensors read and with what standard deviations, by channel, under forces number k."""
+    base = f.at.base
+    off, q, v, driving = f._reference()
+    tau = driven.base.at[k] + driving
+    lin = base.plant.linear(f.time, q, v, tau)
+    moment = Moment(f.time, q, v, tau, lin.a, lin.by_tau)
+    forces = _about(driven.base, k, None, driving)
+    h, cq, cv, ca = base.predict(moment, forces, base.plant)
+    pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
+    by_theta = f.at.readings(moment, forces) + ca @ f.at.accelerations(moment, pairs)
+    unknown = ca @ lin.by_tau[:, [u.dof for u in f.unknown_inputs]]
+    big = np.hstack([ca @ lin.by_q + cq, ca @ lin.by_v + cv, unknown, by_theta])
+    h = h + big @ off
+    variance = np.einsum("ij,jk,ik->i", big, f.covariance, big) + f.layout.sigma**2
+    readings = {b.channel: h[b.rows] for b in f.layout.blocks}
+    for b in f.layout.blocks:
+        if b.quantity == "attitude":
+            readings[b.channel] = f.q[3:7].copy()
+    return readings, {b.channel: np.sqrt(variance[b.rows]) for b in f.layout.blocks}

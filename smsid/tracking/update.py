@@ -1,0 +1,43 @@
+"""What a tracker tells: what each moment did to its belief, and what it believes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid._short_repr import short_repr
+from smsid.tracking.parameter_filter import Correction, Passage
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What one moment [s] told: parameters (m,) and standard deviations after it, and its innovations.
+
+    ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
+    ``innovations`` the same decorrelated; both are white with variance one while the model is right.
+    """
+
+    time: float
+    values: np.ndarray
+    sigmas: np.ndarray
+    rows: tuple[str, ...]
+    innovations: np.ndarray
+    normalised: np.ndarray
+    log_likelihood: float
+    correction: Correction | None
+    passages: tuple[Passage, ...]
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class TrackedState:
+    """What is believed at a time [s]: q (nq,), v (nv,), unknown inputs (k,), and parameters by name."""
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    unknown_inputs: np.ndarray
+    parameters: Mapping[str, float]
