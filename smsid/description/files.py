@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
 from smsid._reading import read_toml as _read_toml
+from smsid._signature import signed
 from smsid._xacro_arguments import given_arguments
 from smsid.description.explain import explain_validation
 from smsid.description.finite_elements import with_finite_elements
@@ -98,7 +99,7 @@ def save_description(description: Description, path: str | os.PathLike[str]) -> 
     for table, arm in zip(tables.get("arm", []), description.arm, strict=True):
         if arm.urdf is not None:
             table["urdf"] = _relative(description.folder / arm.urdf, file.parent)
-    atomic_write(file, tomli_w.dumps(tables))
+    atomic_write(file, signed(tomli_w.dumps(tables)))
 
 
 def _relative(target: Path, start: Path) -> str:

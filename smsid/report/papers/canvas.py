@@ -76,7 +76,9 @@ def save(figure: Figure, path: Path) -> Path:
     FigureCanvasAgg(figure)
     _plain_where_no_formula(figure)
     # no date in the file: the same figure is the same file
-    meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(kind, {})
+    meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(
+        kind, {"Software": "smsid"}
+    )
     style: dict[Any, Any] = {**STYLE, "svg.hashsalt": "smsid"}
     with rc_context(style), atomic_path(path) as temporary:
         figure.savefig(temporary, format=kind[1:], metadata=meta)
