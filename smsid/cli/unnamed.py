@@ -69,23 +69,17 @@ def _written_kind(path: Path) -> str:
             return ""
     except (SmsidError, ValueError):
         return ""
-    return kind if suffix != ".nc" or str(_attribute(path, "schema")).startswith("smsid.") else ""
+    from smsid.recording.storage import file_attribute
+
+    return kind if suffix != ".nc" or file_attribute(path, "schema").startswith("smsid.") else ""
 
 
 def _imported_from(path: Path) -> str:
     """Return the name of the log that a recording was imported from and is still whole of."""
+    from smsid.recording.storage import file_attribute
+
     try:
-        made = json.loads(_attribute(path, "provenance"))
+        made = json.loads(file_attribute(path, "provenance"))
         return "" if made.get("steps") else str(made["imported"]["file"])
     except (ValueError, LookupError, TypeError, AttributeError):
-        return ""
-
-
-def _attribute(path: Path, name: str) -> str:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get(name, ""))
-    except OSError:
         return ""

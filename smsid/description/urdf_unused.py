@@ -43,7 +43,7 @@ def unused_elements(root: Element) -> tuple[str, ...]:
         found.append(f"<gazebo> {some_of(extended)}: a spring is the effect `joint_cable`")
     unknown = _unknown(root)
     if unknown:
-        found.append(f"{some_of(unknown)}: no such thing stands in a URDF; is it misspelt?")
+        found.append(f"{some_of(unknown)}: a URDF knows no such thing (misspelt?)")
     loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
     if loops:
         found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")
