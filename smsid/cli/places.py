@@ -15,7 +15,7 @@ import typer
 from smsid._files import check_target
 from smsid._guard import is_same_file
 from smsid._temporary import remove_orphans
-from smsid.cli.unnamed import check_unnamed
+from smsid.cli.replacement import check_toml, check_unnamed
 from smsid.errors import OutputError, SmsidError
 
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
@@ -89,7 +89,8 @@ def check_places(
 
     Raises:
         OutputError: an output is an input or another output, has a suffix that does not fit, cannot be
-            written, or would replace what smsid did not write at a place that nobody named.
+            written, or would replace a TOML written by hand, or what smsid did not write at a place that
+            nobody named.
     """
     marks = output_marks(function)
     parameters = inspect.signature(function, eval_str=True).parameters
@@ -113,7 +114,10 @@ def check_places(
                 raise _clash(out, f"an input ({source.name})")
     for name in marks:
         if options.get(name) is not None:
-            _check_unnamed(name, Path(options[name]), marks[name], name in unnamed, [p.path for p in inputs])
+            called = option_name(parameters[name])
+            _check_replaced(
+                called, Path(options[name]), marks[name], name in unnamed, [p.path for p in inputs]
+            )
     return [p.path for p in inputs if _is_file(p.path)]
 
 
@@ -154,9 +158,11 @@ def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
     return places
 
 
-def _check_unnamed(name: str, path: Path, mark: Writes, is_default: bool, inputs: Sequence[Path]) -> None:
+def _check_replaced(called: str, path: Path, mark: Writes, is_default: bool, inputs: Sequence[Path]) -> None:
+    if not is_default and path.suffix.lower() == ".toml":
+        check_toml(path, called)
     if is_default and mark.kind:
-        check_unnamed(path, mark.kind, f"the default of --{name}", inputs)
+        check_unnamed(path, mark.kind, f"the default of {called}", inputs)
     for more in mark.beside(path) if mark.beside_kind else ():
         check_unnamed(more, mark.beside_kind, f"written beside '{path}'", inputs)
 

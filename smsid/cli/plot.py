@@ -11,7 +11,7 @@ from smsid.cli.manners import Outcome
 from smsid.cli.options import Output
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes
-from smsid.cli.unnamed import FIGURE
+from smsid.cli.replacement import FIGURE
 
 
 def plot_command(

@@ -12,7 +12,7 @@ from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes
-from smsid.cli.unnamed import PAGE
+from smsid.cli.replacement import PAGE
 from smsid.errors import SmsidError
 
 

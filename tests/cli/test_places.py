@@ -266,6 +266,39 @@ def test_a_default_output_replaces_what_the_command_wrote_but_no_measured_data(t
     assert Path("experiment.toml").read_text().endswith("# tried on Monday\n")
 
 
+TOMLS = [
+    pytest.param(words, f, out, id=f"{words}: {out}")
+    for words, f in FUNCTIONS
+    for out, mark in output_marks(f).items()
+    if ".toml" in mark.suffixes
+]
+
+
+@pytest.mark.parametrize(("words", "f", "out"), TOMLS)
+def test_a_toml_written_by_hand_is_never_replaced(words, f, out, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given = {k: fitting(tmp_path, k, Writes()) for k in inputs(f)}
+    Path("mine.toml").write_text('name = "two weeks of work"\n')
+    Path("link.toml").symlink_to("mine.toml")
+    for name in ("mine.toml", "link.toml"):
+        before = contents(tmp_path)
+        code, err = call(command_line(words, f, {**given, out: tmp_path / name}), monkeypatch, capsys)
+        assert code == 1 and "written or changed by hand" in err and contents(tmp_path) == before
+
+
+def test_a_drafted_mapping_is_replaced_until_somebody_goes_through_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _fuzz.write_base(tmp_path)
+    line = ["inspect", "l.csv", "--map", "draft.toml"]
+    for _ in range(2):
+        assert call(line, monkeypatch, capsys)[0] == 0
+    text = Path("draft.toml").read_text()
+    Path("draft.toml").write_text(text.replace('unit = "rad/s"', 'unit = "degree/s"', 1))
+    code, err = call(line, monkeypatch, capsys)
+    assert code == 1 and "written or changed by hand" in err
+    assert "degree/s" in Path("draft.toml").read_text()
+
+
 def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):
     (tmp_path / "a").write_text("measured")
     os.link(tmp_path / "a", tmp_path / "b")

@@ -1,4 +1,4 @@
-"""What a command may replace at a place nobody named: what smsid wrote of the same kind, nothing else."""
+"""What a command may replace: no TOML of the user's; unasked, only what smsid wrote of the same kind."""
 
 from __future__ import annotations
 
@@ -17,6 +17,27 @@ MARKED = {
 }
 """Kinds that are known by a mark near the beginning of the file."""
 MARKED_WITHIN = 4096  # bytes
+
+
+def check_toml(path: Path, called: str) -> None:
+    """Refuse to replace a TOML that somebody wrote or changed, as a drafted mapping that was gone through.
+
+    Raises:
+        OutputError: the file is there, and not as smsid wrote it.
+    """
+    if path.is_file() and not _is_ours(path):
+        raise OutputError(
+            f"{called} '{path}' is there already and was written or changed by hand.",
+            advice=f"Give {called} another path, or remove that file.",
+            path=str(path),
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return is_signed(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
 
 
 def check_unnamed(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
@@ -65,9 +86,9 @@ def _written_kind(path: Path) -> str:
             return kind if mark in stream.read(MARKED_WITHIN) else ""
     try:
         kind = kind_of(path)
-        if suffix == ".toml" and not is_signed(path.read_text(encoding="utf-8")):
-            return ""
-    except (SmsidError, ValueError):
+    except SmsidError:
+        return ""
+    if suffix == ".toml" and not _is_ours(path):
         return ""
     from smsid.recording.storage import file_attribute
 
