@@ -7,7 +7,7 @@ from typing import Any
 
 from smsid._reading import read_json as read_any_json
 from smsid.errors import SmsidError
-from smsid.paths import bundled_craft
+from smsid.paths import bundled_craft, missing_craft_advice
 
 KINDS = (
     "recording",
@@ -44,7 +44,7 @@ def kind_of(path: Path) -> str:
     if not path.is_file():
         if bundled_craft(str(path)) is not None:
             return "description"
-        raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
+        raise SmsidError(f"The file '{path}' does not exist.", advice=missing_craft_advice(str(path)))
     match path.suffix.lower():
         case ".nc" | ".h5" | ".hdf5":
             from smsid.recording.storage import file_attribute

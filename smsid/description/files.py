@@ -18,7 +18,7 @@ from smsid.description.finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
-from smsid.paths import bundled_craft
+from smsid.paths import bundled_craft, missing_craft_advice
 
 __all__ = ["explain_validation", "load_description", "read_toml", "save_description"]
 
@@ -42,9 +42,9 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     file = Path(path)
     if not file.exists():
         file = bundled_craft(str(path)) or file
+    if not file.is_file():
+        raise DescriptionError(f"The file '{file}' does not exist.", advice=missing_craft_advice(str(path)))
     if file.suffix in SUFFIXES:
-        if not file.is_file():
-            raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         name = file.stem.removesuffix(".urdf")
         return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent, meshes="optional"))
     tables = read_toml(file)
