@@ -74,7 +74,7 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
     "stream": (["stream", "d.toml", "lines.jsonl", "--save", "live.npz"], ["live.npz"]),
     "new": (["new", "craft", "--panel", "2x1"], ["craft.toml", "craft_bus.urdf"]),
     "campaign": (["campaign", "plan.toml", "--backend", "serial", "-q"], ["runs.jsonl", "runs.summary.json"]),
-    "lab oscillator": (["lab", "oscillator", "lab.nc", "--frequency", "1.4"], ["oscillator.json"]),
+    "lab oscillator": (["lab", "oscillator", "lab.nc", "--frequency", "1.4", "--damping", "0.2"], ["oscillator.json"]),
     "lab modal": (
         ["lab", "modal", "lab.nc", "--highest", "5", "--channel", "extra.output"],
         ["modes.json"],
