@@ -32,6 +32,15 @@ from smsid.cli import main as smsid_main
 
 EXPERIMENT = {**_fuzz.EXPERIMENT, "duration": 4.0, "joints": [0.2]}
 EXPERIMENT["force"] = {"kind": "steps", "times": [0.0, 2.0], "values": [[5.0, 3.0, 1.0], [-5.0, 0.0, 2.0]]}
+PLAN = {
+    "name": "cheap",
+    "description": "d.toml",
+    "runs": 3,
+    "seed": 7,
+    "method": "cheap_method:measure",
+    "truth": [{"parameters": ["tank.mass"], "relative": 0.1}],
+}
+METHOD = (_common.ROOT / "tests" / "campaign" / "cheap.py").read_text(encoding="utf-8")
 POSE = {"name": "pose", "kind": "pose", "preset": "reference"}  # attitudes, for the controller
 # each by what it is called with; in this order, as later ones read what earlier ones wrote
 CALLS: dict[str, tuple[list[str], list[str]]] = {
@@ -61,13 +70,34 @@ CALLS: dict[str, tuple[list[str], list[str]]] = {
         ["designed.toml"],
     ),
     "control": (["control", "d.toml", "found.json", "--samples", "20"], ["controller.json"]),
+    "diagnose": (["diagnose", "d.toml", "r.nc"], ["diagnosis.json"]),
+    "stream": (["stream", "d.toml", "lines.jsonl", "--save", "live.npz"], ["live.npz"]),
+    "new": (["new", "craft", "--panel", "2x1"], ["craft.toml", "craft_bus.urdf"]),
+    "campaign": (["campaign", "plan.toml", "--backend", "serial", "-q"], ["runs.jsonl", "runs.summary.json"]),
+    "lab oscillator": (
+        ["lab", "oscillator", "lab.nc", "--frequency", "1.4", "--damping", "0.2"],
+        ["oscillator.json"],
+    ),
+    "lab modal": (
+        ["lab", "modal", "lab.nc", "--highest", "5", "--channel", "extra.output"],
+        ["modes.json"],
+    ),
+    "lab tank": (
+        ["lab", "tank", "lab.nc", "--force", "hand.force.y", "--position", "pose.position.y"],
+        ["tank.json"],
+    ),
 }
+FRESH = {"export": ["exported"], **{name: CALLS[name][1] for name in ("new", "campaign")}}
+"""What is removed before a command runs: it takes a new folder or name only, or would find all done."""
+OWN_PLACE = ("new", "stream")
+"""Commands that write where they are told without ``-o``."""
 
 
 def words(name: str) -> list[str]:
     """Return the words of a call, with its first output after ``-o`` where they do not name it yet."""
     call, outputs = CALLS[name]
-    return call if outputs[0] in call or "-o" in call else [*call, "-o", outputs[0]]
+    named = name in OWN_PLACE or outputs[0] in call or "-o" in call
+    return call if named else [*call, "-o", outputs[0]]
 
 
 def started(call: Sequence[str], folder: Path) -> int:
@@ -93,11 +123,17 @@ def started(call: Sequence[str], folder: Path) -> int:
     os._exit(code)
 
 
-def finished(call: Sequence[str], folder: Path) -> int:
-    """Run a command to its end and return its exit code; an export goes into a new folder only."""
-    if call[0] == "export":
-        shutil.rmtree(folder / "exported", ignore_errors=True)
-    return os.waitstatus_to_exitcode(os.waitpid(started(call, folder), 0)[1])
+def make_room(name: str, folder: Path) -> None:
+    """Remove what a command would not write again."""
+    for path in FRESH.get(name, []):
+        shutil.rmtree(folder / path, ignore_errors=True)
+        (folder / path).unlink(missing_ok=True)
+
+
+def finished(name: str, folder: Path) -> int:
+    """Run a command to its end and return its exit code."""
+    make_room(name, folder)
+    return os.waitstatus_to_exitcode(os.waitpid(started(words(name), folder), 0)[1])
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -163,7 +199,7 @@ def judged(folder: Path, before: dict[str, bytes], outputs: Sequence[str]) -> st
     """Return what a killed command damaged, or nothing."""
     now = contents(folder)
     for name, old in before.items():
-        if name not in now and not name.startswith("exported"):
+        if name not in now:
             return f"{name} is gone"
         if name in now and now[name] != old:
             if name.split("/")[0] not in outputs and name != "said.log":
@@ -186,8 +222,7 @@ def killed(seed: int, number: int, base: Path, lasts: dict[str, float]) -> dict[
     folder = Path(tempfile.mkdtemp(prefix="smsid_kills_")).resolve()
     try:
         shutil.copytree(base, folder, dirs_exist_ok=True)
-        if name == "export":
-            shutil.rmtree(folder / "exported", ignore_errors=True)
+        make_room(name, folder)
         before = contents(folder)
         child = started(words(name), folder)
         time.sleep(after)
@@ -199,7 +234,7 @@ def killed(seed: int, number: int, base: Path, lasts: dict[str, float]) -> dict[
             lost = whole - set(contents(folder / "exported"))
             wrong = f"the folder lacks {sorted(lost)}" if lost else wrong
         halves = [p.name for p in folder.rglob("*.tmp")]
-        code = finished(words(name), folder)
+        code = finished(name, folder)
         left = [p.name for p in folder.rglob("*.tmp")]
         if not wrong and code not in (0, 3, 4):
             wrong = f"the next run ended with {code}: {(folder / 'said.log').read_text()[-300:]}"
@@ -216,17 +251,58 @@ def killed(seed: int, number: int, base: Path, lasts: dict[str, float]) -> dict[
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _write_lab(path: Path) -> None:
+    """Write a driven oscillator, its vibration in two places, and a force on a container."""
+    import numpy as np
+    from scipy.signal import StateSpace, lsim
+
+    from smsid.recording import Recording, save_recording
+
+    rng, times, w = np.random.default_rng(1), 0.02 * np.arange(3000), 2.0 * np.pi * 1.5
+    drive = rng.normal(size=times.size)
+    motion = StateSpace([[0.0, 1.0], [-w * w, -0.04 * w]], [[0.0], [w * w]], [[1.0, 0.0]], [[0.0]])
+    answer = lsim(motion, drive, times)[1]
+    place = 0.02 * np.sin(3.0 * times)
+    none = np.zeros_like(times)
+    channels = {
+        "extra.input": drive,
+        "extra.output": answer,
+        "hand.force": np.stack([none, -9.0 * 2.0 * place + 0.01 * rng.normal(size=times.size), none], 1),
+        "pose.position": np.stack([none, place, none], 1),
+    }
+    units = {"extra.input": "V", "extra.output": "m"}
+    save_recording(Recording.from_arrays(times, channels, units=units), path)
+
+
+def _write_lines(base: Path) -> None:
+    with (base / "lines.jsonl").open("w") as stream:
+        child = os.fork()
+        if not child:
+            os.chdir(base)
+            os.dup2(stream.fileno(), 1)
+            sys.argv = ["smsid", "play", "r.nc"]
+            smsid_main()
+            sys.stdout.flush()
+            os._exit(0)
+        os.waitpid(child, 0)
+
+
 def prepared(base: Path) -> dict[str, float]:
     """Run every command once into ``base`` and return how long each took [s]."""
     _fuzz.write_base(base)
     (base / "s.toml").write_text(tomli_w.dumps(EXPERIMENT), encoding="utf-8")
     craft = {**_fuzz.DESCRIPTION, "sensor": [*_fuzz.DESCRIPTION["sensor"], POSE]}
     (base / "d.toml").write_text(tomli_w.dumps(craft), encoding="utf-8")
+    _write_lab(base / "lab.nc")
+    (base / "cheap_method.py").write_text(METHOD, encoding="utf-8")
+    (base / "plan.toml").write_text(tomli_w.dumps(PLAN), encoding="utf-8")
     lasts = {}
     for name in CALLS:
-        finished(words(name), base)  # caches are filled
+        if name == "stream":
+            _write_lines(base)
+        finished(name, base)  # caches are filled
         begin = time.monotonic()
-        code = finished(words(name), base)
+        code = finished(name, base)
         lasts[name] = time.monotonic() - begin
         if code not in (0, 3, 4):
             raise SystemExit(f"{name} ended with {code}: {(base / 'said.log').read_text()[-1000:]}")

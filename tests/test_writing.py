@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from smsid._files import atomic_folder, atomic_path, atomic_write, file_stem
@@ -19,6 +20,7 @@ from smsid._temporary import PATTERN, remove_orphans, temporary_beside
 from smsid.description import load_description
 from smsid.errors import OutputError
 from smsid.export.folder import export_folder
+from smsid.recording import Recording, save_recording
 
 KILLS = 6  # benchmarks/kills.py makes 100, over whole commands
 BIG = 200_000
@@ -79,7 +81,7 @@ def test_what_another_run_is_writing_stays(tmp_path):
     assert mine.read_text() == "kept" and not orphan.exists()
 
 
-@pytest.mark.parametrize("command", ["import", "simulate", "view"])
+@pytest.mark.parametrize("command", ["import", "simulate", "view", "plot"])
 def test_a_full_disk_is_one_line_and_leaves_the_old_file(command, tmp_path, urdf):
     """The limit on a file's size stands for the full disk: a write ends in an error of the system."""
     log = "t,wx,wy,wz\n" + "".join(f"{k / 100},{k % 7},{k % 3},{k % 5}\n" for k in range(2000))
@@ -96,7 +98,10 @@ def test_a_full_disk_is_one_line_and_leaves_the_old_file(command, tmp_path, urdf
         "import": (["import", "l.csv", "--map", "m.toml", "--unchecked"], "o.nc"),
         "simulate": (["simulate", description, "s.toml"], "o.nc"),
         "view": (["view", description], "o.html"),
+        "plot": (["plot", "recording", "r.nc"], "o.pdf"),
     }[command]
+    rates = {"imu.angular_rate": np.random.default_rng(1).normal(size=(2000, 3))}
+    save_recording(Recording.from_arrays(0.01 * np.arange(2000), rates), tmp_path / "r.nc")
     (tmp_path / out).write_text("old")
     before = sorted(p.name for p in tmp_path.iterdir())
     done = subprocess.run(

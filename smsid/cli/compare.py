@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import JsonOutput, ReportPath, ShowAll
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
+from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
     from smsid.comparison import Comparison, Finding
@@ -22,7 +23,7 @@ ROWS, LINES = 20, 8  # parameters and findings shown, unless everything is asked
 def compare_command(
     estimate: Annotated[Path, typer.Argument(help="estimate before (JSON of `smsid identify`)")],
     second: Annotated[Path, typer.Argument(help="estimate after, of the same spacecraft")],
-    output: JsonOutput = Path("comparison.json"),
+    output: Annotated[Output, Writes((".json",), kind="comparison")] = Path("comparison.json"),
     description: Annotated[
         Path | None,
         typer.Option(

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import JsonOutput, ReportPath, ShowAll
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
+from smsid.cli.places import Writes
 from smsid.errors import ControlError
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def control_command(
         int, typer.Option(help="plants drawn from the estimate for the robust analysis")
     ] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="of what is drawn")] = 0,
-    output: JsonOutput = Path("controller.json"),
+    output: Annotated[Output, Writes((".json",), kind="controller")] = Path("controller.json"),
     study: Annotated[
         str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
     ] = None,

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import ReportPath, ShowAll, TomlOutput
+from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
+from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -40,7 +41,7 @@ def design_command(
         str | None,
         typer.Option(help="two causes as diagnose prints them, e.g. 'viscous at joint2,coulomb at joint2'"),
     ] = None,
-    output: TomlOutput = Path("experiment.toml"),
+    output: Annotated[Output, Writes((".toml",), kind="experiment")] = Path("experiment.toml"),
     mode: Annotated[
         str, typer.Option(help="thrust (attitude held), motion (arm and wheels, free floating), or auto")
     ] = "auto",

@@ -27,7 +27,9 @@ def _extended_beside(output: Path) -> tuple[Path, ...]:
     return (output.with_name("extended.toml"),)
 
 
-DiagnosisOutput = Annotated[Output, Writes((".json",), beside=_extended_beside, beside_kind="description")]
+DiagnosisOutput = Annotated[
+    Output, Writes((".json",), kind="diagnosis", beside=_extended_beside, beside_kind="description")
+]
 EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
 
 

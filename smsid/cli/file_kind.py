@@ -7,7 +7,7 @@ from typing import Any
 
 from smsid._reading import read_json as read_any_json
 from smsid.errors import SmsidError
-from smsid.paths import bundled_craft
+from smsid.paths import bundled_craft, missing_craft_advice
 
 KINDS = (
     "recording",
@@ -44,10 +44,12 @@ def kind_of(path: Path) -> str:
     if not path.is_file():
         if bundled_craft(str(path)) is not None:
             return "description"
-        raise SmsidError(f"The file '{path}' does not exist.", advice="Check the path.")
+        raise SmsidError(f"The file '{path}' does not exist.", advice=missing_craft_advice(str(path)))
     match path.suffix.lower():
         case ".nc" | ".h5" | ".hdf5":
-            return "track" if _schema_of(path) == TRACK else "recording"
+            from smsid.recording.storage import file_attribute
+
+            return "track" if file_attribute(path, "schema") == TRACK else "recording"
         case ".json":
             return _kind_of_json(path)
         case ".jsonl":
@@ -67,17 +69,6 @@ def kind_of(path: Path) -> str:
                 f"'{path}' ends in '{suffix}', which nothing that smsid writes does.",
                 advice="Import a log with `smsid import` first.",
             )
-
-
-def _schema_of(path: Path) -> str:
-    """Return the schema that an HDF5 file states; nothing of one that cannot be opened."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get("schema", ""))
-    except OSError:
-        return ""
 
 
 def read_json(path: Path) -> dict[str, Any]:

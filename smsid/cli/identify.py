@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.manners import Outcome
-from smsid.cli.options import DescriptionPath, JsonOutput, ReportPath, ShowAll
+from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.states import StatesPath, check_states, write_states
 from smsid.errors import SmsidError
@@ -31,7 +31,7 @@ def identify_command(
             "ground: those to identify from, and any in the role validation to judge by"
         ),
     ] = None,
-    output: JsonOutput = Path("estimate.json"),
+    output: EstimateOutput = Path("estimate.json"),
     method: Annotated[
         str,
         typer.Option(

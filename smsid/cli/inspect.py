@@ -42,6 +42,7 @@ def inspect_command(
     from rich.markup import escape
 
     from smsid._files import atomic_write
+    from smsid._signature import signed
     from smsid.cli.notes import MOST, clipped
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file
@@ -92,6 +93,6 @@ def inspect_command(
         else:
             say(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
         return Outcome(document)
-    atomic_write(output, report.mapping)
+    atomic_write(output, signed(report.mapping))
     say(f"wrote {output}")
     return Outcome(document, [output])

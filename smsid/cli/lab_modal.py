@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.lab_options import RecordingPath, print_estimate
 from smsid.cli.manners import Outcome
-from smsid.cli.options import JsonOutput, ReportPath
+from smsid.cli.options import EstimateOutput, ReportPath
 from smsid.cli.output import console, say, working
 from smsid.errors import NotIdentifiableError, RecordingError
 
@@ -34,7 +34,7 @@ def modal(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
-    output: JsonOutput = Path("modes.json"),
+    output: EstimateOutput = Path("modes.json"),
     report: ReportPath = None,
 ) -> Outcome:
     """Modes of a structure from its vibration alone: no order to pick, harmonics told apart."""

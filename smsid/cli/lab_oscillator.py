@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
 from smsid.cli.manners import Outcome
-from smsid.cli.options import JsonOutput
+from smsid.cli.options import EstimateOutput
 from smsid.cli.output import console, say, working
 
 
@@ -23,7 +23,7 @@ def oscillator(
     damping: Annotated[float, typer.Option(help="first guess")] = 0.05,
     validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
     diagnose: Diagnose = None,
-    output: JsonOutput = Path("oscillator.json"),
+    output: EstimateOutput = Path("oscillator.json"),
 ) -> Outcome:
     """Driven oscillator with a spring that need not be linear, by the error of its simulation."""
     import numpy as np

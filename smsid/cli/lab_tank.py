@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
 from smsid.cli.manners import Outcome
-from smsid.cli.options import JsonOutput, ReportPath
+from smsid.cli.options import EstimateOutput, ReportPath
 from smsid.cli.output import console, say, working
 from smsid.errors import RecordingError
 
@@ -39,7 +39,7 @@ def tank(
         str, typer.Option(help="models to compare, simplest first")
     ] = "rigid,slosh,softening spring,softening inertia",
     diagnose: Diagnose = None,
-    output: JsonOutput = Path("tank.json"),
+    output: EstimateOutput = Path("tank.json"),
     report: ReportPath = None,
 ) -> Outcome:
     """Slosh from force and motion of a container: frequency, damping, mass, lag, and what is left."""

@@ -50,14 +50,15 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
         for name, kind in (("as_json", AsJson), ("quiet", Quiet))
     ]
+    own.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
 
     @wraps(function)
-    def run(*arguments: Any, as_json: bool, quiet: bool, **options: Any) -> None:
+    def run(*arguments: Any, as_json: bool, quiet: bool, context: typer.Context, **options: Any) -> None:
         given = signature.bind(*arguments, **options).arguments
 
         def command() -> Any:
             check_numbers(given)
-            inputs = check_places(function, given)
+            inputs = check_places(function, given, _unnamed(context))
             check_kinds(function, given)
             with protecting(inputs):
                 return function(**given)
@@ -68,6 +69,12 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
     hints = get_type_hints(function, include_extras=True)
     run.__annotations__ = {**hints, **{p.name: p.annotation for p in own}}
     return run
+
+
+def _unnamed(context: typer.Context) -> list[str]:
+    """Return the options that nobody gave: they have their defaults."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return [name for name, source in sources.items() if source is not None and source.name == "DEFAULT"]
 
 
 def _run(command: Callable[[], Any], manners: Manners) -> None:

@@ -14,9 +14,8 @@ DescriptionPath = Annotated[
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")]
 """An output without a suffix of its own; a command says with `Writes` which suffixes fit."""
-RecordingOutput = Annotated[Output, Writes((".nc",))]
-JsonOutput = Annotated[Output, Writes((".json",))]
-TomlOutput = Annotated[Output, Writes((".toml",))]
+RecordingOutput = Annotated[Output, Writes((".nc",), kind="recording")]
+EstimateOutput = Annotated[Output, Writes((".json",), kind="estimate")]
 ReportPath = Annotated[
     Path | None,
     typer.Option("--report", help="self-contained HTML report to write as well"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -15,7 +15,7 @@ import typer
 from smsid._files import check_target
 from smsid._guard import is_same_file
 from smsid._temporary import remove_orphans
-from smsid.cli.file_kind import kind_of
+from smsid.cli.replacement import check_toml, check_unnamed
 from smsid.errors import OutputError, SmsidError
 
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
@@ -31,11 +31,13 @@ class Writes:
     """Mark of a path that a command writes; every other path is one it reads.
 
     ``suffixes`` it may end in, or ``folder``; ``beside`` gives the other files that are written with it.
-    Those nobody named: one that is there already is replaced only if it is of the kind ``beside_kind``.
+    Nobody named those, nor a path that is a default: what is there already is replaced only if smsid wrote it
+    and it is of the kind that is written, ``kind`` and ``beside_kind``.
     """
 
     suffixes: tuple[str, ...] = ()
     folder: bool = False
+    kind: str = ""
     beside: Callable[[Path], Sequence[Path]] = nothing_beside
     beside_kind: str = ""
 
@@ -76,15 +78,19 @@ def option_name(parameter: inspect.Parameter) -> str:
     return "--" + parameter.name.replace("_", "-")
 
 
-def check_places(function: Callable[..., Any], options: Mapping[str, Any]) -> list[Path]:
+def check_places(
+    function: Callable[..., Any], options: Mapping[str, Any], unnamed: Collection[str] = ()
+) -> list[Path]:
     """Check every output of a command before it works; return the inputs, which stay protected while it runs.
 
     Compared are outputs with each other and with what is read: paths that are given, words that name a file,
-    and files that a TOML among them names. Orphans of killed runs beside the outputs are removed.
+    and files that a TOML among them names. Of the options that are ``unnamed`` nobody gave a value. Orphans
+    of killed runs beside the outputs are removed.
 
     Raises:
-        OutputError: an output is an input or another output, has a suffix that does not fit, or cannot be
-            written.
+        OutputError: an output is an input or another output, has a suffix that does not fit, cannot be
+            written, or would replace a TOML written by hand, or what smsid did not write at a place that
+            nobody named.
     """
     marks = output_marks(function)
     parameters = inspect.signature(function, eval_str=True).parameters
@@ -106,6 +112,12 @@ def check_places(function: Callable[..., Any], options: Mapping[str, Any]) -> li
                 _exists(out.path) and _is_inside(out.path, source.path)
             ):
                 raise _clash(out, f"an input ({source.name})")
+    for name in marks:
+        if options.get(name) is not None:
+            called = option_name(parameters[name])
+            _check_replaced(
+                called, Path(options[name]), marks[name], name in unnamed, [p.path for p in inputs]
+            )
     return [p.path for p in inputs if _is_file(p.path)]
 
 
@@ -141,26 +153,18 @@ def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
     places = [Place(called, path)]
     for more in mark.beside(path):
         check_target(more)
-        _check_beside(more, called, path, mark.beside_kind)
         places.append(Place(f"{more.name} beside {called}", more))
     remove_orphans(target.parent)
     return places
 
 
-def _check_beside(more: Path, called: str, path: Path, kind: str) -> None:
-    if not kind or not _exists(more):
-        return
-    try:
-        found = kind_of(more)
-    except SmsidError:
-        found = ""
-    if found != kind:
-        what = f"of the kind '{found}'" if found else f"no {kind.replace('_', ' ')}"
-        raise OutputError(
-            f"'{more}', which is written beside {called} '{path}', is there already and is {what}.",
-            advice=f"Give {called} another name, or move that file.",
-            path=str(more),
-        )
+def _check_replaced(called: str, path: Path, mark: Writes, is_default: bool, inputs: Sequence[Path]) -> None:
+    if not is_default and path.suffix.lower() == ".toml":
+        check_toml(path, called)
+    if is_default and mark.kind:
+        check_unnamed(path, mark.kind, f"the default of {called}", inputs)
+    for more in mark.beside(path) if mark.beside_kind else ():
+        check_unnamed(more, mark.beside_kind, f"written beside '{path}'", inputs)
 
 
 def _read_paths(value: Any) -> Iterator[Path]:

@@ -11,6 +11,7 @@ from smsid.cli.manners import Outcome
 from smsid.cli.options import Output
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes
+from smsid.cli.replacement import FIGURE
 
 
 def plot_command(
@@ -21,7 +22,7 @@ def plot_command(
         Path,
         typer.Argument(help="recording (.nc), estimate or diagnosis (.json), store of a campaign (.jsonl)"),
     ],
-    output: Annotated[Output, Writes((".png", ".svg", ".pdf"))] = Path("figure.png"),
+    output: Annotated[Output, Writes((".png", ".svg", ".pdf"), kind=FIGURE)] = Path("figure.png"),
     channel: Annotated[
         list[str] | None, typer.Option(help="recording: a channel to draw; may be given repeatedly")
     ] = None,

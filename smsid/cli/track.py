@@ -43,7 +43,7 @@ NotFollowed = Annotated[
 def track_command(
     description: DescriptionPath,
     recordings: Annotated[list[Path], typer.Argument(help="recordings, in the order they were made")],
-    output: Annotated[Output, Writes((".nc",))] = Path("track.nc"),
+    output: Annotated[Output, Writes((".nc",), kind="track")] = Path("track.nc"),
     method: Annotated[
         str,
         typer.Option(

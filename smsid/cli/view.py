@@ -12,6 +12,7 @@ from smsid.cli.manners import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes
+from smsid.cli.replacement import PAGE
 from smsid.errors import SmsidError
 
 
@@ -29,7 +30,7 @@ def view_command(
             "--html",
             help="self-contained HTML to write; .mp4 or .gif: a film (extra: video)",
         ),
-        Writes((".html", ".htm", ".mp4", ".gif")),
+        Writes((".html", ".htm", ".mp4", ".gif"), kind=PAGE),
     ] = Path("view.html"),
     simulated: Annotated[
         bool,

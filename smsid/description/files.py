@@ -11,13 +11,14 @@ from pydantic import BaseModel, ValidationError
 
 from smsid._files import atomic_write
 from smsid._reading import read_toml as _read_toml
+from smsid._signature import signed
 from smsid._xacro_arguments import given_arguments
 from smsid.description.explain import explain_validation
 from smsid.description.finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, SmsidError
-from smsid.paths import bundled_craft
+from smsid.paths import bundled_craft, missing_craft_advice
 
 __all__ = ["explain_validation", "load_description", "read_toml", "save_description"]
 
@@ -41,9 +42,9 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     file = Path(path)
     if not file.exists():
         file = bundled_craft(str(path)) or file
+    if not file.is_file():
+        raise DescriptionError(f"The file '{file}' does not exist.", advice=missing_craft_advice(str(path)))
     if file.suffix in SUFFIXES:
-        if not file.is_file():
-            raise DescriptionError(f"The file '{file}' does not exist.", advice="Check the path.")
         name = file.stem.removesuffix(".urdf")
         return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent, meshes="optional"))
     tables = read_toml(file)
@@ -98,7 +99,7 @@ def save_description(description: Description, path: str | os.PathLike[str]) -> 
     for table, arm in zip(tables.get("arm", []), description.arm, strict=True):
         if arm.urdf is not None:
             table["urdf"] = _relative(description.folder / arm.urdf, file.parent)
-    atomic_write(file, tomli_w.dumps(tables))
+    atomic_write(file, signed(tomli_w.dumps(tables)))
 
 
 def _relative(target: Path, start: Path) -> str:

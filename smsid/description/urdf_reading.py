@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid._listing import some_of
+from smsid.description.urdf_unused import unused_elements
 from smsid.errors import DescriptionError
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -84,7 +84,7 @@ def parse_urdf(text: str, source: str) -> UrdfReading:
     root = ElementTree.fromstring(text)
     links = {str(tag.get("name")): _link(tag, source) for tag in root.findall("link")}
     joints = {str(tag.get("name")): _joint(tag, source) for tag in root.findall("joint")}
-    return UrdfReading(source, links, joints, _unused(root))
+    return UrdfReading(source, links, joints, unused_elements(root))
 
 
 def _link(tag: ElementTree.Element, source: str) -> LinkReading:
@@ -130,27 +130,7 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
                 advice="Give the axis the joint turns about or slides along.",
                 joint=tag.get("name"),
             )
-    limit = tag.find("limit")
-    read: dict[str, float | None] = dict.fromkeys(("lower", "upper", "effort", "velocity"))
-    if limit is not None and kind not in ("fixed", "floating"):
-        for key in read:
-            if limit.get(key) is not None:
-                read[key] = _number(limit, key, f"<limit> of {place}", infinite=True)
-        if kind in ("revolute", "prismatic"):
-            low, high = read["lower"] or 0.0, read["upper"] or 0.0
-            if low > high:
-                raise DescriptionError(
-                    f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}.",
-                    advice="Swap them.",
-                    joint=tag.get("name"),
-                )
-        for key in ("effort", "velocity"):
-            if (read[key] or 0.0) < 0.0:
-                raise DescriptionError(
-                    f"<limit> of {place} has {key} = {read[key]:g}.",
-                    advice="Give its size, not a negative number.",
-                    joint=tag.get("name"),
-                )
+    read = _limits(tag, kind, place)
     losses = []
     dynamics = tag.find("dynamics")
     for key in ("damping", "friction"):
@@ -177,6 +157,41 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
     )
 
 
+def _limits(tag: ElementTree.Element, kind: str, place: str) -> dict[str, float | None]:
+    limit = tag.find("limit")
+    read: dict[str, float | None] = dict.fromkeys(("lower", "upper", "effort", "velocity"))
+    ranged = kind in ("revolute", "prismatic")
+    missing = [k for k in ("effort", "velocity") if limit is not None and limit.get(k) is None]
+    if missing or (ranged and limit is None):
+        what = f"has a <limit> without {' and '.join(missing)}" if missing else "has no <limit>"
+        turning = ", or make it continuous" if kind == "revolute" else ""
+        raise DescriptionError(
+            f"{_upper(place)} is {kind} and {what}.",
+            advice=f"Give <limit lower upper effort velocity>{turning}.",
+            joint=tag.get("name"),
+        )
+    if limit is None or kind in ("fixed", "floating"):
+        return read
+    for key in read:
+        if limit.get(key) is not None:
+            read[key] = _number(limit, key, f"<limit> of {place}", infinite=True)
+    low, high = read["lower"] or 0.0, read["upper"] or 0.0
+    if ranged and low > high:
+        raise DescriptionError(
+            f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}.",
+            advice="Swap them.",
+            joint=tag.get("name"),
+        )
+    for key in ("effort", "velocity"):
+        if (read[key] or 0.0) < 0.0:
+            raise DescriptionError(
+                f"<limit> of {place} has {key} = {read[key]:g}.",
+                advice="Give its size, not a negative number.",
+                joint=tag.get("name"),
+            )
+    return read
+
+
 def _mimic(tag: ElementTree.Element, place: str) -> Mimic:
     ratio = _number(tag, "multiplier", f"<mimic> of {place}", "1")
     return Mimic(tag.get("joint", ""), ratio, _number(tag, "offset", f"<mimic> of {place}", "0"))
@@ -190,26 +205,6 @@ def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) 
             raise DescriptionError(
                 f"{_upper(place)} has {count} <{name}>.", advice="Keep one.", **{tag.tag: tag.get("name")}
             )
-
-
-def _unused(root: ElementTree.Element) -> tuple[str, ...]:
-    """Say which elements with a physical meaning smsid does not use."""
-    found = []
-    geared = []
-    for transmission in root.findall("transmission"):
-        for tag in transmission.iter():
-            if tag.tag in ("mechanicalReduction", "motorInertia") and (tag.text or "").strip() not in (
-                "",
-                "1",
-                "1.0",
-            ):
-                geared.append(f"{transmission.get('name')} ({tag.tag} {(tag.text or '').strip()})")
-    if geared:
-        found.append(f"<transmission> {some_of(geared)}: use the effects `gear` and `motor_inertia`")
-    loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
-    if loops:
-        found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")
-    return tuple(found)
 
 
 def _origin(tag: ElementTree.Element, place: str) -> tuple[np.ndarray, np.ndarray]:

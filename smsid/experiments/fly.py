@@ -12,7 +12,7 @@ import pinocchio as pin
 from smsid._short_repr import short_repr
 from smsid._version import __version__
 from smsid.errors import ExperimentError
-from smsid.experiments.plausibility import check_plausible
+from smsid.experiments.plausibility import check_plausible, check_stroke
 from smsid.experiments.scaling import bus_size
 from smsid.experiments.schema import Experiment
 from smsid.model.spacecraft import SpacecraftModel, group_angles
@@ -69,7 +69,8 @@ def fly(
     """Simulate an experiment and record it with the description's sensors.
 
     ``rate`` [Hz] is that of the shared clock (default: the fastest sensor). Raises `ExperimentError` when the
-    experiment does not fit the spacecraft, asks for what is not possible, or the description has no sensors.
+    experiment does not fit the spacecraft, asks for what is not possible or drives a slosh mass far out of
+    the bus, or the description has no sensors.
     """
     sensors = model.description.effective_sensors()
     if not sensors:
@@ -118,7 +119,11 @@ def fly(
     times = np.linspace(
         trajectory.start, trajectory.start + experiment.duration, max(200, int(20 * experiment.duration)) + 1
     )
-    return Flight(trajectory, recording, limit_use(model, trajectory.states(times), inputs.hold_attitude))
+    states = trajectory.states(times)
+    for use in _strokes(model, states):
+        if use.limit is not None:
+            check_stroke(use.quantity, use.value, use.limit)
+    return Flight(trajectory, recording, limit_use(model, states, inputs.hold_attitude))
 
 
 def _check_sensors(model: SpacecraftModel) -> None:
@@ -165,12 +170,17 @@ def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) ->
             found.append(
                 LimitUse("torque holding the attitude", float(np.abs(s.reaction[:, 3:6]).max()), None, "N m")
             )
+    return (*found, *_strokes(model, s))
+
+
+def _strokes(model: SpacecraftModel, s: States) -> list[LimitUse]:
+    found = []
     for joint in model.slosh:
         stroke = np.linalg.norm(s.q[:, joint.q], axis=1).max()
         # a slosh mass that leaves the bus is beyond its model
         room = bus_size(model) if joint.joint and model.pin.parents[joint.joint] == 1 else None
         found.append(LimitUse(f"stroke of {joint.name}", float(stroke), room, "m"))
-    return tuple(found)
+    return found
 
 
 def _limit(value: float) -> float | None:

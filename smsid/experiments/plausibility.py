@@ -14,17 +14,20 @@ from smsid.model.spacecraft import SpacecraftModel
 ACCELERATION = 30.0  # [m/s^2] of a craft by its thrust; launchers take 60, free-flyers less than 1
 ANGULAR_ACCELERATION = 30.0  # [rad/s^2] of a craft by its torque
 WHEEL_RATE = 1500.0  # [rad/s] of a wheel without declared limit, 14 000 turns a minute
+STROKE = 6.0  # of a slosh mass, in sizes of the bus; the paper's Exp. 1 drives its own to 4.4, and is flown
 BEYOND = 3.0  # times a declared limit is no experiment any more; less is warned of after the flight
 JOINT_ACCELERATION = 1e4  # [rad/s^2] of a joint by the torque commanded
 JOINT_RATE = 100.0  # [rad/s] of a prescribed motion
 SAMPLES = 2000
+ADVICE = "Check the units, or scale the experiment; exp1 and exp2 fit themselves to the craft."
 
 
 def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
     """Raise `ExperimentError`, with number and limit, for commands no machine of this size can follow.
 
     Looked at are accelerations by thrust and torques, the rates wheels reach, and prescribed joint rates.
-    Limits of the description may be passed by less than three times: a flight tells which.
+    Limits of the description may be passed by less than three times: a flight tells which. How far slosh goes
+    only the flight knows: `check_stroke`.
     """
     inputs = experiment.inputs()
     times = np.linspace(0.0, experiment.duration, SAMPLES)
@@ -64,15 +67,21 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
             _refuse(rate, JOINT_RATE, "rad/s", f"The motion asked moves joint '{name}' at")
 
 
+def check_stroke(what: str, stroke: float, room: float) -> None:
+    """Raise `ExperimentError` for a slosh mass that flew far out of the bus, both in m: less is warned of."""
+    advice = "Check its stiffness and the thrust, or fly for a shorter time."
+    _refuse(stroke, STROKE * room, "m", f"In a bus of {room:.4g} m the {what} reaches", advice)
+
+
 def _sampled(signal: object, times: np.ndarray) -> np.ndarray:
     return np.array([signal(float(t)) for t in times])  # type: ignore[operator]
 
 
-def _refuse(value: float, limit: float, unit: str, what: str) -> None:
+def _refuse(value: float, limit: float, unit: str, what: str, advice: str = ADVICE) -> None:
     if not value <= limit:
         raise ExperimentError(
             f"{what} {value:.4g} {unit}; more than {limit:.4g} {unit} is not possible.",
-            advice="Check the units, or scale the experiment; exp1 and exp2 fit themselves to the craft.",
+            advice=advice,
             value=value,
             limit=limit,
         )

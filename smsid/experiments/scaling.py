@@ -72,10 +72,13 @@ def wheel_strengths(model: SpacecraftModel, share: float) -> tuple[np.ndarray, n
 
 
 def bus_size(model: SpacecraftModel) -> float | None:
-    """Return the largest edge [m] of the box with the bus's mass and moments; None on a welded bus."""
+    """Return the largest edge [m] of the box with the bus's mass and moments; None on a welded bus.
+
+    Panels and other effects do not count: a tank is in the bus itself.
+    """
     if not model.free:
         return None
-    inertia = model.pin.inertias[1]
+    inertia = (model.source or model).pin.inertias[1]
     moments = np.linalg.eigvalsh(inertia.inertia)
     square = 6.0 * (moments.sum() - 2.0 * moments) / inertia.mass
     return float(np.sqrt(max(square.max(), 0.0)))

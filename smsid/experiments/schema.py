@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smsid._files import atomic_write
 from smsid._short_repr import as_html, as_text
+from smsid._signature import signed
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion
@@ -172,4 +173,4 @@ def load_experiment(path: str | os.PathLike[str]) -> Experiment:
 def save_experiment(experiment: Experiment, path: str | os.PathLike[str]) -> None:
     """Write the TOML, whole or not at all."""
     tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
-    atomic_write(Path(path), tomli_w.dumps(tables))
+    atomic_write(Path(path), signed(tomli_w.dumps(tables)))

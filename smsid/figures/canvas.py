@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smsid._files import atomic_path
+from smsid._files import atomic_write, check_target
 from smsid.errors import SmsidError, require
 
 if TYPE_CHECKING:
@@ -76,11 +77,15 @@ def save(figure: Figure, path: Path) -> Path:
     FigureCanvasAgg(figure)
     _plain_where_no_formula(figure)
     # no date in the file: the same figure is the same file
-    meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(kind, {})
+    meta: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(
+        kind, {"Software": "smsid"}
+    )
     style: dict[Any, Any] = {**STYLE, "svg.hashsalt": "smsid"}
-    with rc_context(style), atomic_path(path) as temporary:
-        figure.savefig(temporary, format=kind[1:], metadata=meta)
-    return path
+    check_target(path)
+    content = BytesIO()  # matplotlib's writer of PDFs ends in an error of its own where a disk is full
+    with rc_context(style):
+        figure.savefig(content, format=kind[1:], metadata=meta)
+    return atomic_write(path, content.getvalue())
 
 
 def _plain_where_no_formula(figure: Figure) -> None:

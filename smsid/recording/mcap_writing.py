@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from smsid._files import atomic_path
+from smsid._signature import signed
 from smsid.errors import require
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.recording import Recording
@@ -84,7 +85,7 @@ def mcap_mapping(recording: Recording) -> str:
         if names:
             lines.append(f"labels = [{', '.join(map(_quoted, names))}]")
         lines.append("")
-    return "\n".join(lines)
+    return signed("\n".join(lines))
 
 
 def _kind(channel: str) -> str:

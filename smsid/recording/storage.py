@@ -13,6 +13,7 @@ from smsid.recording.recording import Recording
 
 if TYPE_CHECKING:
     import h5py
+    from xarray import Dataset
 
 SCHEMA = "smsid.recording"
 SCHEMA_VERSION = 1
@@ -52,25 +53,7 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         RecordingError: no such file, no HDF5, cut short or damaged, no smsid recording, or a schema version
             that this smsid does not know.
     """
-    import h5py
-    import xarray as xr
-
-    check_hdf5(path)
-    try:
-        # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
-        with h5py.File(path, "r") as file:
-            file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
-            refuse_other_files(file, path)
-        # decode_times would turn the times of some units into dates; masking would touch the samples.
-        dataset = xr.load_dataset(
-            path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
-        )
-    except RecordingError:
-        raise
-    except (
-        Exception
-    ) as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on where it breaks
-        raise _damaged(path, error) from error
+    dataset = read_dataset(path)
     schema, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
     if schema != SCHEMA:
         raise RecordingError(
@@ -91,6 +74,41 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         return Recording(dataset)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error.message}", advice=error.advice, path=str(path)) from error
+
+
+def read_dataset(path: str | os.PathLike[str]) -> Dataset:
+    """Return what a netCDF-4 file holds, as it stands there: no dates are made of times, nothing is masked.
+
+    Raises:
+        RecordingError: no such file, no HDF5, cut short, damaged, or it takes data from other files.
+    """
+    import h5py
+    import xarray as xr
+
+    check_hdf5(path)
+    try:
+        # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
+        with h5py.File(path, "r") as file:
+            file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
+            refuse_other_files(file, path)
+        return xr.load_dataset(
+            path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
+        )
+    except RecordingError:
+        raise
+    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... by where it breaks
+        raise _damaged(path, error) from error
+
+
+def file_attribute(path: str | os.PathLike[str], name: str) -> str:
+    """Return an attribute of an HDF5 file as text; nothing where there is none or the file is damaged."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get(name, ""))
+    except Exception:  # as above; whoever reads the file says what is wrong with it
+        return ""
 
 
 def check_hdf5(path: str | os.PathLike[str]) -> None:

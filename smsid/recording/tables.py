@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid._files import atomic_path
+from smsid._signature import signed
 from smsid.errors import RecordingError, require
 from smsid.recording.channels import EXTRA, quantity_of
 from smsid.recording.columns import Columns
@@ -64,7 +65,7 @@ def table_mapping(recording: Recording) -> str:
             if known:
                 lines.append(f"labels = [{', '.join(map(_quoted, known))}]")
         lines.append("")
-    return "\n".join(lines)
+    return signed("\n".join(lines))
 
 
 def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:

@@ -148,15 +148,20 @@ def save_history(history: TrackHistory, path: str | os.PathLike[str]) -> Path:
 
 def load_history(path: str | os.PathLike[str]) -> TrackHistory:
     """Load a history that `save_history` wrote; raises `RecordingError` for a file that holds none."""
-    import xarray as xr
+    from smsid.recording.storage import read_dataset
 
-    try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as file:
-            found = file.load()
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordingError(f"'{path}' cannot be read: {error}.", advice="Is it cut short?") from error
+    found = read_dataset(path)
     if found.attrs.get("schema") != SCHEMA:
         raise RecordingError(f"'{path}' is no track.", advice="Make one with `smsid track`.")
+    try:
+        return _history(found)
+    except (LookupError, ValueError, AttributeError) as error:
+        raise RecordingError(
+            f"'{path}' is no whole track: {error}.", advice="Make it again with `smsid track`."
+        ) from error
+
+
+def _history(found: xr.Dataset) -> TrackHistory:
     words = {
         key: [str(x) for x in np.atleast_1d(found.attrs[key]) if x]
         for key in ("recordings", "events", "notes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,12 @@ from smsid.cli.app import COMMANDS, main
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.errors import OutputError
 from smsid.recording import Recording, save_recording
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+try:
+    import _fuzz
+finally:
+    sys.path.pop(0)
 
 
 def functions() -> list[tuple[str, Callable[..., Any]]]:
@@ -62,6 +69,12 @@ CASES = [
     for words, f in FUNCTIONS
     for out in output_marks(f)
     for source in inputs(f)
+]
+DEFAULTS = [
+    pytest.param(words, f, out, id=f"{words}: {p.default}")
+    for words, f in FUNCTIONS
+    for out, mark in output_marks(f).items()
+    if isinstance((p := parameters(f)[out]).default, Path) and not mark.folder
 ]
 PAIRS = [
     pytest.param(words, f, one, other, id=f"{words}: {one} is {other}")
@@ -199,13 +212,91 @@ def test_what_nobody_named_replaces_its_own_kind_only(tmp_path, monkeypatch, cap
     kept = 'name = "d"\nurdf = "u.urdf"\n'
     Path("craft.toml").write_text(kept)
     code, err = call(["convert", "r.nc", "-o", "craft.csv"], monkeypatch, capsys)
-    assert code == 1 and "'craft.toml'" in err and "of the kind 'description'" in err
+    assert code == 1 and "'craft.toml'" in err and "is no mapping that smsid wrote" in err
     assert Path("craft.toml").read_text() == kept and not Path("craft.csv").exists()
     for _ in range(2):  # its own is replaced
         assert call(["convert", "r.nc", "-o", "log.csv"], monkeypatch, capsys)[0] == 0
     Path("extended.toml").write_text("duration = 1.0\n")
     code, err = call(["diagnose", "craft.toml", "r.nc", "-o", "d.json"], monkeypatch, capsys)
-    assert code == 1 and "'extended.toml'" in err and "of the kind 'experiment'" in err
+    assert code == 1 and "'extended.toml'" in err and "is no description that smsid wrote" in err
+
+
+@pytest.mark.parametrize(("words", "f", "out"), DEFAULTS)
+def test_a_default_output_replaces_nothing_that_smsid_did_not_write(
+    words, f, out, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    given = {k: fitting(tmp_path, k, Writes()) for k in inputs(f)}
+    default = parameters(f)[out].default
+    for text in ("duration = 1.0\n", '{"kind": "another"}\n', ""):
+        default.write_text(text)
+        before = contents(tmp_path)
+        code, err = call(command_line(words, f, given), monkeypatch, capsys)
+        assert code == 1 and contents(tmp_path) == before
+        if output_marks(f)[out].kind:  # a campaign goes on with its store
+            assert f"'{default}' (the default of --output) is there already" in err
+
+
+def test_a_default_output_replaces_what_the_command_wrote_but_no_measured_data(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _fuzz.write_base(tmp_path)
+    made = {
+        "recording.nc": ["simulate", "d.toml", "s.toml"],
+        "view.html": ["view", "d.toml"],
+        "figure.png": ["plot", "recording", "r.nc"],
+        "cut.nc": ["cut", "r.nc", "--from", "0.1", "--to", "0.3"],
+        "experiment.toml": ["design", "d.toml", "--for", "mass", "--effort", "0.01", "--duration", "1"],
+        "comparison.json": ["compare", "e.json", "e.json"],
+    }
+    for name, words in made.items():
+        for _ in range(2):
+            assert call(words, monkeypatch, capsys)[0] == 0, name
+    shutil.copy("r.nc", "recording.nc")  # imported from l.csv
+    code, err = call(made["recording.nc"], monkeypatch, capsys)
+    assert code == 1 and "holds what was measured in 'l.csv'" in err
+    assert Path("recording.nc").read_bytes() == Path("r.nc").read_bytes()
+    assert call(["import", "l.csv", "--map", "m.toml"], monkeypatch, capsys)[0] == 0
+    shutil.copy("e.json", "comparison.json")
+    code, err = call(made["comparison.json"], monkeypatch, capsys)
+    assert code == 1 and "is an estimate, not a comparison" in err
+    with Path("experiment.toml").open("a") as stream:
+        stream.write("# tried on Monday\n")
+    code, err = call(made["experiment.toml"], monkeypatch, capsys)
+    assert code == 1 and "or was changed since" in err
+    assert Path("experiment.toml").read_text().endswith("# tried on Monday\n")
+
+
+TOMLS = [
+    pytest.param(words, f, out, id=f"{words}: {out}")
+    for words, f in FUNCTIONS
+    for out, mark in output_marks(f).items()
+    if ".toml" in mark.suffixes
+]
+
+
+@pytest.mark.parametrize(("words", "f", "out"), TOMLS)
+def test_a_toml_written_by_hand_is_never_replaced(words, f, out, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given = {k: fitting(tmp_path, k, Writes()) for k in inputs(f)}
+    Path("mine.toml").write_text('name = "two weeks of work"\n')
+    Path("link.toml").symlink_to("mine.toml")
+    for name in ("mine.toml", "link.toml"):
+        before = contents(tmp_path)
+        code, err = call(command_line(words, f, {**given, out: tmp_path / name}), monkeypatch, capsys)
+        assert code == 1 and "written or changed by hand" in err and contents(tmp_path) == before
+
+
+def test_a_drafted_mapping_is_replaced_until_somebody_goes_through_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _fuzz.write_base(tmp_path)
+    line = ["inspect", "l.csv", "--map", "draft.toml"]
+    for _ in range(2):
+        assert call(line, monkeypatch, capsys)[0] == 0
+    text = Path("draft.toml").read_text()
+    Path("draft.toml").write_text(text.replace('unit = "rad/s"', 'unit = "degree/s"', 1))
+    code, err = call(line, monkeypatch, capsys)
+    assert code == 1 and "written or changed by hand" in err
+    assert "degree/s" in Path("draft.toml").read_text()
 
 
 def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):

@@ -130,6 +130,8 @@ def test_trusted_inertias_are_taken(tmp_path):
 
 def test_urdf_missing(fails, tmp_path):
     assert "nowhere.urdf" in fails(HEAD.replace("bus.urdf", "nowhere.urdf"))
+    with pytest.raises(DescriptionError, match="Known by name are paper_sms and two_arm_sms"):
+        load_description("panda")
     with pytest.raises(DescriptionError, match="does not exist"):
         load_description(tmp_path / "nowhere.urdf")
     with pytest.raises(DescriptionError, match="does not exist"):

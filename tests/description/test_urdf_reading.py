@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,44 @@ def test_gear_of_a_transmission_is_named_as_unused(tmp_path):
     (tmp_path / "x.urdf").write_text(BUS.replace("</robot>", more))
     reading = parse_urdf(read_urdf(tmp_path / "x.urdf"), "x")
     assert "t1 (mechanicalReduction 50)" in reading.unused[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("<axis xyz", "<axes xyz", "<axes> of joint 'shoulder'"),
+        ("<axis xyz", "<axis xzy", "xzy in <axis> of joint 'shoulder'"),
+        (
+            "</joint>",
+            '<dynamics damping="1" spring_stiffness="3"/></joint>',
+            "spring_stiffness in <dynamics>",
+        ),
+        (
+            "</robot>",
+            '<gazebo reference="shoulder"><springStiffness>3</springStiffness></gazebo></robot>',
+            "shoulder (springStiffness 3)",
+        ),
+        ("<mass value", '<Mass value="3"/><mass value', "<Mass> of link"),
+    ],
+)
+def test_what_a_urdf_does_not_know_is_named_as_unused(old, new, told):
+    assert old in BUS
+    assert any(told in what for what in parse_urdf(BUS.replace(old, new, 1), "x").unused)
+    assert parse_urdf(BUS, "x").unused == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit", "told"),
+    [
+        ("revolute", '<limit lower="-1" upper="1"/>', "has a <limit> without effort and velocity"),
+        ("prismatic", '<limit lower="-1" upper="1" effort="3"/>', "has a <limit> without velocity"),
+        ("revolute", "", "has no <limit>"),
+        ("continuous", "<limit effort='3'/>", "has a <limit> without velocity"),
+    ],
+)
+def test_limits_that_a_urdf_has_to_have_are_asked_for_by_name(kind, limit, told):
+    """urdfdom refuses them as 'not a valid URDF model'."""
+    found = re.sub(r'type="\w+"', f'type="{kind}"', re.sub("<limit[^>]*/>", "", BUS), count=1)
+    found = found.replace("</joint>", f"{limit}</joint>", 1)
+    with pytest.raises(DescriptionError, match=f"Joint 'shoulder' of x is {kind} and {told}"):
+        parse_urdf(found, "x")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.description import Arm, Description, Wheel
+from smsid.effects import BeamAppendage, Slosh
 from smsid.errors import ExperimentError
 from smsid.experiments import ConstantProfile, Experiment, fly, named_experiment
 from smsid.experiments.plausibility import check_plausible
@@ -99,3 +100,27 @@ def test_what_is_not_possible_is_refused_with_number_and_limit(tmp_path, case):
         check_plausible(model, plan)
     for piece in expected:
         assert piece in str(caught.value)
+
+
+def with_tank(tmp_path, stiffness, *more):
+    tank = Slosh(name="tank", position=(0, 0, 0), mass=0.2, stiffness=[stiffness] * 3, damping=[0.001] * 3)
+    return build_model(small(tmp_path, thrust={"max_force": 1.0}, effect=(tank, *more)))
+
+
+def test_size_of_the_bus_leaves_panels_out(tmp_path):
+    panel = BeamAppendage(
+        name="panel", position=(0, 0.3, 0), length=2.0, width=0.5, thickness=0.002, density=500.0,
+        youngs_modulus=70e9, damping=0.01, modes=1,
+    )  # fmt: skip
+    sizes = [bus_size(with_tank(tmp_path, 1.0, *more)) for more in ((), (panel,))]
+    assert sizes == pytest.approx([np.sqrt(6 * 0.1 / 6.9)] * 2, rel=1e-9)
+
+
+def test_slosh_far_out_of_the_bus_is_refused_and_a_little_is_told(tmp_path):
+    """A push of 1 N on 8 kg for 6 s: free, the mass would be 2 m behind in a bus of 0.3 m."""
+    plan = Experiment(name="push", duration=6.0, hold_attitude=True, force=ConstantProfile(value=(1, 0, 0)))
+    with pytest.raises(ExperimentError, match=r"bus of 0.2949 m the stroke of tank reaches .* 1.769 m") as e:
+        fly(with_tank(tmp_path, 1e-4), plan, np.random.default_rng(1))
+    assert e.value.evidence["value"] == pytest.approx(0.5 * 36.0 / 7.9, rel=0.05)
+    flight = fly(with_tank(tmp_path, 0.1), plan, np.random.default_rng(1))
+    assert "stroke of tank" in [u.quantity for u in flight.exceeded]
