@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.accept import Cause
+from smsid.diagnose.accept import Cause, wald
 from smsid.diagnose.candidates import Candidate, scored, signatures
 from smsid.diagnose.noise import MISFIT, normalised_rmse
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -90,7 +90,8 @@ def coarse_cause(
     except (SmsidError, np.linalg.LinAlgError, IndexError) as error:
         LOGGER.info("%s cannot be scored: %s", start.candidate.key, error)
         return None
-    ratio = 2.0 * (nominal.objective - evaluate(found.point, found.unknowns, nominal.problem).objective)
+    # not against the model without it, which loses the recording, nor in one that may err: all are alike
+    ratio = wald(found, start.candidate)
     score = replace(score, ratio=ratio, estimate=_estimate(found, start.candidate))
     return Coarse(nominal, found, Cause(score, (), ratio, tuple(u.name for u in unknowns)))
 

@@ -46,6 +46,13 @@ def test_the_page_names_what_was_hidden(tmp_path):
         assert wrong not in page
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert [c["location"] for c in found["causes"]] == ["joint2"]
+    # what is four thousand of its standard deviations away from nothing is told so
+    (cause,) = found["causes"]
+    (value,) = (p for p in cause["parameters"] if p["name"].endswith("viscous"))
+    assert cause["evidence"]["likelihood_ratio"] == pytest.approx(
+        (value["value"] / value["sigma"]) ** 2, rel=0.5
+    )
+    assert cause["evidence"]["p_value"] < 1e-6 and cause["evidence"]["information_gain"] > 0.0
     assert load_description(tmp_path / "out" / "extended.toml").get_effect("joint_friction_joint2")
     for target in re.findall(r'<a href="([^"#][^"]*)"', page):
         assert (tmp_path / "out" / target).exists(), target
