@@ -160,11 +160,11 @@ def write_recording(folder: Path) -> Path:
 
 def estimate() -> dict[str, Any]:
     """Return the document of a sound estimate."""
-    from smsid.identify.estimate import Estimate, judged
+    from smsid.identify.estimate import Estimate, classify
 
     known = (
-        judged("total.mass", 105.0, "kg", 0.5, "r", nominal=100.0),
-        judged("tank.mass", 5.0, "kg", 0.1, "r", nominal=5.0),
+        classify("total.mass", 105.0, "kg", 0.5, "r", nominal=100.0),
+        classify("tank.mass", 5.0, "kg", 0.1, "r", nominal=5.0),
     )
     return json.loads(Estimate("small", "paper", known).to_json())
 

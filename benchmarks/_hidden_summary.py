@@ -200,7 +200,7 @@ def markdown(result: Mapping[str, Any]) -> str:
         "",
         f"{result['runs']} runs, seeds {_ranges(result['seeds'])}, sources of the diagnosis "
         f"{result['digest']}; {result['environment']['cpu']}, {result['environment']['date']}. Thresholds "
-        f"are those of `smsid.diagnose.Levels` ({levels}); the digest "
+        f"are those of `smsid.diagnose.DetectionThresholds` ({levels}); the digest "
         "pins them, and only runs made with it are counted. Intervals are Clopper-Pearson, 95 %.",
         "",
         "| | wanted | found | interval |",

@@ -119,12 +119,12 @@ def planted(
     for i in range(faults):
         name = names[i % len(names)]
         channel, kind = draw(name, rng)
-        spoilt, touched = plant(sound[name], channel, kind, rng)
-        dims = spoilt.channel(channel)
+        with_error, touched = plant(sound[name], channel, kind, rng)
+        dims = with_error.channel(channel)
         labels = [str(dims.coords[dims.dims[1]].values[k]) for k in touched]
         yield (
             {"number": i, "recording": name, "channel": channel, "kind": kind, "components": labels},
-            spoilt,
+            with_error,
         )
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from _common import RESULTS, ROOT, environment, write_result
 from rich.console import Console
 
-from smsid.diagnose import Levels
-from smsid.diagnose.gain import SETTLE
+from smsid.diagnose import DetectionThresholds
+from smsid.diagnose.validation import SETTLE
 from tests.hidden.ceiling import held_out, open_loop, recognised, signals
 from tests.hidden.flight import write_run
 from tests.hidden.numbers import WORLDS
@@ -53,7 +53,7 @@ def candidates(world: str) -> int:
 def ceiling(world: str, seed: int) -> dict[str, Any]:
     """Return the figures of one world."""
     rng = np.random.default_rng([seed, sorted(WORLDS).index(world)])
-    count, level = candidates(world), Levels().candidate
+    count, level = candidates(world), DetectionThresholds().candidate
     known, shares = signals(world), {}
     for strength in STRENGTHS:
         drawn = [draw_effect(world, rng, strength) for _ in range(DRAWS)]

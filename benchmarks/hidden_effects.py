@@ -142,9 +142,9 @@ def main() -> None:
 
 
 def _levels() -> dict[str, Any]:
-    from smsid.diagnose import Levels
+    from smsid.diagnose import DetectionThresholds
 
-    return asdict(Levels())
+    return asdict(DetectionThresholds())
 
 
 if __name__ == "__main__":

@@ -19,14 +19,14 @@ from _likelihood_cases import clean, twin
 
 from smsid.likelihood import normal as module
 from smsid.likelihood.fit import fit
+from smsid.likelihood.initial_guess import candidates
 from smsid.likelihood.jacobian import normal
-from smsid.likelihood.local import Local, Nuisance
+from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece, piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
-from smsid.likelihood.starting import candidates
+from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.model import build_model
 
 NAME = "likelihood_speed"
@@ -34,9 +34,9 @@ STEP = 1e-6
 
 
 def by_differences(
-    piece: Piece,
+    piece: RecordingTerm,
     parameters: Parameters,
-    local: Local,
+    local: NuisanceValues,
     prediction: Prediction,
     residuals: list[np.ndarray] | None,
     columns: np.ndarray | None = None,
@@ -57,7 +57,7 @@ def by_differences(
     return jacobian.T @ jacobian, jacobian.T @ here
 
 
-def fitted(start: Point, piece: Piece, prior: Prior) -> tuple[float, dict[str, Any]]:
+def fitted(start: Point, piece: RecordingTerm, prior: Prior) -> tuple[float, dict[str, Any]]:
     """CPU seconds of a fit, and where it ended."""
     begin = time.process_time()
     found = fit([piece], start, prior)

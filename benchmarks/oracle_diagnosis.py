@@ -22,13 +22,13 @@ from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
 from smsid.diagnose.diagnose import RATE, Diagnosed
-from smsid.diagnose.noise import first_fit, with_levels
-from smsid.diagnose.nominal import nominal
+from smsid.diagnose.noise_covariance import first_fit, with_levels
+from smsid.diagnose.priors import nominal
 from smsid.estimation.input_hold import locked
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
 from smsid.estimation.map_estimate import Fit
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import identify
@@ -141,7 +141,7 @@ def refitted_on(data: Data, name: str, rate: float, seed: int) -> Fit:
     recording = noisy(data[name], data.description.sensor, seed)
     known = nominal(data.description, None)
     point: Point = known.point
-    seen = measured(point.base, recording, data.description.effective_sensors()).thinned(rate)
+    seen = measurements_of(point.base, recording, data.description.effective_sensors()).thinned(rate)
     problem = Problem(recording, seen, locked(point.base, recording), Timing(), Noise(), known.joint)
     timing = timing_of(point, problem)
     problem = Problem(recording, seen, problem.locked, timing, Noise(), known.joint)

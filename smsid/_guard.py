@@ -14,7 +14,7 @@ _protected: ContextVar[tuple[Path, ...]] = ContextVar("_protected", default=())
 
 
 @contextmanager
-def protecting(inputs: Iterable[Path]) -> Iterator[None]:
+def protect_inputs(inputs: Iterable[Path]) -> Iterator[None]:
     """Refuse inside the block to replace any of these files, by whatever name it is written."""
     token = _protected.set((*_protected.get(), *inputs))
     try:
@@ -24,7 +24,7 @@ def protecting(inputs: Iterable[Path]) -> Iterator[None]:
 
 
 def refuse_protected(path: Path) -> None:
-    """Raise `OutputError` when ``path`` is one of the files `protecting` names."""
+    """Raise `OutputError` when ``path`` is one of the files `protect_inputs` names."""
     for other in _protected.get():
         if is_same_file(path, other):
             raise OutputError(

@@ -46,10 +46,10 @@ def _text(self: Any) -> str:
 
 def _rows(self: Any) -> list[tuple[str, str]]:
     shown = [f for f in fields(self) if f.repr and not f.name.startswith("_")]
-    return [(f.name, told(getattr(self, f.name))) for f in shown]
+    return [(f.name, one_line(getattr(self, f.name))) for f in shown]
 
 
-def told(value: Any) -> str:
+def one_line(value: Any) -> str:
     """Return one line about a value: itself where it is short, else what and how much it is."""
     if getattr(value, "shape", ()) and hasattr(value, "dtype"):
         return f"array {tuple(value.shape)}"

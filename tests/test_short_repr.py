@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import smsid
-from smsid._short_repr import LINES, WIDTH, as_html, short_repr, told
+from smsid._short_repr import LINES, WIDTH, as_html, one_line, short_repr
 from smsid.datasets import demonstration
 from smsid.diagnose import Diagnosis
 from smsid.diagnose.result import FoundCause, Value
 from smsid.experiments import named_experiment
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 
 HEAVY = ("ndarray", "SpacecraftModel", "Regression", "TankFit", "Scene", "Estimate", "Trace,")
 OWN = {"Estimate", "Diagnosis", "Comparison"}  # of their own kind, see below
@@ -58,7 +58,7 @@ class Everything:
 
 
 def test_arrays_are_told_by_shape_and_long_things_by_number():
-    own = Estimate("demo", "ml", tuple(judged(f"p{k}", 1.0, "kg", 0.01, "g") for k in range(100)))
+    own = Estimate("demo", "ml", tuple(classify(f"p{k}", 1.0, "kg", 0.01, "g") for k in range(100)))
     table = {f"key {k}": 0.0 for k in range(100)}
     thing = Everything("x" * 300, np.zeros((500, 4)), (own, own), own, table, ("note " * 90,) * 50)
     lines = repr(thing).splitlines()
@@ -66,14 +66,14 @@ def test_arrays_are_told_by_shape_and_long_things_by_number():
     assert "values: array (500, 4)" in repr(thing)
     assert "2 of Estimate" in repr(thing) and "100 entries: key 0" in repr(thing)
     assert "estimate of 'demo'" in repr(thing)
-    assert told((1, 2)) == "(1, 2)" and told(None) == "None"
+    assert one_line((1, 2)) == "(1, 2)" and one_line(None) == "None"
 
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, object]:
     """What the functions of `smsid` return, as far as it is cheap to have."""
     craft = smsid.load_spacecraft("paper_sms")
-    parameters = tuple(judged(f"bus.part{k}", 1.0 + k, "kg", 0.01, "g") for k in range(100))
+    parameters = tuple(classify(f"bus.part{k}", 1.0 + k, "kg", 0.01, "g") for k in range(100))
     estimate = Estimate("demo", "ml", parameters, covariance=1e-4 * np.eye(100))
     cause = FoundCause(
         "joint_friction", "joint2", "friction", "viscous",

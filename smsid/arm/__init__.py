@@ -2,16 +2,16 @@
 
 from smsid.arm.columns import Column, JointStates, effect_columns, torque_columns
 from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
-from smsid.arm.doubts import JointDoubt, joint_doubts
 from smsid.arm.friction_shape import FrictionShape
 from smsid.arm.identify import ArmIdentification, identify_arm
+from smsid.arm.input_checks import JointDoubt, joint_doubts
 from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.presets import with_friction_laws, with_joint_effects
-from smsid.arm.scales import TorqueScale, torque_scales, with_torque_gains
 from smsid.arm.servo import ServoIdentification, identify_servos, with_servos
 from smsid.arm.smooth_motion import SmoothMotion, smooth_motion
 from smsid.arm.smoothing import SmoothJoint, smooth_joint
+from smsid.arm.torque_calibration import TorqueScale, torque_scales, with_torque_gains
 
 __all__ = [
     "ArmIdentification",

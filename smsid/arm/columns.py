@@ -22,7 +22,7 @@ from smsid.effects import (
     Servo,
     TorqueOffset,
 )
-from smsid.effects.friction_law import BY_FIELD, friction_columns, sliding
+from smsid.effects.friction_law import BY_FIELD, friction_columns, sliding_state
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -114,7 +114,7 @@ def _friction(
                 effect=effect.name,
                 law=law,
             )
-    at = sliding(
+    at = sliding_state(
         effect,
         v[:, k],
         angle=0.0 if given.q is None else joint_angle(model, effect.joint, given.q),

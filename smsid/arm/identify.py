@@ -30,7 +30,7 @@ from smsid.effects import BaseTilt, Effect
 from smsid.effects.assembly import Assembly
 from smsid.effects.base_tilt import tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
-from smsid.identify.estimate import Estimate, ParameterEstimate, judged
+from smsid.identify.estimate import Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
@@ -183,7 +183,7 @@ def identify_arm(
     if tilt and level:
         sigmas = whole.sigma[count:]
         own = [
-            judged(f"{tilt.name}.{axis}", float(x), "rad", float(s), GROUP, nominal=getattr(tilt, axis))
+            classify(f"{tilt.name}.{axis}", float(x), "rad", float(s), GROUP, nominal=getattr(tilt, axis))
             for axis, x, s in zip("xy", equations.tilt, sigmas, strict=True)
         ]
         parameters = (*parameters[:count], *own, *parameters[count:])
@@ -286,7 +286,7 @@ def _parameters(
     nominal = np.concatenate([Regressor(model).parameters, [known[n] for n in names if n in known]])
     listed = base.values(nominal)
     found = [
-        judged(name, x, unit, s, GROUP, nominal=float(n))
+        classify(name, x, unit, s, GROUP, nominal=float(n))
         for name, unit, x, s, n in zip(base.names, base.units, solved.x, solved.sigma, listed, strict=True)
     ]
     kept = {names[i] for i in base.independent.tolist()}

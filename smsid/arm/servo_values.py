@@ -13,7 +13,7 @@ from smsid.arm.servo_equations import is_known
 from smsid.arm.units import joint_unit
 from smsid.effects import Servo
 from smsid.errors import NotIdentifiableError
-from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.model.spacecraft import SpacecraftModel
 
 ALIKE = 0.1
@@ -77,7 +77,7 @@ def physical_values(
                 parameter=name,
             )
     found = [
-        judged(name, float(x), unit, float(s), GROUP, nominal=known[name].value)
+        classify(name, float(x), unit, float(s), GROUP, nominal=known[name].value)
         for name, x, unit, s in zip(torques.names, values, units, sigma, strict=True)
     ]
     return tuple(found), covariance
@@ -124,5 +124,5 @@ def torque_limits(
         lever = float(np.linalg.pinv(columns.T @ columns)[0, 0]) * beyond.sum() / runs
         sigma = max(spread * float(np.sqrt(lever)), stiffness * float(solved.noise[k]))
         unit = joint_unit("N m", model, s.joint)
-        found.append(judged(f"{s.name}.limit", float(limit), unit, sigma, GROUP))
+        found.append(classify(f"{s.name}.limit", float(limit), unit, sigma, GROUP))
     return found

@@ -27,7 +27,9 @@ Backend = Literal["loky", "dask", "serial"]
 Task = Callable[[int], RunRecord]
 
 
-def completed(task: Task, runs: Iterable[int], workers: int, how: Mapping[str, Any]) -> Generator[RunRecord]:
+def completed_runs(
+    task: Task, runs: Iterable[int], workers: int, how: Mapping[str, Any]
+) -> Generator[RunRecord]:
     """Yield the records of the runs as they finish, at most twice ``workers`` being under way.
 
     ``how`` goes to `joblib.parallel_config`.
@@ -61,7 +63,7 @@ def on_processes(task: Task, runs: Iterable[int], workers: int) -> Generator[Run
         started: list[int] = []
         done: set[int] = set()
         try:
-            with closing(completed(task, _noting(left, started), workers, how)) as results:
+            with closing(completed_runs(task, _noting(left, started), workers, how)) as results:
                 for record in results:
                     done.add(record.run)
                     yield record
@@ -98,7 +100,9 @@ def _noting(runs: Iterable[int], started: list[int]) -> Iterator[int]:
 
 def _alone(task: Task, run: int, how: dict[str, Any]) -> RunRecord:
     try:
-        return next(completed(task, [run], 2, how))  # with one worker joblib would compute it in this process
+        return next(
+            completed_runs(task, [run], 2, how)
+        )  # with one worker joblib would compute it in this process
     except TerminatedWorkerError:
         message = "The worker process died: a segmentation fault, or out of memory."
         return RunRecord(run=run, status="failed", error=RunError(type="WorkerDied", message=message))
@@ -113,7 +117,7 @@ def on_dask(task: Task, runs: Iterable[int], workers: int, address: str | None) 
     distributed = require("distributed", "campaign")
     with _client(distributed, workers, address) as client:
         try:
-            yield from completed(task, runs, -1, {"backend": "dask", "client": client})
+            yield from completed_runs(task, runs, -1, {"backend": "dask", "client": client})
         except (TimeoutError, distributed.KilledWorker) as cause:
             raise SmsidError(
                 f"The dask cluster gave up: {cause}.",

@@ -22,7 +22,7 @@ from smsid.campaign.vary import (
     drawn_values,
     effect_parameters,
     groups,
-    matched,
+    matching_names,
     scaled_sensor,
     with_values,
 )
@@ -135,7 +135,7 @@ def prepare(campaign: Campaign) -> PreparedCampaign:
     for variations in (campaign.truth, campaign.guess):
         groups(variations, effect_parameters(description))
         link_sigmas(variations, parts)
-    matched(campaign.noise.sensors, [s.name for s in description.sensor], "sensor")
+    matching_names(campaign.noise.sensors, [s.name for s in description.sensor], "sensor")
     files = {campaign.description: path.read_bytes()}
     for part in parts:
         files[f"urdf of {part.arm.name}" if part.arm else "urdf"] = part.path.read_bytes()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from smsid.campaign.vary import Generators, Variation, matched
+from smsid.campaign.vary import Generators, Variation, matching_names
 from smsid.description.robots import robot_urdf
 from smsid.description.schema import Arm, Description
 from smsid.description.urdf_check import read_urdf
@@ -62,7 +62,7 @@ def link_sigmas(variations: Iterable[Variation], parts: Iterable[UrdfPart]) -> d
     names = [name for part in parts for name in part.links()]
     out: dict[str, float] = {}
     for variation in wanted:
-        for name in matched(variation.links or (), names, "link with mass"):
+        for name in matching_names(variation.links or (), names, "link with mass"):
             if name in out:
                 raise ExperimentError(f"Link '{name}' is drawn twice.", advice="Name it in one table only.")
             out[name] = float(variation.relative or 0.0)

@@ -11,7 +11,7 @@ from smsid.identify.hidden_states import Modal
 from smsid.identify.pipeline import identify
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.refine import reported
+from smsid.likelihood.refine import reported_parameters
 from smsid.model import build_model
 
 GROUP = "physical consistency"
@@ -45,7 +45,7 @@ def true_values(case: Case, found: Refinement) -> dict[str, float]:
     predictions = [
         x for p, x in zip(found.fit.pieces, found.fit.seen.predictions, strict=True) if not p.drive.held
     ]
-    combinations, _ = reported(truth, truth, predictions)
+    combinations, _ = reported_parameters(truth, truth, predictions)
     out = {c.name: c.value for c in combinations if not c.name.endswith(".participation_factor")}
     for effect in case.truth.effect:
         if effect == case.guess.get_effect(effect.name):

@@ -16,7 +16,7 @@ from typing import get_args
 import joblib
 from threadpoolctl import threadpool_limits
 
-from smsid.campaign.backends import Backend, completed, on_dask, on_processes
+from smsid.campaign.backends import Backend, completed_runs, on_dask, on_processes
 from smsid.campaign.case import PREFIX, PreparedCampaign
 from smsid.campaign.methods import import_method
 from smsid.campaign.outcome import Findings, RunError, RunRecord
@@ -110,7 +110,7 @@ def _results(
     if backend == "dask":
         return on_dask(task, runs, workers, address)
     if backend == "serial":
-        return completed(task, runs, 1, {"backend": "sequential"})
+        return completed_runs(task, runs, 1, {"backend": "sequential"})
     return on_processes(task, runs, workers)
 
 

@@ -88,7 +88,7 @@ class Variation(BaseModel):
         return z
 
 
-def matched(patterns: Iterable[str], names: Sequence[str], what: str) -> list[str]:
+def matching_names(patterns: Iterable[str], names: Sequence[str], what: str) -> list[str]:
     """Return the names that match any pattern, in their order.
 
     Raises `ExperimentError` for a pattern that matches nothing, with the closest name.
@@ -120,7 +120,7 @@ def groups(
     for variation in variations:
         if variation.parameters is None:
             continue
-        found = [by_name[n] for n in matched(variation.parameters, list(by_name), "parameter")]
+        found = [by_name[n] for n in matching_names(variation.parameters, list(by_name), "parameter")]
         for p in found:
             if p.name in seen:
                 raise ExperimentError(f"'{p.name}' is drawn twice.", advice="Name it in one table only.")

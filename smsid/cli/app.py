@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from smsid._xacro_arguments import xacro_arguments
+from smsid.cli.errors import error_document, print_json
 from smsid.cli.lazy import Entry, lazy_group, register
-from smsid.cli.manners import error_document, print_json
 from smsid.cli.output import WIDTH, error_console, wrapped
 from smsid.errors import SmsidError
 

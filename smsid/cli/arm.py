@@ -11,14 +11,14 @@ from rich.console import Console
 
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
-from smsid.arm.doubts import joint_doubts
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
-from smsid.arm.leftover import leftover_sentences
+from smsid.arm.input_checks import joint_doubts
 from smsid.arm.level import tilt_of
 from smsid.arm.presets import with_friction_laws, with_joint_effects
-from smsid.arm.scales import torque_scales, with_signal_gears, with_torque_gains
+from smsid.arm.residual_dependence import leftover_sentences
 from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
+from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.description import Description
 from smsid.effects import BaseTilt
 from smsid.errors import NotIdentifiableError, RecordingError

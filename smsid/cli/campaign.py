@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import ReportPath, ShowAll
 from smsid.cli.output import console, error_console, is_quiet, say, warn
 from smsid.cli.places import Writes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say
 from smsid.errors import SmsidError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes

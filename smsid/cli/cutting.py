@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, RecordingOutput
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import Seed
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
@@ -140,12 +140,12 @@ def _page(
     from smsid.paper.tables import Found, paper_section
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import Craft, demo_report
-    from smsid.report.diagnose import Asked, diagnose_report
+    from smsid.report.diagnose import ReportInputs, diagnose_report
     from smsid.report.model import Link, Text
     from smsid.report.shares import shares_of
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
-    asked = Asked(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
+    asked = ReportInputs(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
     origin = provenance(inputs, seed=seed)
     shares = None if craft.found.search is None else shares_of(craft.found.search)
     diagnosis = write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from smsid.design import Design
-    from smsid.design.separate import Separation
+    from smsid.design.model_discrimination import Separation
     from smsid.design.watch import Progress
 
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
@@ -80,7 +80,7 @@ def design_command(
     from smsid.cli.notes import told
     from smsid.description import load_description
     from smsid.design import Limits, design_experiment
-    from smsid.design.separate import design_separation
+    from smsid.design.model_discrimination import design_separation
     from smsid.errors import ExperimentError
     from smsid.experiments import save_experiment
 
@@ -135,10 +135,10 @@ def design_command(
     if report is not None:
         from smsid.model import build_model
         from smsid.report import files_of, provenance, write_report
-        from smsid.report.design import Asked, design_report
+        from smsid.report.design import ReportInputs, design_report
 
         with working("writing the report"):
-            asked = Asked(None if to is None else share(to), limits)
+            asked = ReportInputs(None if to is None else share(to), limits)
             origin = provenance(files_of(described, description), seed=seed)
             made = design_report(found, build_model(described), asked, origin)
             written.append(write_report(made, report))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
@@ -90,12 +90,14 @@ def diagnose_command(
         written.append(place)
     if report is not None:
         from smsid.report import files_of, provenance, write_report
-        from smsid.report.diagnose import Asked, diagnose_report
+        from smsid.report.diagnose import ReportInputs, diagnose_report
 
         with working("writing the report"):
             inputs = [*files_of(described, description), *recordings, *(validate or [])]
             origin = provenance([*inputs, *([estimate] if estimate else [])])
-            write_report(diagnose_report(found, Asked(described, loaded, known, judged), origin), report)
+            write_report(
+                diagnose_report(found, ReportInputs(described, loaded, known, judged), origin), report
+            )
         written.append(report)
     out = console()
     for part in diagnosis_parts(found.diagnosis, everything=show_all):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from smsid.cli.errors import Outcome
 from smsid.cli.lab_options import RecordingPath, print_estimate
-from smsid.cli.manners import Outcome
 from smsid.cli.options import EstimateOutput, ReportPath
 from smsid.cli.output import console, say, working
 from smsid.errors import NotIdentifiableError, RecordingError

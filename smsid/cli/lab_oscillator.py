@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from smsid.cli.errors import Outcome
 from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
-from smsid.cli.manners import Outcome
 from smsid.cli.options import EstimateOutput
 from smsid.cli.output import console, say, working
 

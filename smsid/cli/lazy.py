@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from smsid.cli.manners import mannered
+from smsid.cli.errors import mannered
 
 
 @dataclass(frozen=True)

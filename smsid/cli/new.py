@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.output import say
 from smsid.errors import SmsidError
 

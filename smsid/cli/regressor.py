@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, ShowAll
 from smsid.cli.output import console, working
 

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from smsid.cli import show_parts as parts
+from smsid.cli.errors import Outcome
 from smsid.cli.file_kind import kind_of, read_json
-from smsid.cli.manners import Outcome
 from smsid.cli.options import ShowAll
 from smsid.cli.output import asks_json, console
 

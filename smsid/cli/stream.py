@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.track import Changes, NotFollowed, SavedTracker, rates_of
 from smsid.errors import SmsidError

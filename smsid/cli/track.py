@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid._statistics import NORMAL95
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smsid._version import __version__
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 
 
 def version_command() -> Outcome:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from smsid.cli.manners import Outcome
+from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes

@@ -34,7 +34,7 @@ WORTH = 0.97
 
 
 @dataclass(frozen=True)
-class Block:
+class DesignBlock:
     """The design of one group of ``coordinates``: ``error`` (k,) [rad] is the bound reached for gamma = 1,
     with the bound on the uncertainty rising to one at ``crossover`` [rad/s].
 
@@ -61,7 +61,7 @@ class RobustTerm:
     gains: Gains
     weights: Weights
     controller: StateSpace
-    blocks: tuple[Block, ...]
+    blocks: tuple[DesignBlock, ...]
 
     @property
     def gamma(self) -> float:
@@ -117,7 +117,7 @@ def _design(
     error: float | np.ndarray | None,
     slower: tuple[float, ...],
     relaxed: float,
-) -> tuple[Block, StateSpace]:
+) -> tuple[DesignBlock, StateSpace]:
     kp, kd = gains.proportional[np.ix_(index, index)], gains.derivative[np.ix_(index, index)]
     part = Weights(
         weights.disturbance[index],
@@ -314,7 +314,7 @@ def _judged(
     found: Synthesis,
     error: np.ndarray,
     crossover: float,
-) -> Block:
+) -> DesignBlock:
     loop = rigid_loop(kp, kd, controller)
     k = len(index)
     t = StateSpace(loop.a, loop.b, loop.c[k:], loop.d[k:])
@@ -324,4 +324,6 @@ def _judged(
     lower = min(peak_s / (peak_s + 1.0), 1.0 - 1.0 / peak_t if peak_t > 1.0 else 0.0)
     upper = max(peak_s / (peak_s - 1.0) if peak_s > 1.0 else np.inf, 1.0 + 1.0 / peak_t)
     phase = np.degrees(2.0 * np.arcsin(min(1.0, 0.5 / min(peak_s, peak_t))))
-    return Block(index, found, error, crossover, peak_s, peak_t, (lower, upper), float(phase), loop.poles)
+    return DesignBlock(
+        index, found, error, crossover, peak_s, peak_t, (lower, upper), float(phase), loop.poles
+    )

@@ -46,7 +46,7 @@ def robot_xml(path: Path, arguments: Mapping[str, str] | None = None, folders: S
     content = path.read_bytes()
     bare = COMMENT.sub(b"", content)
     if is_xacro(path):
-        return without_world(expanded(path, arguments or {}, folders), str(path))
+        return without_world(expand_xacro(path, arguments or {}, folders), str(path))
     if path.suffix == ".mjcf" or (re.search(rb"<mujoco[\s>]", bare) and not re.search(rb"<robot[\s>]", bare)):
         from smsid.description.mjcf_reading import mjcf_to_urdf
 
@@ -58,7 +58,7 @@ def robot_xml(path: Path, arguments: Mapping[str, str] | None = None, folders: S
     return without_world(content, str(path))
 
 
-def expanded(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) -> bytes:
+def expand_xacro(path: Path, arguments: Mapping[str, str], folders: Sequence[Path]) -> bytes:
     """Return what a xacro file expands to; once, as long as it and what it includes stay as they are.
 
     Raises:

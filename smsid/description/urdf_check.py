@@ -117,7 +117,7 @@ def check_inertias(reading: UrdfReading, *, trusted: bool = False, where: str = 
             )
 
 
-def normalised(text: str) -> str:
+def normalise_urdf(text: str) -> str:
     """Return the URDF with its numbers as they were read, for a reader that is less careful.
 
     Blanks around a number, of which urdfdom makes a link without mass, are gone.

@@ -14,18 +14,18 @@ from smsid.description.schema import Description
 from smsid.design.forecast import exact_covariance
 from smsid.design.goal import CRITERIA, Criterion, needs_motion
 from smsid.design.limits import Limits
+from smsid.design.minimum_time import minimum_time_design
 from smsid.design.moving import Moving, design_motion, within_limits
 from smsid.design.result import Design
-from smsid.design.shortest import shortest
 from smsid.design.thrusting import (
     Thrusting,
     axes_of,
     design_thrust,
     intervals_of,
+    limit_share,
     paper_thrust,
-    strain,
+    scale_thrust,
     thrust_use,
-    weaker,
 )
 from smsid.design.watch import Progress, Watch
 from smsid.errors import ExperimentError
@@ -136,7 +136,7 @@ def _thrust(
     if to is None:
         _, made = search(duration or DURATION["thrust"])
     else:
-        made = shortest(
+        made = minimum_time_design(
             search,
             to,
             DURATION["thrust"],
@@ -147,9 +147,9 @@ def _thrust(
         )
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
     uses = thrust_use(model, made.experiment, limits)
-    over = strain(uses, limits)
+    over = limit_share(uses, limits)
     if over > 1.0 + 1e-6:
-        made = weaker(made, 0.9999 / over)
+        made = scale_thrust(made, 0.9999 / over)
         uses = thrust_use(model, made.experiment, limits)
     reference = paper_thrust(model, made, limits)
     return _finished(model, made, uses, reference, watch, to, limits)
@@ -191,7 +191,7 @@ def _motion(
     if to is None:
         _, made = search(duration or DURATION["motion"])
     else:
-        made = shortest(
+        made = minimum_time_design(
             search,
             to,
             DURATION["motion"],

@@ -20,16 +20,16 @@ from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, fly
 from smsid.inputs.signals import Fourier, sample
 from smsid.likelihood.channels import QUANTITIES, Channel, described_sigma, measured_channels
-from smsid.likelihood.drive import Drive
-from smsid.likelihood.local import Local, Nuisance, initial, slots_of
+from smsid.likelihood.inputs import Drive
 from smsid.likelihood.normal import Normal, normal_at
+from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues, initial, slots_of
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece, longest_step, piece_of
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm, longest_step, piece_of
 from smsid.likelihood.spline import DEGREE, MeasuredMotion
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.time_grid import Timeline
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
@@ -100,10 +100,12 @@ class Forecast:
         recording = Recording.from_arrays(times, values, name="design")
         return measured_channels(self.model, recording, timeline, sigma)
 
-    def piece(self, drive: Drive, timeline: Timeline, channels: tuple[Channel, ...]) -> tuple[Piece, Local]:
+    def piece(
+        self, drive: Drive, timeline: Timeline, channels: tuple[Channel, ...]
+    ) -> tuple[RecordingTerm, NuisanceValues]:
         """Return a term of the likelihood without data."""
         slots = slots_of(channels, Nuisance())
-        return Piece("design", drive, timeline, channels, slots), initial(slots, drive, channels)
+        return RecordingTerm("design", drive, timeline, channels, slots), initial(slots, drive, channels)
 
     @cached_property
     def _moving(self) -> tuple[Channel, ...]:
@@ -118,7 +120,7 @@ class Forecast:
         prediction = piece.predict(self.parameters, local)
         piece = piece.with_input_noise(self.parameters, prediction)
         point = Point(self.parameters, (local,))
-        seen = Seen(point, (prediction,), ([],))
+        seen = Evaluation(point, (prediction,), ([],))
         return normal_at([piece], seen, Prior(self.parameters), with_data=False), prediction
 
     def _drive(self, experiment: Experiment) -> Drive:
@@ -164,7 +166,7 @@ def exact_covariance(description: Description, experiment: Experiment) -> np.nda
     piece, local = piece_of(model, recording, Nuisance(), described_noise=True)
     piece = piece.following()
     piece = piece.with_input_noise(at, piece.predict(at, local))
-    seen = Seen.at([piece], Point(at, (local,)))
+    seen = Evaluation.at([piece], Point(at, (local,)))
     return normal_at([piece], seen, Prior(at), with_data=False).covariance()
 
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from smsid.design.forecast import Forecast
 from smsid.design.limits import Limits, root_moments, tip_shapes
-from smsid.likelihood.drive import Drive, Thrust
+from smsid.likelihood.inputs import Drive, Thrust
 from smsid.likelihood.jacobian import columns
-from smsid.likelihood.local import Local
 from smsid.likelihood.normal import inverse
-from smsid.likelihood.piece import Piece, longest_step
+from smsid.likelihood.nuisance_parameters import NuisanceValues
 from smsid.likelihood.prior import Prior
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.recording_term import RecordingTerm, longest_step
+from smsid.likelihood.time_grid import Timeline
 from smsid.model.spacecraft import SpacecraftModel
 
 FAN = 8  # directions of a plane in which the length of a vector is bounded, before cuts
@@ -153,7 +153,7 @@ def thrust_space(
     timeline = Timeline.of(0.0, forecast.duration, [forecast.duration / intervals], 2.0 * longest_step(model))
     channels = forecast.channels(timeline)
 
-    def flown(axis: int, size: float) -> tuple[np.ndarray, np.ndarray, Piece, Local]:
+    def flown(axis: int, size: float) -> tuple[np.ndarray, np.ndarray, RecordingTerm, NuisanceValues]:
         piece, local = forecast.piece(_drive(forecast, axis, size, intervals), timeline, channels)
         prediction = piece.predict(parameters, local)
         nodes = columns(piece, parameters, local, prediction)

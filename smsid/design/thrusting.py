@@ -65,7 +65,7 @@ def design_thrust(
     which thrust may act (letters of xyz; by default those that move what is asked for). Raises
     `ExperimentError` when nothing limits the thrust, or nothing asked for answers to it.
     """
-    force = strongest(model, limits)
+    force = largest_thrust(model, limits)
     allowed = tuple("xyz".index(a) for a in axes or "xyz")
     space = thrust_space(Forecast.of(model, duration), allowed, intervals_of(duration), limits, force)
     goal = goal_of(space.forecast.parameters, wanted, criterion, None)
@@ -93,7 +93,7 @@ def design_thrust(
     return watch.best
 
 
-def strongest(model: SpacecraftModel, limits: Limits) -> float:
+def largest_thrust(model: SpacecraftModel, limits: Limits) -> float:
     """Return the most thrust per axis [N] that limits allow; raises `ExperimentError` when none is stated."""
     known = [f for f in (model.description.thrust.max_force, limits.force) if f is not None]
     if not known:
@@ -132,9 +132,9 @@ def paper_thrust(model: SpacecraftModel, made: Thrusting, limits: Limits) -> Exp
     axes = axes_of(made.thrust)
     duration = made.experiment.duration
     unit = thrust_experiment(axes, force=1.0, duration=duration)
-    share = strain(thrust_use(model, unit, limits), limits)
+    share = limit_share(thrust_use(model, unit, limits), limits)
     return thrust_experiment(
-        axes, force=round(min(1.0 / share, strongest(model, limits)), 4), duration=duration
+        axes, force=round(min(1.0 / share, largest_thrust(model, limits)), 4), duration=duration
     )
 
 
@@ -146,12 +146,12 @@ def thrust_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -
     return limits.use(model, states, experiment.hold_attitude)
 
 
-def strain(uses: Sequence[LimitUse], limits: Limits) -> float:
+def limit_share(uses: Sequence[LimitUse], limits: Limits) -> float:
     """Return the largest share used of a limit that depends on the thrust: joints stand where they stand."""
     return max(limits.share(u) for u in uses if not u.quantity.startswith(("angle of", "swing of")))
 
 
-def weaker(made: Thrusting, factor: float) -> Thrusting:
+def scale_thrust(made: Thrusting, factor: float) -> Thrusting:
     """Return the thrust times a factor; its covariance is left as it was."""
     thrust = np.round(made.thrust * factor, DIGITS)
     experiment = thrust_steps(thrust, made.experiment.duration, made.experiment.name)

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.design.limits import Limits
 from smsid.design.moving import HARMONICS, PERIODS
 from smsid.design.series import SeriesSpace
-from smsid.design.thrusting import strongest, thrust_steps
+from smsid.design.thrusting import largest_thrust, thrust_steps
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse, fly
 from smsid.experiments.excitation import DRAFT
@@ -102,7 +102,7 @@ class Thrusts(Trials):
     def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
         """Return the experiment of a point (size,): its largest thrust is what limits allow."""
         thrust = point.reshape(PIECES, 3)
-        size = shrink * strongest(self.model, self.limits) / np.abs(thrust).max()
+        size = shrink * largest_thrust(self.model, self.limits) / np.abs(thrust).max()
         return thrust_steps(np.round(size * thrust, 3), self.duration)
 
 

@@ -1,10 +1,8 @@
 """Diagnosis: what the simulation gets wrong, the cause by name, the extended model and what it gains."""
 
 from smsid._callable import make_callable
-from smsid.diagnose.accept import Levels
-from smsid.diagnose.candidates import Candidate
 from smsid.diagnose.diagnose import Diagnosed, diagnose
-from smsid.diagnose.gain import ChannelGain, Gain
+from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import (
     Alias,
     Diagnosis,
@@ -15,17 +13,19 @@ from smsid.diagnose.result import (
     load_diagnosis,
     save_diagnosis,
 )
+from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.estimation.kalman import Noise
 
 __all__ = [
     "Alias",
     "Candidate",
     "ChannelGain",
+    "DetectionThresholds",
     "Diagnosed",
     "Diagnosis",
     "FoundCause",
     "Gain",
-    "Levels",
     "Limit",
     "Noise",
     "Remaining",

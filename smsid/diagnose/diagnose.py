@@ -12,22 +12,28 @@ from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
-from smsid.diagnose.accept import Levels
-from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.extension import as_now, with_inertial_shifts
-from smsid.diagnose.faults import Fault, quantised_channels, rougher, stuck_channels, without
-from smsid.diagnose.foreign import motion_left
-from smsid.diagnose.gain import Gain, gain
-from smsid.diagnose.noise import FOLLOWED
-from smsid.diagnose.nominal import nominal
-from smsid.diagnose.outliers import counted_again, outliers
-from smsid.diagnose.proposals import propose
-from smsid.diagnose.rest import resting
+from smsid.diagnose.extended_description import as_now, with_inertial_shifts
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.model_comparison import DetectionThresholds
+from smsid.diagnose.noise_covariance import FOLLOWED
+from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.outliers import outliers, recount_outliers
+from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
-from smsid.diagnose.search import Search, search
+from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.sensor_faults import (
+    Fault,
+    drop_samples,
+    inflate_for_quantisation,
+    quantised_channels,
+    stuck_channels,
+)
+from smsid.diagnose.stationary_channels import resting_channels
+from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
+from smsid.diagnose.validation import Gain, gain
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.identify_flights import labels_of
@@ -43,7 +49,7 @@ from smsid.estimation.joint_problem import (
     timed_like,
 )
 from smsid.estimation.kalman import Noise, Problem, Timing
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
@@ -78,7 +84,7 @@ def diagnose(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-    levels: Levels | None = None,
+    levels: DetectionThresholds | None = None,
     noise: Noise | None = None,
     rate: float = RATE,
     cutoff: float | None = None,
@@ -116,7 +122,7 @@ def diagnose(
                     recordings,
                     estimate,
                     validation,
-                    (levels or Levels(), noise or Noise(), rate),
+                    (levels or DetectionThresholds(), noise or Noise(), rate),
                     names,
                 )
         except (SmsidError, np.linalg.LinAlgError) as error:
@@ -132,10 +138,10 @@ def _by_torques(
     recordings: Sequence[Recording],
     estimate: Estimate | None,
     validation: Sequence[Recording],
-    levels: Levels | None,
+    levels: DetectionThresholds | None,
     cutoff: float | None,
 ) -> Diagnosed:
-    asked = levels or Levels()
+    asked = levels or DetectionThresholds()
     own = TorqueLevels() if levels is None else TorqueLevels(asked.candidate, asked.block, asked.alias)
     result, extended, found = diagnose_torques(
         description, recordings, estimate=estimate, validation=validation, levels=own, cutoff=cutoff
@@ -148,7 +154,7 @@ def _diagnose(
     recordings: Sequence[Recording],
     estimate: Estimate | None,
     validation: Sequence[Recording],
-    options: tuple[Levels, Noise, float],
+    options: tuple[DetectionThresholds, Noise, float],
     names: tuple[str, ...],
 ) -> Diagnosed:
     levels, noise, rate = options
@@ -166,8 +172,8 @@ def _diagnose(
     coarse = frozenset(f.component for f in rounded)
 
     def looked_at(faults: Sequence[Fault]) -> Problem:
-        problem = thinned(replace(read, data=without(whole, faults)), rate)
-        return replace(problem, data=rougher(problem.data, rounded))
+        problem = thinned(replace(read, data=drop_samples(whole, faults)), rate)
+        return replace(problem, data=inflate_for_quantisation(problem.data, rounded))
 
     problem = timed(point, looked_at(faults), now=False)
     count = len(problem.data.times)
@@ -176,7 +182,7 @@ def _diagnose(
     beside = levels.beside_a_cause
     found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
     problem = timed_like(problem, found.last.problem)
-    rests = resting(found.last, whole, faults)
+    rests = resting_channels(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
@@ -194,13 +200,13 @@ def _diagnose(
     more = outliers(found.last.problem.data, found.last.run)
     if more:
         every = problem.data
-        problem = replace(problem, data=without(every, more))
+        problem = replace(problem, data=drop_samples(every, more))
         found = _again(found, found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
-        still = counted_again(more, every, found.last.problem, found.last.run)
+        still = recount_outliers(more, every, found.last.problem, found.last.run)
         faults += still
         if len(still) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
-            problem = replace(problem, data=without(every, still))
+            problem = replace(problem, data=drop_samples(every, still))
             at, asked = found.nominal.point, beside if faults else levels
             found = _again(found, at, problem, known.unknowns, candidates, asked, coarse)
     seen, named = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
@@ -259,7 +265,7 @@ def _diagnose(
 def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
-    data = measured(point.base, recording, point.description.effective_sensors())
+    data = measurements_of(point.base, recording, point.description.effective_sensors())
     if len(data.times) < SHORTEST:
         raise RecordingError(
             f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
@@ -285,7 +291,7 @@ def _again(
     problem: Problem,
     unknowns: Sequence[Unknown],
     candidates: Sequence[Candidate],
-    levels: Levels,
+    levels: DetectionThresholds,
     coarse: frozenset[str],
 ) -> Search:
     """Return a search made again, or the one before where it fails numerically: what was found is kept."""
@@ -316,7 +322,7 @@ def _foreign(found: Search) -> str:
     """Return why the recording cannot be of this spacecraft, if so; asked where it is not followed."""
     if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
         return ""
-    left = motion_left(found.last, found.noise)
+    left = unexplained_fraction(found.last, found.noise)
     if left > FOREIGN:
         return f"Even with everything refitted, {100 * left:.0f} % of the motion is left unexplained."
     return ""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.candidates import Candidate, Score, scored, seen_where
+from smsid.diagnose.score_test import Candidate, Score, scored, seen_where
 from smsid.estimation.map_estimate import Fit
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import laplace, norm
 
-from smsid.diagnose.faults import Fault
+from smsid.diagnose.sensor_faults import Fault
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.kalman import FilterRun, Problem
 from smsid.estimation.measurements import Measured
@@ -29,7 +29,7 @@ def outliers(data: Measured, run: FilterRun) -> list[Fault]:
 
     Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
     calm before and after and in all other channels: the first and the last reading are none. Where there are
-    more, smaller ones are among them, see `shared`.
+    more, smaller ones are among them, see `outlier_share`.
     """
     found = []
     size = np.abs(run.normalised)
@@ -48,13 +48,15 @@ def outliers(data: Measured, run: FilterRun) -> list[Fault]:
                 continue
             marked = np.zeros(size.shape, dtype=bool)
             marked[:, row] = hits
-            share, sigma, among = shared(run.normalised[run.used[:, row], row], int(hits.sum()))
+            share, sigma, among = outlier_share(run.normalised[run.used[:, row], row], int(hits.sum()))
             marked[np.flatnonzero(run.used[:, row])[among], row] = True
             found.append(Fault("outliers", block.channel, name, share, sigma, marked))
     return found
 
 
-def counted_again(faults: Sequence[Fault], whole: Measured, problem: Problem, run: FilterRun) -> list[Fault]:
+def recount_outliers(
+    faults: Sequence[Fault], whole: Measured, problem: Problem, run: FilterRun
+) -> list[Fault]:
     """Return the faults with their shares as a fit without them sees them, less those it shows to be none.
 
     Readings (N, rows) of ``whole`` are compared with the predictions of ``run`` on a ``problem``, which they
@@ -76,7 +78,7 @@ def counted_again(faults: Sequence[Fault], whole: Measured, problem: Problem, ru
             hits = int((np.abs(beyond) > OUTLIER).sum())
             if not hits:
                 continue
-            share, sigma, _ = shared(np.concatenate([run.normalised[used, row], beyond]), hits)
+            share, sigma, _ = outlier_share(np.concatenate([run.normalised[used, row], beyond]), hits)
             fault = replace(fault, value=share, sigma=sigma)
         found.append(fault)
     return found
@@ -91,7 +93,7 @@ def _beside(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return before, after
 
 
-def shared(x: np.ndarray, hits: int) -> tuple[float, float, np.ndarray]:
+def outlier_share(x: np.ndarray, hits: int) -> tuple[float, float, np.ndarray]:
     """Return the share of outliers among normalised prediction errors (n,), its standard deviation, and which
     are more likely outliers than not (n,).
 

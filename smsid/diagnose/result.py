@@ -15,7 +15,7 @@ from smsid._reading import read_json
 from smsid._short_repr import as_html, as_text
 from smsid._statistics import NORMAL95
 from smsid._version import __version__
-from smsid.diagnose.gain import ChannelGain, Gain
+from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.errors import SmsidError, require
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.stats import norm
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose.accept import FEW, Cause
-from smsid.diagnose.began import Began, began
-from smsid.diagnose.blocks import Block
-from smsid.diagnose.candidates import Candidate
-from smsid.diagnose.credible import doubts
+from smsid.diagnose.change_time_posterior import Began, onset_posteriors
+from smsid.diagnose.model_comparison import FEW, Cause
+from smsid.diagnose.plausibility import doubts
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
-from smsid.diagnose.search import Search
+from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.joint_problem import on_own_clock
 from smsid.estimation.parameter_vector import Unknown
@@ -54,7 +54,7 @@ SEPARATE = {
 def causes(found: Search) -> tuple[FoundCause, ...]:
     """Return the causes of a search with their values at the last fit."""
     described = {e.name for e in found.nominal.point.description.effect}
-    starts = began(found.last, found.causes, described)
+    starts = onset_posteriors(found.last, found.causes, described)
     return tuple(_cause(found, cause, starts) for cause in found.causes)
 
 
@@ -179,7 +179,7 @@ def remaining(found: Search, decided: Verdict) -> tuple[Remaining, ...]:
     return tested(left, len(found.blocks))
 
 
-def tested(blocks: Sequence[Block], tests: int) -> tuple[Remaining, ...]:
+def tested(blocks: Sequence[SpecificationTest], tests: int) -> tuple[Remaining, ...]:
     """Return generic tests as results, their p-values corrected for so many."""
     return tuple(
         Remaining(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * tests)) for b in blocks
@@ -206,7 +206,7 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
             beside = f"beside it {left[0].where} still depends on {left[0].dependence}"
             sentence += f" Explaining a part: {words}; {beside}."
         return "unexplained", sentence
-    if begin_in_turn(named):
+    if is_piecewise_drift(named):
         sentence = (
             f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
         )
@@ -216,7 +216,7 @@ def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]
     return "adequate", "The simulation explains the recording to its noise."
 
 
-def begin_in_turn(named: Sequence[FoundCause]) -> bool:
+def is_piecewise_drift(named: Sequence[FoundCause]) -> bool:
     """Whether causes of one family begin at different times: what goes on changing is put together so.
 
     Sensors fail one by one, and a force is no piece of a torque: of these, only those of one sensor and of
@@ -235,7 +235,7 @@ def _with_misfit(found: Search, named: tuple[FoundCause, ...], words: str) -> tu
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if words and found.followed >= MOSTLY and begin_in_turn(named):
+    if words and found.followed >= MOSTLY and is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Starting, physical, register
-from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding
+from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding_state
 
 if TYPE_CHECKING:
     from smsid.effects.assembly import Assembly
@@ -149,12 +149,12 @@ class JointFriction(Starting):
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             if active(t):
                 angle = (q[place] if turns else np.arctan2(q[place + 1], q[place])) if angular else 0.0
-                at = sliding(self, v[index], angle=angle)
+                at = sliding_state(self, v[index], angle=angle)
                 tau[index] -= sum(size * column(at) for size, column in terms)
 
         def loaded(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             if active(t):
-                tau[index] -= by_load * load_column(sliding(self, v[index], load=tau[index]))
+                tau[index] -= by_load * load_column(sliding_state(self, v[index], load=tau[index]))
 
         if terms:
             assembly.add_force(force, self.onset, ((index,) if angular else (), (index,)))

@@ -93,7 +93,7 @@ def fields_of(law: str) -> tuple[str, ...]:
     return tuple(t.field for t in TERMS if t.law == law)
 
 
-def sliding(
+def sliding_state(
     effect: Any,
     rate: Any,
     *,
@@ -138,5 +138,5 @@ __all__ = [
     "Sliding",
     "fields_of",
     "friction_columns",
-    "sliding",
+    "sliding_state",
 ]

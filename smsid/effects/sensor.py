@@ -90,10 +90,10 @@ class QuantityEffect(SensorEffect):
                 f"[[effect]] '{self.name}': sensor '{sensor.name}' does not measure {self.quantity}.",
                 advice=f"It measures {', '.join(sensor.quantities)}.",
             )
-        errors = {**sensor.errors, self.quantity: self.spoilt(sensor.error(self.quantity))}
+        errors = {**sensor.errors, self.quantity: self.with_error(sensor.error(self.quantity))}
         return sensor.model_copy(update={"errors": errors})
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the effect."""
         raise NotImplementedError
 

@@ -40,7 +40,7 @@ class SensorBias(VectorEffect, Starting):
         whole = self.component is None and self.start is None
         return (f"{self.sensor}.{self.quantity}",) if whole else ()
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the bias; raises `DescriptionError` for a second, later one."""
         if not np.any(self.bias):
             return error
@@ -51,7 +51,7 @@ class SensorBias(VectorEffect, Starting):
                 return error.model_copy(update={"bias": bias, "bias_from": self.start})
             for axis, value in enumerate(np.asarray(self.bias)):
                 one = self.model_copy(update={"component": axis, "bias": float(value)})
-                error = one.spoilt(error)
+                error = one.with_error(error)
             return error
         part = error.components.get(self.key)
         before = part.bias if part else 0.0
@@ -76,7 +76,7 @@ class SensorScale(VectorEffect):
     kind: Literal["sensor_scale"] = "sensor_scale"
     error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the scale."""
         if not np.any(self.error):
             return error
@@ -103,7 +103,7 @@ class ScaleByRate(VectorEffect):
         "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
     )
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the slope of its scale."""
         if not np.any(self.slope):
             return error
@@ -131,7 +131,7 @@ class SensorMisalignment(QuantityEffect):
         description="rotation vector from the stated to the true axes",
     )
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the misalignment, after what it has."""
         if not any(self.angles):
             return error
@@ -175,7 +175,7 @@ class SensorDelay(QuantityEffect):
     kind: Literal["sensor_delay"] = "sensor_delay"
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the delay."""
         return error.model_copy(update={"delay": error.delay + self.delay}) if self.delay else error
 

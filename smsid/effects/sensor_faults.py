@@ -49,7 +49,7 @@ class Quantisation(ComponentEffect):
         found = super().parameters()
         return tuple(replace(p, unit="1") for p in found) if self.quantity == "attitude" else found
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the coarser step."""
         if self.key is None:
             return error.model_copy(update={"quantisation": max(error.quantisation, self.step)})
@@ -69,7 +69,7 @@ class Outliers(ComponentEffect):
         OF_QUANTITY, lower=0.0, default=0.0, description="standard deviation of what is added to them"
     )
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the outliers; raises `DescriptionError` when it has some."""
         if not (self.share and self.size):
             return error
@@ -92,7 +92,7 @@ class Stuck(ComponentEffect):
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 
-    def spoilt(self, error: ErrorModel) -> ErrorModel:
+    def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the channel stuck."""
         if self.start is None:
             return error

@@ -12,8 +12,8 @@ from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of
 from smsid.likelihood.channels import described_sigma
 from smsid.likelihood.normal import normal_at
-from smsid.likelihood.point import Point, Seen
-from smsid.likelihood.refine import Refinement, free_predictions, reported
+from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.refine import Refinement, free_predictions, reported_parameters
 
 AXES = "xyz"
 
@@ -61,7 +61,7 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
     size = point.parameters.size
     parts = []
     for k, piece in enumerate(found.pieces):
-        own = Seen(
+        own = Evaluation(
             Point(point.parameters, (point.locals[k],)),
             (found.seen.predictions[k],),
             (found.seen.residuals[k],),
@@ -87,7 +87,7 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
 
 def _rows(refinement: Refinement) -> Sequence[Reported]:
     found = refinement.fit
-    combinations, _ = reported(
+    combinations, _ = reported_parameters(
         found.point.parameters, refinement.described, free_predictions(found.pieces, found.point)
     )
     return [Reported(c.name, c.unit, c.value, c.gradient, c.nominal) for c in combinations]

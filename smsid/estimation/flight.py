@@ -14,7 +14,7 @@ from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.kalman import Noise, Problem, Timing, UnknownInput
-from smsid.estimation.measurements import Block, Measured, measured
+from smsid.estimation.measurements import ChannelSlice, Measured, measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
 from smsid.model.column_order import order_columns
@@ -76,7 +76,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     doubts = [f"doubtful: {said}" for said in recording.check_consistency()]
     model, sensors = point.base, point.description.effective_sensors()
     recording = order_columns(recording, model)
-    data = measured(model, recording, sensors, longest_step(model))
+    data = measurements_of(model, recording, sensors, longest_step(model))
     if len(data.times) < SHORTEST:
         raise RecordingError(
             f"'{recording.name}' has {len(data.times)} samples; an estimate needs {SHORTEST}.",
@@ -191,7 +191,7 @@ def _drives(
     return drives, notes
 
 
-def _moving(data: Measured, blocks: list[Block], size: int) -> np.ndarray:
+def _moving(data: Measured, blocks: list[ChannelSlice], size: int) -> np.ndarray:
     """Return which joints (size,) move by more than their sensors' noise; all where none is measured."""
     out = np.zeros(size, dtype=bool)
     for block in blocks:
@@ -229,7 +229,7 @@ def _unknown_torques(
     return found
 
 
-def _motion_scales(data: Measured, block: Block) -> tuple[np.ndarray, np.ndarray, float]:
+def _motion_scales(data: Measured, block: ChannelSlice) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the root mean square acceleration and jerk (k,) of a channel of angles or rates (N, k).
 
     Also the median time between its samples [s]. From parabolas or cubics through `WINDOW` [s] of it.

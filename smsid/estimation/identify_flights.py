@@ -28,7 +28,7 @@ from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.unknowns import biases_of, unknowns_of
-from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, judged
+from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.prior import Cad
 from smsid.recording import Recording
 
@@ -296,7 +296,9 @@ def _judged(
     """Return a parameter with its status; ``share`` of its variance is the prior's, ``bent`` its profile."""
     if ": " in row.name:
         return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
-    found = judged(row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference)
+    found = classify(
+        row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference
+    )
     if share > HELD:
         note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
         return replace(found, status="not_identifiable", note=note)
@@ -316,7 +318,7 @@ def _bent(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:
     low, high = bent.ends
     note = f"the likelihood is not Gaussian: interval from its profile{along}"
     half = 0.5 * (high - low) / NORMAL95
-    told = judged(p.name, p.value, p.unit, half, METHOD, nominal=p.nominal, reference=p.reference)
+    told = classify(p.name, p.value, p.unit, half, METHOD, nominal=p.nominal, reference=p.reference)
     if not np.isfinite(half):
         note += ", which has no end"
     note = f"{told.note}; {note}".lstrip("; ")

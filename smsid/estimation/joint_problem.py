@@ -15,7 +15,7 @@ from smsid.effects.base import Effect
 from smsid.errors import RecordingError
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import Applied, FilterRun, Part, Problem, applied
-from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity
@@ -78,7 +78,7 @@ def joined_data(parts: Sequence[Measured]) -> Measured:
 
     Raises `RecordingError` where a channel has other components in another recording.
     """
-    blocks: dict[str, Block] = {}
+    blocks: dict[str, ChannelSlice] = {}
     start = 0
     for block in (b for part in parts for b in part.blocks):
         width = block.rows.stop - block.rows.start

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, lapack
 from smsid.errors import SimulationError
 from smsid.estimation.input_hold import VARYING, Hold, commanded, jumps_in, limits, means, unevenness
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import JointPrior
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -128,7 +128,7 @@ class Part:
     timing: Timing
     first: int
     shift: float = 0.0
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[ChannelSlice, ...] = ()
     model: SpacecraftModel | None = None
 
 

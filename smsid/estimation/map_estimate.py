@@ -17,7 +17,7 @@ from smsid.estimation.kalman import FilterRun, Problem, run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
+from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, next_radius, sizes
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
@@ -223,7 +223,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
                     return _normal(point, unknowns, problem, run, model), radius
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
-        radius = shortened(length, float(found.slope @ step), -gained)
+        radius = next_radius(length, float(found.slope @ step), -gained)
     return None, radius
 
 

@@ -13,7 +13,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, shortened, sizes
+from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, next_radius, sizes
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
@@ -118,5 +118,5 @@ def _descend(
                     return trial, radius
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
-        radius = shortened(length, float(found.slope @ step), -gained)
+        radius = next_radius(length, float(found.slope @ step), -gained)
     return None, radius

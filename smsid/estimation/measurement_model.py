@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from smsid.estimation.bus_readings import Bus, cross_matrices
-from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.simulate.trajectory import States
-from smsid.simulate.truth import sensed
+from smsid.simulate.truth import exact_readings
 
 
 class MeasurementModel:
@@ -55,7 +55,7 @@ class MeasurementModel:
         """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone."""
         out = np.empty((len(s.time), self.data.rows))
         for sensor in {b.sensor.name: b.sensor for b in self.data.blocks}.values():
-            ideal = sensed(self.model, s, sensor, self.locked)
+            ideal = exact_readings(self.model, s, sensor, self.locked)
             for block in (b for b in self.data.blocks if b.sensor.name == sensor.name):
                 if block.quantity == "attitude":
                     out[:, block.rows] = block.bias
@@ -65,7 +65,7 @@ class MeasurementModel:
                 out[:, block.rows] += block.begun(s.time)
         return out
 
-    def _part(self, block: Block) -> Callable[..., None]:
+    def _part(self, block: ChannelSlice) -> Callable[..., None]:
         """Return what adds a block's readings to h, and their derivatives but for those that are constant."""
         sensor, rows, model = block.sensor, block.rows, self.model
         cq, cv, ca = self._constant
@@ -123,7 +123,7 @@ class MeasurementModel:
             ca[index, range(3)] = 1.0
         return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.force(rows, r[None], h, cq, cv, ca)
 
-    def _panel(self, block: Block) -> Callable[..., None]:
+    def _panel(self, block: ChannelSlice) -> Callable[..., None]:
         panel = find_appendage(self.model, str(block.sensor.appendage))
         seen = JointGroup.of(self.model.pin, panel.seen)
         kq, kv = _range(seen.q), _range(seen.v)
@@ -176,7 +176,7 @@ def _range(index: np.ndarray) -> slice | np.ndarray:
     return slice(first, first + n) if np.array_equal(index, np.arange(first, first + n)) else index
 
 
-def _distort(block: Block, h: np.ndarray, derivatives: tuple[np.ndarray, ...]) -> None:
+def _distort(block: ChannelSlice, h: np.ndarray, derivatives: tuple[np.ndarray, ...]) -> None:
     width = len(block.gain)
     for start in range(block.rows.start, block.rows.stop, width):
         rows = slice(start, start + width)

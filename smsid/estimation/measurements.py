@@ -40,7 +40,7 @@ class Bend:
 
 
 @dataclass(frozen=True)
-class Block:
+class ChannelSlice:
     """One channel: its rows in the stacked measurement, and how the sensor's errors act on it.
 
     The reading is ``gain @ x + bias`` of the ideal x, late by ``delay`` [s] (attitudes: bias and gain do not
@@ -94,7 +94,7 @@ class Measured:
     times: np.ndarray
     values: np.ndarray
     attitude: dict[str, np.ndarray]
-    blocks: tuple[Block, ...]
+    blocks: tuple[ChannelSlice, ...]
     sigma: np.ndarray
     coarse: np.ndarray | None = None
 
@@ -151,7 +151,7 @@ class Measured:
         return replace(self, values=values)
 
 
-def measured(
+def measurements_of(
     model: SpacecraftModel, recording: Recording, sensors: Sequence[Sensor], longest: float = np.inf
 ) -> Measured:
     """Return what a recording holds of the sensors' channels, at all times at which one of them has a sample.
@@ -260,7 +260,7 @@ def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, widt
     return np.where(sigma > 0.0, sigma, np.maximum(seen, floor))
 
 
-def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tuple[str, ...]) -> Block:
+def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tuple[str, ...]) -> ChannelSlice:
     errors = sensor.error(quantity)
     width = 3 if quantity in WIDTH else rows.stop - rows.start
     delay = float(errors.delay) + float(errors.time_offset)
@@ -271,7 +271,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
         turn = mounting(sensor, quantity, 3)
         bias = turn @ (whole + np.asarray(errors.misalignment, dtype=float))
         part = tuple((start, turn @ x) for start, x in part)
-        return Block(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any(), part)
+        return ChannelSlice(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any(), part)
     turn = mounting(sensor, quantity, width)
     if still.misaligned:
         turn_by = pin.exp3(np.asarray(still.misalignment, dtype=float))
@@ -290,7 +290,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     later = tuple((start, turn @ x) for start, x in later)
     bend = Bend(into @ turn.T, turn, bent) if bent.any() else None
     plain = bend is None and not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
-    return Block(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later, bend)
+    return ChannelSlice(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later, bend)
 
 
 def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:

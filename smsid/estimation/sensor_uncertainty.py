@@ -6,7 +6,7 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError
-from smsid.estimation.measurements import Block, Measured
+from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import effect_unknown
 from smsid.parameter import Parameter
@@ -46,7 +46,7 @@ def _moved(effect: Effect, p: Parameter) -> Effect | None:
     return None
 
 
-def _change(data: Measured, old: Block, new: Block) -> np.ndarray:
+def _change(data: Measured, old: ChannelSlice, new: ChannelSlice) -> np.ndarray:
     """Return by how much the first reading of a channel changes (rows of the block,)."""
     x = data.values[:, old.rows]
     there = np.flatnonzero(np.isfinite(x).all(axis=1))

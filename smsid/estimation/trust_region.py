@@ -53,14 +53,14 @@ def bounded_step(found: Quadratic, damping: float = 0.0) -> np.ndarray:
     share = np.maximum(share, 0.0) + damping + ROUNDED
     root = np.sqrt(share)[:, None] * basis.T
     aim = basis.T @ (found.slope / size) / np.sqrt(share)
-    low, high = (bound * size for bound in reach(found.point, found.unknowns))
+    low, high = (bound * size for bound in room_within_bounds(found.point, found.unknowns))
     step = basis @ (aim / np.sqrt(share))
     if (step < low).any() or (step > high).any():
         step = lsq_linear(root, aim, (low, high), method="bvls").x
     return step / size
 
 
-def reach(point: Point, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, np.ndarray]:
+def room_within_bounds(point: Point, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, np.ndarray]:
     """Return how far parameters may go down and up from a point, in scales: (m,) each."""
     ends = np.array([np.array(point.bounds(u)) - point.value(u) for u in unknowns]).reshape(-1, 2)
     ends /= np.array([[u.scale] for u in unknowns])
@@ -93,7 +93,7 @@ def damping_within(found: Quadratic, radius: float) -> float:
     return 10.0 ** float(brentq(beyond, LEAST, MOST, xtol=0.01))  # pyright: ignore[reportArgumentType]
 
 
-def shortened(length: float, slope: float, up: float) -> float:
+def next_radius(length: float, slope: float, up: float) -> float:
     """Return how far the next step may go after one of a length that led ``up``, where its slope led down.
 
     To the lowest point of the parabola through both.

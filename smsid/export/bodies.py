@@ -22,7 +22,7 @@ from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of
+from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
 from smsid.model import SpacecraftModel
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.regressor import Regressor
@@ -117,7 +117,7 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     phi0 = np.zeros(SIZE * len(names))
 
     def bodies(phi: np.ndarray) -> dict[str, np.ndarray]:
-        return {n: moved(at[n], phi[SIZE * k : SIZE * (k + 1)]) for k, n in enumerate(names)}
+        return {n: step_factor(at[n], phi[SIZE * k : SIZE * (k + 1)]) for k, n in enumerate(names)}
 
     def errors(phi: np.ndarray) -> np.ndarray:
         found = bodies(phi)
@@ -129,11 +129,11 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
         out = np.zeros((len(fixed) + phi.size, phi.size))
         for k, n in enumerate(names):
             part = phi[SIZE * k : SIZE * (k + 1)]
-            here = parameters_of(moved(at[n], part))
+            here = parameters_of(step_factor(at[n], part))
             for i in range(SIZE):
                 step = np.zeros(SIZE)
                 step[i] = 1e-6
-                there = parameters_of(moved(at[n], part + step))
+                there = parameters_of(step_factor(at[n], part + step))
                 out[: len(fixed), SIZE * k + i] = columns[n] @ ((there - here) / 1e-6)
         out[len(fixed) :] = np.eye(phi.size) / PULL
         return out

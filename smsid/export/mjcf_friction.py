@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.effects import JointFriction
-from smsid.effects.friction_law import TERMS, friction_columns, sliding
+from smsid.effects.friction_law import TERMS, friction_columns, sliding_state
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -67,7 +67,7 @@ def _closest(effect: JointFriction, limit: float) -> DryFriction:
     rates = np.linspace(-top, top, POINTS + 1)[:, None]
     angles = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     whole = [t.field for t in TERMS if getattr(effect, t.field) and t.field not in ("viscous", "load")]
-    at = sliding(effect, rates, angle=angles, smoothing=1e-9 * top)
+    at = sliding_state(effect, rates, angle=angles, smoothing=1e-9 * top)
     columns = friction_columns(effect, whole, at)
     torque = sum(getattr(effect, f) * (c + 0.0 * angles) for f, c in columns.items())
     torque = np.mean(np.broadcast_to(torque, (POINTS + 1, angles.size)), axis=1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from smsid.campaign.summary import ParameterSummary, Summary
 from smsid.errors import SmsidError
 from smsid.figures.canvas import COLOURS, canvas
-from smsid.report.parameters import clipped
+from smsid.report.parameters import clip_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,4 +45,4 @@ def _band(ax, k: int, value: float | None, band: tuple[float, float] | None, hol
 
 
 def _name(p: ParameterSummary) -> str:
-    return clipped(p.name, 40)
+    return clip_text(p.name, 40)

@@ -9,7 +9,7 @@ from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError
 from smsid.figures.canvas import COLOURS, canvas, legend_above
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate
-from smsid.report.parameters import SMALLEST, clipped, reported
+from smsid.report.parameters import SMALLEST, clip_text, reported_parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,9 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
     ``truth``: an estimate whose values are true; without it the distance is that from the description. Raises
     `NotIdentifiableError` when no parameter has an interval.
     """
-    shown = [p for p in reported(estimate) if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0]
+    shown = [
+        p for p in reported_parameters(estimate) if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0
+    ]
     if not shown:
         raise NotIdentifiableError("No parameter of the estimate has an interval.", advice="See its notes.")
     label = "off the described value" if truth is None else "off the true value"
@@ -43,7 +45,7 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
         ax.plot(values, places, "o", color=COLOURS[1], ms=3.0, label=label)
         ax.axvline(IDENTIFIABLE_BELOW * NORMAL95, color="#555", ls="--", lw=0.8)
         ax.set_xscale("log")
-        ax.set_yticks(range(len(shown)), [clipped(p.name, 44) for p in shown], fontsize=6.5)
+        ax.set_yticks(range(len(shown)), [clip_text(p.name, 44) for p in shown], fontsize=6.5)
         ax.set_ylim(len(shown) - 0.4, -0.6)
         ax.grid(axis="y", visible=False)
         ax.set_xlabel("share of the parameter's size")

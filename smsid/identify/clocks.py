@@ -21,7 +21,7 @@ def event_times(recording: Recording, sensor: Sensor, quantity: str) -> np.ndarr
     return recording.time(f"{sensor.name}.{quantity}") - sensor.error(quantity).lag
 
 
-def sampled(
+def sample_channel(
     recording: Recording, sensor: Sensor, quantity: str, times: np.ndarray, cutoff: float | None
 ) -> np.ndarray:
     """Return a channel at ``times`` (M,) [s], (M, ...) in its unit and frame.

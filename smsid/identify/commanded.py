@@ -26,7 +26,7 @@ class Acting:
     steps: bool
 
 
-def acting(model: SpacecraftModel, recording: Recording, *, torque: bool = False) -> Acting:
+def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool = False) -> Acting:
     """Return the thrust of a recording after every effect's `drive`; with the commanded ``torque``, or zero.
 
     Raises `RecordingError` for commands that are not finite or not on one clock.
@@ -68,4 +68,4 @@ def _driven(model: SpacecraftModel, commanded: Acting) -> Acting:
     return Acting(at, np.hstack(values), commanded.steps)
 
 
-__all__ = ["Acting", "acting"]
+__all__ = ["Acting", "actual_thrust"]

@@ -17,7 +17,7 @@ from smsid.identify.parameter_estimate import (
     IDENTIFIABLE_BELOW,
     ParameterEstimate,
     Status,
-    judged,
+    classify,
 )
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ __all__ = [
     "Iteration",
     "ParameterEstimate",
     "Status",
+    "classify",
     "distinct",
-    "judged",
     "load_estimate",
     "save_estimate",
 ]

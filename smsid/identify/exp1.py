@@ -9,8 +9,8 @@ import numpy as np
 
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.identify.clocks import common_times, event_times, rate_of, sampled
-from smsid.identify.commanded import acting
+from smsid.identify.clocks import common_times, event_times, rate_of, sample_channel
+from smsid.identify.commanded import actual_thrust
 from smsid.identify.exp1_panels import (
     PanelShares,
     identify_axis_of_panels,
@@ -25,13 +25,21 @@ from smsid.identify.exp1_result import (
     participation_along,
     tank_marks,
 )
-from smsid.identify.exp1_unseen import FALLEN, UNTOLD, alone, doubted, impossible, left_as_described, period
+from smsid.identify.exp1_unseen import (
+    FALLEN,
+    UNTOLD,
+    left_as_described,
+    mark_doubted,
+    period,
+    why_impossible,
+    without_shared,
+)
 from smsid.identify.mode_noise import mode_sigmas
 from smsid.identify.motion import Roles, raw_rates
+from smsid.identify.noise_replicates import add_noise_replicate, covariance_of_moves
 from smsid.identify.panel_modes import panel_modes
 from smsid.identify.rest import check_at_rest, with_rest_before
 from smsid.identify.robust import white_sigma
-from smsid.identify.shaken import covariance_of_moves, shaken
 from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -108,7 +116,7 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 # several tanks that are alike do not settle either, and leave the total mass as it is
                 if tanks <= 1 or data.time[-1] - data.time[0] < period(model, "xyz".index(axis)):
                     fallen[axis] = FALLEN
-            elif axis in axes and (why := impossible(axes[axis])):
+            elif axis in axes and (why := why_impossible(axes[axis])):
                 fallen[axis] = f"{why}: {UNTOLD}"
         if len(model.slosh) > 1:
             _widen_several_tanks(model, recording, axes, notes)
@@ -127,11 +135,11 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
         )
     believed = len(fallen) < len(axes)
     if believed:  # what axes share, the others tell
-        axes |= {a: alone(axes[a]) for a in fallen}
+        axes |= {a: without_shared(axes[a]) for a in fallen}
     found = assemble(
         model, list(axes.values()), modes, notes, tuple(printed.values()), tuple(shares.values())
     )
-    parameters = [doubted(p, fallen, everything=not believed) for p in found.parameters]
+    parameters = [mark_doubted(p, fallen, everything=not believed) for p in found.parameters]
     parameters += left_as_described(model, {p.name for p in parameters}, reasons)
     return replace(found, parameters=tuple(parameters), believed=believed)
 
@@ -148,7 +156,7 @@ def _widen_several_tanks(
     moves: dict[str, list[np.ndarray]] = {a: [] for a in excited_axes(recording) if a in axes}
     sensors = model.description.effective_sensors()
     for k in range(TANK_REPLICATES):
-        noisier = shaken(recording, sensors, np.random.default_rng([REPLICATES_SEED, k]))
+        noisier = add_noise_replicate(recording, sensors, np.random.default_rng([REPLICATES_SEED, k]))
         for axis, own in moves.items():
             try:
                 marks = _marks(model, "xyz".index(axis))
@@ -220,7 +228,7 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     time = common_times(recording, (imu, "acceleration"), [(s, "acceleration") for s in panels])
     kept = np.searchsorted(own, time)
     raw = recording[f"{imu.name}.acceleration"][kept, k]
-    thrust = acting(model, recording)
+    thrust = actual_thrust(model, recording)
     force = _held(thrust.times, thrust.values[:, k], time)
     force[time == begin] *= 0.5
     fs = rate_of(recording, imu, "acceleration")
@@ -318,7 +326,7 @@ def _with_panels(
                 f"'{name}' bends along this axis but the recording has no accelerometers on it.",
                 advice=f"Record a sensor of kind 'accelerometers' with appendage = \"{name}\".",
             )
-        y = sampled(recording, sensor, "acceleration", data.time, cutoff)[:, :, axis]
+        y = sample_channel(recording, sensor, "acceleration", data.time, cutoff)[:, :, axis]
         chosen = station_indices(joints, sensor)
         modes = joints.appendage.modal_data()
         rotation = joints.placement.rotation
@@ -390,7 +398,7 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
         if sensor is None or max(size) == 0.0 or "xyz"[axis] not in excited:
             continue
         try:
-            y = averaged_at_steps(time, sampled(recording, sensor, "acceleration", time, None), steps)
+            y = averaged_at_steps(time, sample_channel(recording, sensor, "acceleration", time, None), steps)
             y = y[:, :, axis]
             modes = panel_modes(time, y, base[:, axis], free_from=last)
             clamped, coupled = mode_sigmas(

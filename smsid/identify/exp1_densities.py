@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from smsid.effects.appendage import Appendage
 from smsid.identify.combined import Combined
-from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -35,21 +35,25 @@ def densities(
         if len(panels) == 1:
             key, unit, nominal = of[panels[0]]
             out.append(
-                positive(judged(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal))
+                refuse_nonpositive(
+                    classify(key, factor * nominal, unit, sigma * nominal, "exp1", nominal=nominal)
+                )
             )
             continue
         # a regression as printed has one factor for all, and does not say in which shares
         share = weights.get(symbol) or {p: 1.0 / len(panels) for p in panels}
         name, unit, size = combination({p: of[p] for p in panels}, share)
-        out.append(positive(judged(name, factor * size, unit, sigma * size, "exp1", nominal=size)))
+        out.append(
+            refuse_nonpositive(classify(name, factor * size, unit, sigma * size, "exp1", nominal=size))
+        )
         others = ", ".join(panels)
         for panel in panels:
             if panel not in alone:
                 key, unit, nominal = of[panel]
                 note = f"{others} bend alike: told only together, as '{name}'"
                 value = factor * nominal
-                one = judged(key, value, unit, math.inf, "exp1", nominal=nominal, note=note)
-                out.append(positive(one))
+                one = classify(key, value, unit, math.inf, "exp1", nominal=nominal, note=note)
+                out.append(refuse_nonpositive(one))
     return out
 
 
@@ -75,7 +79,7 @@ def combination(densities: Mapping[str, Density], weights: Mapping[str, float]) 
     return " + ".join(terms), units.pop() if len(units) == 1 else "1", size
 
 
-def contradicted(
+def mark_contradictions(
     parameters: Sequence[ParameterEstimate], found: Combined, symbols: Mapping[str, str], notes: list[str]
 ) -> list[ParameterEstimate]:
     """Return the parameters, none identifiable in which axes contradict each other; ``notes`` say how.
@@ -101,7 +105,7 @@ def contradicted(
     ]
 
 
-def positive(parameter: ParameterEstimate) -> ParameterEstimate:
+def refuse_nonpositive(parameter: ParameterEstimate) -> ParameterEstimate:
     """Return it, not identifiable where its value is one that nothing can have, however small its sigma."""
     if parameter.value > 0.0:
         return parameter

@@ -12,8 +12,8 @@ from smsid.effects.appendage import Mode
 from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
 from smsid.identify.combined import Combined, combine
-from smsid.identify.estimate import ParameterEstimate, judged
-from smsid.identify.exp1_densities import contradicted, densities, positive
+from smsid.identify.estimate import ParameterEstimate, classify
+from smsid.identify.exp1_densities import densities, mark_contradictions, refuse_nonpositive
 from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
 from smsid.identify.identified import match_modes
 from smsid.identify.mode_noise import ModeSigma
@@ -108,7 +108,7 @@ def assemble(
     notes = list(notes)
     found = combine(axes)
     value, sigma = found["M"]
-    parameters = [judged("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
+    parameters = [classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
     tanks = [s.tank for s in model.slosh]
     marks = tank_marks(tanks)
@@ -121,7 +121,7 @@ def assemble(
     if merged:
         symbols.clear()
     parameters += densities(model, found, shares, notes)
-    parameters = contradicted(parameters, found, symbols, notes)
+    parameters = mark_contradictions(parameters, found, symbols, notes)
     appendages = {j.appendage.name: j.appendage for j in model.appendages}
     for name, seen in modes.items():
         described = appendages[name].modal_data()
@@ -155,7 +155,7 @@ def _tank(
         return []
     value, sigma = found[f"m_s{mark}"]
     key = f"{tank.name}.mass"
-    parameters = [positive(judged(key, value, "kg", sigma, "exp1", nominal=tank.mass))]
+    parameters = [refuse_nonpositive(classify(key, value, "kg", sigma, "exp1", nominal=tank.mass))]
     if value <= 0.0:
         notes.append(f"{key} comes out as {value:.3g} kg, which no tank has: it stays as described")
     else:
@@ -168,8 +168,8 @@ def _tank(
             value, sigma = found[name]
             key = f"{tank.name}.{field_name}.{axis}"
             nominal = getattr(tank, field_name)[k]
-            found_one = judged(key, value, unit, sigma, "exp1", nominal=nominal)
-            parameters.append(positive(found_one) if field_name == "stiffness" else found_one)
+            found_one = classify(key, value, unit, sigma, "exp1", nominal=nominal)
+            parameters.append(refuse_nonpositive(found_one) if field_name == "stiffness" else found_one)
             if field_name == "stiffness" and value <= 0.0:
                 notes.append(f"{key} comes out as {value:.3g} N/m: it stays as described")
             elif f"m_s{mark}" in symbols:
@@ -201,7 +201,7 @@ def _mode_parameters(name: str, seen: SeenModes, described: tuple[Mode, ...]) ->
         ):
             key, value = f"{name}.mode{number}.{what}", float(getattr(mode, what))
             was = float(getattr(nominal, what))
-            out.append(judged(key, value, unit, float(spread), "modes", nominal=was))
+            out.append(classify(key, value, unit, float(spread), "modes", nominal=was))
     partners = {i: numbers[j] for j, i in seen.modes.partners().items() if j in numbers}
     others = 0
     for i, (mode, noise) in enumerate(zip(seen.modes.coupled, seen.coupled_sigma, strict=True)):

@@ -11,9 +11,9 @@ import numpy as np
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
 from smsid.identify.combined import is_shared
-from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.identify.exp1_result import participates, participation_along
-from smsid.identify.still import constant
+from smsid.identify.stationary_joints import is_constant
 from smsid.identify.translation import AxisEstimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -33,7 +33,7 @@ def period(model: SpacecraftModel, axis: int) -> float:
     return max(periods, default=0.0)
 
 
-def impossible(axis: AxisEstimate) -> str:
+def why_impossible(axis: AxisEstimate) -> str:
     """Return why an axis' estimate is of nothing that can be, empty if it can.
 
     Of one tank: several may share what they have in a way that cannot be, and the total mass be right.
@@ -44,7 +44,7 @@ def impossible(axis: AxisEstimate) -> str:
     return ""
 
 
-def alone(axis: AxisEstimate) -> AxisEstimate:
+def without_shared(axis: AxisEstimate) -> AxisEstimate:
     """Return the estimate of an axis without what axes share: its variance there is not known."""
     covariance = axis.covariance.copy()
     shared = [i for i, n in enumerate(axis.names) if is_shared(n)]
@@ -52,7 +52,7 @@ def alone(axis: AxisEstimate) -> AxisEstimate:
     return replace(axis, covariance=covariance)
 
 
-def doubted(p: ParameterEstimate, fallen: Mapping[str, str], *, everything: bool) -> ParameterEstimate:
+def mark_doubted(p: ParameterEstimate, fallen: Mapping[str, str], *, everything: bool) -> ParameterEstimate:
     """Return a parameter of Exp. 1, not identifiable if it comes from a ``fallen`` axis, or with them all."""
     if p.group != "exp1" or p.status != "identifiable":
         return p
@@ -73,7 +73,7 @@ def left_as_described(
         if name not in found:
             known = [reasons[a] for a in axes if a in reasons]
             note = f"{'; '.join(known)}: stays as described" if known else SEE_NOTES
-            out.append(judged(name, value, unit, math.inf, group, nominal=value, note=note))
+            out.append(classify(name, value, unit, math.inf, group, nominal=value, note=note))
 
     for tank in (s.tank for s in model.slosh):
         add(f"{tank.name}.mass", tank.mass, "kg", "exp1", AXES)
@@ -103,7 +103,7 @@ def check_moves(model: SpacecraftModel, recording: Recording) -> None:
     """
     sensors = model.description.effective_sensors()
     told = [c for s in sensors if s.kind in MOTION for c in s.channels if c in recording]
-    if any(not constant(x) for c in told for x in recording[c].T):
+    if any(not is_constant(x) for c in told for x in recording[c].T):
         return
     commanded = "command.force" in recording
     if not told and not commanded:

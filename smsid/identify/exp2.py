@@ -12,17 +12,17 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.exp2_errors import Steps, slosh_mass, widened, with_carried_errors
+from smsid.identify.exp2_errors import Steps, inflate_covariance, slosh_mass, with_carried_errors
 from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
 from smsid.identify.hidden_states import Modal, check_on_bus, hidden_states
 from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
 from smsid.identify.momentum_printed import step_b_printed
 from smsid.identify.momentum_rows import CORRELATION_TIME
 from smsid.identify.motion import Motion, prepare, raw_rates
+from smsid.identify.noise_replicates import add_noise_replicate
 from smsid.identify.pose_point import PosePoint, refine_pose_point
 from smsid.identify.rest import check_at_rest
-from smsid.identify.shaken import shaken
-from smsid.identify.still import Still, not_seen
+from smsid.identify.stationary_joints import Still, not_seen
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -121,11 +121,13 @@ def identify_momentum(
     place = {"pose_point": motion.pose_point, "imu_point": motion.imu_point}
 
     def noisier(rng: np.random.Generator) -> Motion:
-        recorded = shaken(recording, model.description.effective_sensors(), rng)
+        recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
     if prior is None:  # a prior's weight is set against the errors already
-        steps = timed("noise once more", lambda: widened(steps, model, motion, mass, modal, noisier))
+        steps = timed(
+            "noise once more", lambda: inflate_covariance(steps, model, motion, mass, modal, noisier)
+        )
     if perturbed or b_printed is not None:
         steps = timed(
             "errors carried over",
@@ -163,7 +165,7 @@ def identify_momentum(
 def _prepare_twice(
     model: SpacecraftModel, recording: Recording, cutoff: float | None, rate: float | None
 ) -> Motion:
-    noisier = shaken(recording, model.description.effective_sensors(), np.random.default_rng(0))
+    noisier = add_noise_replicate(recording, model.description.effective_sensors(), np.random.default_rng(0))
     again = prepare(model, noisier, cutoff=cutoff, rate=rate)
     return replace(prepare(model, recording, cutoff=cutoff, rate=rate), again=again)
 

@@ -12,7 +12,7 @@ from smsid.identify.hidden_states import Modal, hidden_states
 from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
 from smsid.identify.momentum_printed import step_b_printed
 from smsid.identify.motion import Motion
-from smsid.identify.shaken import covariance_of_moves
+from smsid.identify.noise_replicates import covariance_of_moves
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move
@@ -34,7 +34,7 @@ def slosh_mass(model: SpacecraftModel) -> float:
     return float(sum(model.pin.inertias[j.joint].mass for j in model.slosh))
 
 
-def widened(
+def inflate_covariance(
     found: Steps,
     model: SpacecraftModel,
     motion: Motion,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, judged
+from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, classify
 from smsid.identify.momentum import HiddenStates, Regression, StepA
 from smsid.identify.momentum_printed import printed_parameters
 from smsid.identify.momentum_rows import carried_by_bus
@@ -21,7 +21,7 @@ def of_pose_point(model: SpacecraftModel, recording: Recording, found: PosePoint
     assert pose is not None
     size = float(np.linalg.norm(found.position))
     return [
-        judged(
+        classify(
             f"pose_point.{axis}",
             found.position[k],
             "m",
@@ -39,7 +39,7 @@ def of_step_a(a: StepA) -> list[ParameterEstimate]:
     """Return the system CM and the first moments of Step A."""
     size = float(np.linalg.norm(a.position))
     found = [
-        judged(
+        classify(
             f"system_cm.{axis}",
             a.position[k],
             "m",
@@ -52,7 +52,7 @@ def of_step_a(a: StepA) -> list[ParameterEstimate]:
     ]
     reg = a.moments
     return found + [
-        judged(f"step A: {name}", value, unit, sigma, "exp2.step_a")
+        classify(f"step A: {name}", value, unit, sigma, "exp2.step_a")
         for name, value, unit, sigma in zip(
             reg.base.names, reg.values, reg.base.units, reg.sigma, strict=True
         )
@@ -65,7 +65,7 @@ def of_step_b(model: SpacecraftModel, b: Regression) -> list[ParameterEstimate]:
     theta = regressor.parameters + carried_by_bus(model, regressor)
     nominal = b.base.values(theta[[regressor.names.index(n) for n in b.theta_names]])
     return [
-        judged(name, value, unit, sigma, "exp2.step_b", nominal=float(n), reference=ref)
+        classify(name, value, unit, sigma, "exp2.step_b", nominal=float(n), reference=ref)
         for name, value, unit, sigma, n, ref in zip(
             b.base.names, b.values, b.base.units, b.sigma, nominal, references(b, nominal), strict=True
         )
@@ -81,7 +81,7 @@ def of_printed(
     """
     nominal = b.base.values(printed_parameters(model, motion, hidden, slosh_mass))
     return [
-        judged(
+        classify(
             f"{AS_PRINTED}{name}",
             value,
             unit,

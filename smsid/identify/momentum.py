@@ -14,7 +14,14 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.modal_state import ModalState
-from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, part, scaled_tls, skew
+from smsid.identify.momentum_rows import (
+    Split,
+    carried_by_bus,
+    first_moments,
+    scaled_tls,
+    select_unknowns,
+    skew,
+)
 from smsid.identify.motion import Motion
 from smsid.identify.tls import TlsSolution
 from smsid.model.identifiable import BaseParameters, base_parameters
@@ -131,7 +138,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
         velocity=found.x[:3],
         position=found.x[3:6],
         position_sigma=found.standard_deviation[3:6],
-        moments=Regression(base, part(found, slice(6, None)), parts.names),
+        moments=Regression(base, select_unknowns(found, slice(6, None)), parts.names),
     )
 
 
@@ -217,7 +224,7 @@ def step_b(
     assert found is not None
     size = np.linalg.norm(full[:, :3, base.independent], axis=(0, 1)) * np.abs(found.x[: len(base)])
     shares = size / np.linalg.norm(rhs[:, :3])
-    solution = part(found, slice(0, len(base)))
+    solution = select_unknowns(found, slice(0, len(base)))
     solution = replace(solution, x=solution.x + carried)
     return Regression(base, solution, parts.names, shares)
 

@@ -147,7 +147,7 @@ def _row_noise(
     return covariance + 1e-12 * size * np.eye(len(covariance)) if size > 0.0 else None
 
 
-def part(found: TlsSolution, chosen: slice) -> TlsSolution:
+def select_unknowns(found: TlsSolution, chosen: slice) -> TlsSolution:
     """Return the solution of the ``chosen`` unknowns alone."""
     return TlsSolution(
         found.x[chosen],

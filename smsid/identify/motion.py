@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid._short_repr import short_repr
 from smsid.errors import RecordingError
-from smsid.identify.clocks import common_times, event_times, rate_of, sampled
+from smsid.identify.clocks import common_times, event_times, rate_of, sample_channel
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.model.stations import station_indices
@@ -209,7 +209,7 @@ def prepare(
     def get(sensor: Sensor | None, quantity: str, width: int | None = None) -> np.ndarray:
         if sensor is None:
             return np.zeros((len(times), width or 0))
-        found = sampled(recording, sensor, quantity, times, cutoff)
+        found = sample_channel(recording, sensor, quantity, times, cutoff)
         if width is not None and found.shape[1] != width:
             raise RecordingError(
                 f"'{sensor.name}.{quantity}' has {found.shape[1]} columns, the description {width}.",

@@ -62,7 +62,7 @@ class ParameterEstimate:
         return abs(self.value - truth)
 
 
-def judged(
+def classify(
     name: str,
     value: float,
     unit: str,

@@ -14,14 +14,14 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
-from smsid.identify.corrected import corrected
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
 from smsid.identify.exp1_unseen import check_moves
 from smsid.identify.exp2 import MomentumResult, identify_momentum
+from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
 from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
-from smsid.identify.mended import LONGEST, Mended, mended
+from smsid.identify.sensor_correction import correct_readings
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
@@ -162,7 +162,7 @@ def _mended(description: Description, recordings: Sequence[Recording]) -> list[M
                 advice="Identify from recordings in the role estimation.",
             )
     sensors = description.effective_sensors()
-    return [mended(corrected(r, sensors), sensors) for r in recordings]
+    return [fill_gaps(correct_readings(r, sensors), sensors) for r in recordings]
 
 
 def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentifiableError:

@@ -18,12 +18,12 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.hidden_states import LEAST_NOISE, check_on_bus
 from smsid.identify.modal_state import ModalState, smooth_modes
 from smsid.identify.momentum import NOTHING, HiddenStates, Regression, StepA, rows_a, rows_b
-from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus, part
+from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus, select_unknowns
 from smsid.identify.motion import Motion, prepare
+from smsid.identify.noise_replicates import add_noise_replicate
 from smsid.identify.robust import white_sigma
-from smsid.identify.row_sums import RowSums, ScoreSums
-from smsid.identify.shaken import shaken
 from smsid.identify.slosh_state import estimate_slosh
+from smsid.identify.square_root_information import RowSums, ScoreSums
 from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -75,7 +75,7 @@ def identify_streamed(
     check_on_bus(model)
 
     def chunks() -> Iterator[Chunk]:
-        return with_hidden_states(model, motions(model, windows, length, cutoff, rate))
+        return with_hidden_states(model, motion_windows(model, windows, length, cutoff, rate))
 
     return momentum_of_chunks(model, chunks, mass)
 
@@ -124,7 +124,7 @@ def momentum_of_chunks(model: SpacecraftModel, chunks: Chunks, mass: float) -> S
         velocity=found.x[:3],
         position=found.x[3:6],
         position_sigma=found.standard_deviation[3:6],
-        moments=Regression(base, part(found, slice(6, None)), parts_a.names),
+        moments=Regression(base, select_unknowns(found, slice(6, None)), parts_a.names),
     )
     count = len(parts_b.names)
     base = base_parameters(sums_b.columns(range(6), range(count)), parts_b.names, parts_b.units)
@@ -138,7 +138,7 @@ def momentum_of_chunks(model: SpacecraftModel, chunks: Chunks, mass: float) -> S
     scores = ScoreSums(scores.lags)
     for motion, hidden in chunks():
         _score(scores, equations_b(motion, hidden), kept, solution.x, weights)
-    found = part(replace(solution, covariance=scores.covariance(root)), slice(0, len(base)))
+    found = select_unknowns(replace(solution, covariance=scores.covariance(root)), slice(0, len(base)))
     turning = sums_b.columns(range(3), [*base.independent.tolist(), -1])
     lengths = np.linalg.norm(turning, axis=0)
     shares = lengths[:-1] * np.abs(found.x) / lengths[-1]
@@ -166,7 +166,7 @@ def _score(
     scores.add(rows * weights[:, None], (rhs - rows @ x) * weights)
 
 
-def motions(
+def motion_windows(
     model: SpacecraftModel, windows: Windows, length: float, cutoff: float, rate: float
 ) -> Iterator[Motion]:
     """Yield the motion in pieces of ``length`` [s], each prepared with a margin that is then left out.
@@ -181,7 +181,7 @@ def motions(
         first = windows.start + k * length
         last = first + length if k + 1 < count else np.inf
         read = windows.window(max(first - margin, windows.start), min(last + margin, windows.stop))
-        noisier = shaken(read, sensors, np.random.default_rng([0, k]))
+        noisier = add_noise_replicate(read, sensors, np.random.default_rng([0, k]))
         motion = prepare(model, read, cutoff=cutoff, rate=rate)
         motion = replace(motion, again=prepare(model, noisier, cutoff=cutoff, rate=rate))
         inside = (motion.time > first - 0.25 * step) & (motion.time < last - 0.25 * step)

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 
 MOST = 4
 """Oscillations tried at once."""
@@ -64,8 +64,8 @@ class FreeDecay:
         parameters = []
         for k, m in enumerate(self.modes, start=1):
             parameters += [
-                judged(f"mode{k}.frequency", m.frequency, "Hz", m.frequency_sigma, "modes"),
-                judged(f"mode{k}.damping", m.damping, "1", m.damping_sigma, "modes"),
+                classify(f"mode{k}.frequency", m.frequency, "Hz", m.frequency_sigma, "modes"),
+                classify(f"mode{k}.damping", m.damping, "1", m.damping_sigma, "modes"),
             ]
         return Estimate("free decay", "free decay", tuple(parameters), (name,), {}, ())
 

@@ -14,7 +14,7 @@ from scipy.signal import detrend
 from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.modes import Mode, Poles
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
@@ -124,10 +124,10 @@ class AmbientModes:
         """Return frequencies [Hz], damping ratios and separations [Hz] as an estimate of a structure."""
         found = []
         for k, mode in enumerate(self.modes, start=1):
-            found.append(judged(f"mode{k}.frequency", mode.frequency, "Hz", mode.frequency_sigma, "modes"))
-            found.append(judged(f"mode{k}.damping", mode.damping, "1", mode.damping_sigma, "modes"))
+            found.append(classify(f"mode{k}.frequency", mode.frequency, "Hz", mode.frequency_sigma, "modes"))
+            found.append(classify(f"mode{k}.damping", mode.damping, "1", mode.damping_sigma, "modes"))
         found += [
-            judged(f"mode{k + 1}.frequency - mode{k}.frequency", apart, "Hz", sigma, "modes")
+            classify(f"mode{k + 1}.frequency - mode{k}.frequency", apart, "Hz", sigma, "modes")
             for k, (apart, sigma) in enumerate(self.separations, start=1)
         ]
         return Estimate(name, "SSI-COV", tuple(found))

@@ -14,7 +14,7 @@ from scipy.signal import resample_poly
 from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.robust import hac_covariance
 
 SUBSTEPS = 3
@@ -142,7 +142,7 @@ def fit_oscillator(
     units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
     units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
     parameters = [
-        judged(f"{name}.{f}", getattr(found, f), units.get(f, unit), float(s), name)
+        classify(f"{name}.{f}", getattr(found, f), units.get(f, unit), float(s), name)
         for f, s in zip((*fields, "offset"), sigma, strict=True)
     ]
     estimate = Estimate(

@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
 from smsid.diagnose.torque.whitening import robust_p_value
+from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, describe
 from smsid.lab.oscillator import FIELDS, TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
 
 LOGGER = logging.getLogger(__name__)
 LEVEL, BLOCK = 0.003, 0.001
-"""Significance over all candidates, and over all generic tests, as in `smsid.diagnose.search`."""
+"""Significance over all candidates, and over all generic tests, as in `smsid.diagnose.stepwise`."""
 
 NAMES = {
     "quadratic": ("spring", "spring that is not even"),

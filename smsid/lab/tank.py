@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.robust import hac_covariance
 from smsid.recording._clock import check_order
 from smsid.recording._resampling import linear
@@ -237,7 +237,8 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
     sigma = np.sqrt(np.diag(covariance))
     values = (x - SHIFTS[:count]) * SCALES[:count]
     parameters = tuple(
-        judged(f"tank.{n}", v, u, s, "tank") for n, v, u, s in zip(NAMES, values, UNITS, sigma, strict=False)
+        classify(f"tank.{n}", v, u, s, "tank")
+        for n, v, u, s in zip(NAMES, values, UNITS, sigma, strict=False)
     )
     notes = [f"residuals correlated over {lags} samples"]
     at_bound = (found.x - lower < 1e-3) & np.isfinite(lower) | (upper - found.x < 1e-3) & np.isfinite(upper)

@@ -2,10 +2,10 @@
 
 from smsid.likelihood.bootstrap import Bootstrap, bootstrap
 from smsid.likelihood.fisher import FisherInformation, fisher_information
-from smsid.likelihood.local import Nuisance
+from smsid.likelihood.nuisance_parameters import Nuisance
+from smsid.likelihood.null_space import UnseenDirection
 from smsid.likelihood.profile import ProfileInterval, profile_interval
 from smsid.likelihood.refine import Refinement, refine
-from smsid.likelihood.unseen import UnseenDirection
 
 __all__ = [
     "Bootstrap",

@@ -12,9 +12,9 @@ from smsid._short_repr import short_repr
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.combinations import effects_and_mass
 from smsid.likelihood.fit import fit
-from smsid.likelihood.local import Local
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.readings import drawn
+from smsid.likelihood.nuisance_parameters import NuisanceValues
+from smsid.likelihood.readings import draw_readings
+from smsid.likelihood.recording_term import RecordingTerm
 from smsid.likelihood.refine import Refinement
 
 
@@ -59,7 +59,9 @@ def bootstrap(refinement: Refinement, draws: int, rng: np.random.Generator) -> B
     return Bootstrap(names, np.array(rows))
 
 
-def _drawn(piece: Piece, residuals: list[np.ndarray], local: Local, rng: np.random.Generator) -> Piece:
+def _drawn(
+    piece: RecordingTerm, residuals: list[np.ndarray], local: NuisanceValues, rng: np.random.Generator
+) -> RecordingTerm:
     """The piece with measurements drawn around its own prediction."""
     channels = tuple(
         replace(c, values=_around(c, r, rng)) for c, r in zip(piece.channels, residuals, strict=True)
@@ -67,7 +69,7 @@ def _drawn(piece: Piece, residuals: list[np.ndarray], local: Local, rng: np.rand
     drive = piece.drive
     if drive.joints is not None and piece.follows:
         clock = local.clock.get(drive.joints.sensor, np.zeros(2))
-        drive = replace(drive, joints=drawn(drive.joints, local.motion, clock, rng))
+        drive = replace(drive, joints=draw_readings(drive.joints, local.motion, clock, rng))
     return replace(piece, channels=channels, drive=drive)
 
 

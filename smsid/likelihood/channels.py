@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.robust import white_sigma
-from smsid.identify.usable import enough_usable
-from smsid.likelihood.timeline import POINTS, Timeline
+from smsid.identify.valid_samples import enough_usable
+from smsid.likelihood.time_grid import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage
 from smsid.recording import Recording
@@ -97,9 +97,9 @@ class Channel:
         return self.values - predicted if bias is None else self.values - predicted - bias
 
 
-def spanned(model: SpacecraftModel, recording: Recording) -> tuple[float, float]:
+def common_span(model: SpacecraftModel, recording: Recording) -> tuple[float, float]:
     """Return the first and last time [s] of all channels used; `RecordingError` when there are none."""
-    times = [event_times(recording, s, q) for s, q in present(model, recording)]
+    times = [event_times(recording, s, q) for s, q in usable_channels(model, recording)]
     if not times:
         raise RecordingError(
             f"'{recording.name}' has no channel of a sensor of the description.",
@@ -109,7 +109,7 @@ def spanned(model: SpacecraftModel, recording: Recording) -> tuple[float, float]
     return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
 
 
-def present(model: SpacecraftModel, recording: Recording) -> list[tuple[Sensor, str]]:
+def usable_channels(model: SpacecraftModel, recording: Recording) -> list[tuple[Sensor, str]]:
     """Return sensors and quantities the recording has and a prediction explains."""
     return [
         (s, q)
@@ -128,7 +128,7 @@ def measured_channels(
     """
     found = []
     weights_at = _Weights(timeline)
-    for sensor, quantity in present(model, recording):
+    for sensor, quantity in usable_channels(model, recording):
         name = f"{sensor.name}.{quantity}"
         values = recording[name]
         if sensor.kind == "accelerometers":

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.likelihood.fit import Fit
-from smsid.likelihood.local import CLOCK_KINDS, Local, deviation, zero_clocks
 from smsid.likelihood.normal import normal_at
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 DOUBT = 5.0  # standard deviations of a score: one in two million for a good clock
 RIGHT = 3.0  # standard deviations from zero up to which a clock that was sought counts as right
@@ -23,7 +23,7 @@ GUARD = 0.25  # [s] on both sides of a jump, of samples that a clock still to be
 
 
 def doubtful_clocks(
-    piece: Piece, parameters: Parameters, prediction: Prediction, residuals: Sequence[np.ndarray]
+    piece: RecordingTerm, parameters: Parameters, prediction: Prediction, residuals: Sequence[np.ndarray]
 ) -> dict[str, float]:
     """Return the sensors whose residuals at the maximum still go with an offset or a drift of their clock.
 
@@ -50,7 +50,9 @@ def doubtful_clocks(
     return {n: x for n, x in size.items() if x > DOUBT}
 
 
-def worst_clock(pieces: Sequence[Piece], seen: Seen, prior: Prior, good: Collection[str] = ()) -> str | None:
+def worst_clock(
+    pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior, good: Collection[str] = ()
+) -> str | None:
     """Return the sensor whose clock does not agree with the rest, if there is one; those ``good`` are not.
 
     Of several in doubt it is the one whose offset and drift, in all recordings and with everything else
@@ -98,7 +100,7 @@ def right_clocks(found: Fit, names: Collection[str]) -> set[str]:
     return set(names) - wrong
 
 
-def away_from_jumps(piece: Piece, local: Local) -> Piece:
+def away_from_jumps(piece: RecordingTerm, local: NuisanceValues) -> RecordingTerm:
     """Return the piece without accelerations near jumps of thrust, of sensors whose clock is sought.
 
     A sample that another clock reading takes across a jump makes the likelihood jump: no derivative tells on
@@ -124,7 +126,9 @@ def late(clock: np.ndarray, times: np.ndarray, start: float) -> np.ndarray:
     return clock[0] + clock[1] * (times - start)
 
 
-def carried(before: Sequence[Local], after: Sequence[Local], pieces: Sequence[Piece]) -> float:
+def largest_clock_shift(
+    before: Sequence[NuisanceValues], after: Sequence[NuisanceValues], pieces: Sequence[RecordingTerm]
+) -> float:
     """Return by how much [s] clocks moved, at most, anywhere in the recordings."""
     moved = [0.0]
     for old, new, piece in zip(before, after, pieces, strict=True):

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from smsid.effects.inertial_parameters import pseudo_inertia
-from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, moved, parameters_of, tangent
+from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor, tangent
 
 ITERATIONS = 200
 ENOUGH = 1e-4  # decrease of half the sum of squares that no longer matters
@@ -70,7 +70,7 @@ def consistent_inertias(found: Bodies, described: Bodies, covariance: np.ndarray
         while damping < 1e12:
             step = -np.linalg.solve(hessian + damping * np.diag(curve + extra + BARRIER), slope)
             step = np.clip(step, -1.0, 1.0)
-            trial = [moved(f, p) for f, p in zip(factors, step.reshape(-1, SIZE), strict=True)]
+            trial = [step_factor(f, p) for f, p in zip(factors, step.reshape(-1, SIZE), strict=True)]
             new = residual(trial)
             gained = 0.5 * float(now @ now - new @ new) + BARRIER * float(step[logarithms].sum())
             if gained > 0.0:

@@ -16,12 +16,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError, SimulationError
-from smsid.likelihood.history import Visit
+from smsid.likelihood.history import Iterate
 from smsid.likelihood.normal import Normal, normal_at
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.point import Point, Seen, moved
+from smsid.likelihood.point import Evaluation, Point, step_point
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 logger = logging.getLogger(__name__)
 
@@ -35,14 +35,16 @@ NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which 
 SAME_NOISE = 0.01  # relative change of the variance of a noise that needs no further step
 
 
-class Restless(NotIdentifiableError):
+class ConvergenceError(NotIdentifiableError):
     """A search did not come to rest: where it was, and what it had been by (nothing if it had not begun)."""
 
-    pieces: tuple[Piece, ...] = ()
-    seen: Seen | None = None
-    visits: tuple[Visit, ...] = ()
+    pieces: tuple[RecordingTerm, ...] = ()
+    seen: Evaluation | None = None
+    visits: tuple[Iterate, ...] = ()
 
-    def at(self, pieces: Sequence[Piece], seen: Seen, visits: Sequence[Visit]) -> Restless:
+    def at(
+        self, pieces: Sequence[RecordingTerm], seen: Evaluation, visits: Sequence[Iterate]
+    ) -> ConvergenceError:
         """Return it with where the search was."""
         self.pieces, self.seen, self.visits = tuple(pieces), seen, tuple(visits)
         return self
@@ -55,13 +57,13 @@ class Fit:
     ``visits`` are the points the search came by, in order; the last is the maximum.
     """
 
-    seen: Seen
-    pieces: tuple[Piece, ...]
+    seen: Evaluation
+    pieces: tuple[RecordingTerm, ...]
     normal: Normal
     cost: float
     samples: int
     iterations: int
-    visits: tuple[Visit, ...]
+    visits: tuple[Iterate, ...]
 
     @property
     def point(self) -> Point:
@@ -79,15 +81,15 @@ class Minimum:
     iterations: int
 
 
-def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITERATIONS) -> Fit:
+def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: int = ITERATIONS) -> Fit:
     """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
 
-    Raises `Restless` when the search does not come to rest in ``patience`` iterations.
+    Raises `ConvergenceError` when the search does not come to rest in ``patience`` iterations.
     """
-    pieces, here = tuple(pieces), Seen.at(pieces, start)
+    pieces, here = tuple(pieces), Evaluation.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
     found, there, spent = None, start.parameters, False
-    visits: list[Visit] = []
+    visits: list[Iterate] = []
     walked: np.ndarray | None = None
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     # then the noise that samples show between each other is the better guess of the levels
@@ -102,7 +104,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITE
         change = _change(before, pieces) if iteration else np.inf
         settled = change < SAME_NOISE and all(p.follows for p in pieces if p.drive.joints is not None)
         cost = here.cost(pieces, prior)
-        visits.append(Visit.of(here, pieces, cost, walked))
+        visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
             found, past, there = normal_at(pieces, here, prior), gain, here.point.parameters
             gain = float(found.gradient @ _solved(found.information, found.gradient, 0.0))
@@ -114,7 +116,7 @@ def fit(pieces: Sequence[Piece], start: Point, prior: Prior, patience: int = ITE
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         try:
             step = _stepped(pieces, here, found, cost, prior, None, damping)
-        except Restless as stuck:
+        except ConvergenceError as stuck:
             raise stuck.at(pieces, here, visits) from None
         if step is None:
             spent = True  # as good as rounding allows
@@ -138,13 +140,15 @@ def _by_steps_at(now: Parameters, before: Parameters, found: Normal) -> Normal:
     return found.scaled(units)
 
 
-def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.ndarray | None) -> Minimum:
+def minimise(
+    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, fixed: np.ndarray | None
+) -> Minimum:
     """Return the minimum of the sum of squares at given noise levels.
 
     ``fixed`` (k,) are components of the parameter step held where they are. Raises `NotIdentifiableError`
     when the search does not come to rest.
     """
-    here, damping, cost, gain = Seen.at(pieces, start), 0.0, np.inf, np.inf
+    here, damping, cost, gain = Evaluation.at(pieces, start), 0.0, np.inf, np.inf
     for iteration in range(ITERATIONS):
         found = normal_at(pieces, here, prior)
         cost = here.cost(pieces, prior)
@@ -160,22 +164,22 @@ def minimised(pieces: Sequence[Piece], start: Point, prior: Prior, fixed: np.nda
     raise _stuck(cost, gain, ITERATIONS)
 
 
-def evaluate(pieces: Sequence[Piece], point: Point, prior: Prior) -> float:
+def evaluate(pieces: Sequence[RecordingTerm], point: Point, prior: Prior) -> float:
     """Return the sum of squares of whitened residuals, data and priors."""
-    return Seen.at(pieces, point).cost(pieces, prior)
+    return Evaluation.at(pieces, point).cost(pieces, prior)
 
 
 @dataclass(frozen=True)
 class _Step:
-    seen: Seen
+    seen: Evaluation
     step: np.ndarray
     cost: float
     damping: float
 
 
 def _stepped(
-    pieces: Sequence[Piece],
-    here: Seen,
+    pieces: Sequence[RecordingTerm],
+    here: Evaluation,
     found: Normal,
     cost: float,
     prior: Prior,
@@ -193,7 +197,7 @@ def _stepped(
         trial, new = None, np.inf
         if np.abs(step[: here.point.parameters.size]).max() < LONGEST_STEP:
             try:
-                trial = Seen.at(pieces, moved(pieces, here.point, step))
+                trial = Evaluation.at(pieces, step_point(pieces, here.point, step))
                 new = trial.cost(pieces, prior)
             except SimulationError:
                 trial = None
@@ -218,7 +222,7 @@ def _free(size: int, fixed: np.ndarray | None) -> np.ndarray:
     return free
 
 
-def _change(before: Sequence[Piece], after: Sequence[Piece]) -> float:
+def _change(before: Sequence[RecordingTerm], after: Sequence[RecordingTerm]) -> float:
     """Largest relative change of a noise level's variance."""
     return max(
         float(np.abs(np.diag(a.covariance) / np.diag(b.covariance) - 1.0).max())
@@ -239,8 +243,8 @@ def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np
     raise _stuck(float("nan"), float("nan"), 0)
 
 
-def _stuck(cost: float, gain: float, iteration: int) -> Restless:
-    return Restless(
+def _stuck(cost: float, gain: float, iteration: int) -> ConvergenceError:
+    return ConvergenceError(
         f"The maximum-likelihood search did not come to rest in {iteration} iterations "
         f"(sum of squares {cost:.4g}, still to gain {gain:.2g}).",
         advice="Start it from the linear method's result, or check the description against the recording.",

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.identify.estimate import Iteration
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.point import Seen
+from smsid.likelihood.point import Evaluation
+from smsid.likelihood.recording_term import RecordingTerm
 
 
 @dataclass(frozen=True)
-class Visit:
+class Iterate:
     """A point of a search, as much of it as its cost at other noise levels needs.
 
     ``squares`` are the mean products r r^T (k, k) of the residuals by piece and channel, ``known`` is what
@@ -26,7 +26,9 @@ class Visit:
     step: np.ndarray | None
 
     @classmethod
-    def of(cls, seen: Seen, pieces: Sequence[Piece], cost: float, step: np.ndarray | None) -> Visit:
+    def of(
+        cls, seen: Evaluation, pieces: Sequence[RecordingTerm], cost: float, step: np.ndarray | None
+    ) -> Iterate:
         """Return the visit to a point whose sum of squares is ``cost`` with the pieces' noise.
 
         ``step`` (size,) of the common parameters led there.
@@ -34,7 +36,7 @@ class Visit:
         squares = tuple(tuple(r.T @ r / len(r) for r in own) for own in seen.residuals)
         return cls(squares, cost - _whitened(squares, pieces), step)
 
-    def cost(self, pieces: Sequence[Piece]) -> float:
+    def cost(self, pieces: Sequence[RecordingTerm]) -> float:
         """Return its sum of squares with the noise of these pieces.
 
         Samples that were left out later count as the mean of all.
@@ -43,7 +45,7 @@ class Visit:
 
 
 def history_of(
-    visits: Sequence[Visit], pieces: Sequence[Piece], samples: int, sigma: np.ndarray
+    visits: Sequence[Iterate], pieces: Sequence[RecordingTerm], samples: int, sigma: np.ndarray
 ) -> tuple[Iteration, ...]:
     """Return the history of the searches that ended with these pieces.
 
@@ -58,7 +60,7 @@ def history_of(
     return tuple(out)
 
 
-def _whitened(squares: Sequence[Sequence[np.ndarray]], pieces: Sequence[Piece]) -> float:
+def _whitened(squares: Sequence[Sequence[np.ndarray]], pieces: Sequence[RecordingTerm]) -> float:
     total = 0.0
     for piece, own in zip(pieces, squares, strict=True):
         for c, mean in zip(piece.channels, own, strict=True):

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.likelihood.channels import Channel
-from smsid.likelihood.drive import Drive
+from smsid.likelihood.inputs import Drive
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, rotation_matrices

@@ -15,19 +15,19 @@ from scipy.sparse import csr_array
 
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.linearised import POSE
-from smsid.likelihood.local import CLOCK_KINDS, Local
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece
 from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.recording_term import RecordingTerm
 from smsid.likelihood.sensitivity import Sensitivity, Variation, variation
-from smsid.likelihood.timeline import POINTS
+from smsid.likelihood.time_grid import POINTS
 
 
 def normal(
-    piece: Piece,
+    piece: RecordingTerm,
     parameters: Parameters,
-    local: Local,
+    local: NuisanceValues,
     prediction: Prediction,
     residuals: Sequence[np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +57,9 @@ def normal(
     return information, gradient
 
 
-def columns(piece: Piece, parameters: Parameters, local: Local, prediction: Prediction) -> list[np.ndarray]:
+def columns(
+    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, prediction: Prediction
+) -> list[np.ndarray]:
     """Return, channel by channel, derivatives at the coarse nodes (nodes, k, n), not whitened."""
     prediction = prediction.coarse
     moves = _variation(piece, parameters, local, prediction)
@@ -77,7 +79,9 @@ def columns(piece: Piece, parameters: Parameters, local: Local, prediction: Pred
     return out
 
 
-def _variation(piece: Piece, parameters: Parameters, local: Local, prediction: Prediction) -> Variation:
+def _variation(
+    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, prediction: Prediction
+) -> Variation:
     return variation(
         parameters,
         piece.driven(local),
@@ -88,7 +92,7 @@ def _variation(piece: Piece, parameters: Parameters, local: Local, prediction: P
     )
 
 
-def _order(piece: Piece, moves: Variation, size: int) -> np.ndarray:
+def _order(piece: RecordingTerm, moves: Variation, size: int) -> np.ndarray:
     """Where the columns (moving, pose, direct, motion by time) stand among (parameters, local ones)."""
     start = {s.kind: size + s.start for s in piece.slots}
     gains = [s for s in piece.slots if s.kind == "thrust_gain" and piece.drive.thrust is not None]
@@ -105,7 +109,7 @@ def _order(piece: Piece, moves: Variation, size: int) -> np.ndarray:
     return np.array(out)
 
 
-def direct(piece: Piece) -> list:
+def direct(piece: RecordingTerm) -> list:
     """Return the slots that act on an output without moving anything."""
     read = [s for s in piece.slots if s.channel not in piece.drive.sensors]
     return [s for s in read if s.kind in ("bias", "scale", *CLOCK_KINDS)]
@@ -127,11 +131,11 @@ class _Rows:
     @classmethod
     def of(
         cls,
-        piece: Piece,
+        piece: RecordingTerm,
         channels: Sequence[Channel],
         kinematics: Kinematics,
         moves: Variation,
-        local: Local,
+        local: NuisanceValues,
     ) -> _Rows:
         basis = _basis(moves, kinematics)
         n = moves.phi.shape[1]

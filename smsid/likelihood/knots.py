@@ -22,12 +22,12 @@ import pinocchio as pin
 from scipy.linalg import eigvalsh
 
 from smsid.likelihood.fit import Fit, fit
-from smsid.likelihood.local import Local
 from smsid.likelihood.normal import Normal, normal_at
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.nuisance_parameters import NuisanceValues
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prediction import symmetric
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 from smsid.likelihood.spline import DEGREE
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -39,7 +39,7 @@ MOST = 2500  # coefficients of all joints of a recording: the normal equations a
 GROWTH = 1.05  # factor of a standard deviation that counts as none
 SHIFT = 0.3  # standard deviations of an estimate that count as none
 
-Gradients = Callable[[Seen, Sequence[Piece]], np.ndarray]
+Gradients = Callable[[Evaluation, Sequence[RecordingTerm]], np.ndarray]
 """Rows (k, size) by which what is reported depends on the common parameters."""
 
 
@@ -69,7 +69,7 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit,
         pieces, locals_ = refined_motion(found.pieces, found.point)
         if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
             return found, not changed
-        seen = Seen.at(pieces, Point(found.point.parameters, locals_))
+        seen = Evaluation.at(pieces, Point(found.point.parameters, locals_))
         change = resolution(found.normal, normal_at(pieces, seen, prior), gradients(found.seen, found.pieces))
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
         if change.is_enough:
@@ -81,18 +81,20 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit,
             return found, True
 
 
-def resolved_information(pieces: Sequence[Piece], point: Point, prior: Prior, rows: np.ndarray) -> Normal:
+def resolved_information(
+    pieces: Sequence[RecordingTerm], point: Point, prior: Prior, rows: np.ndarray
+) -> Normal:
     """Return the information at a point, the joints' motion on knots enough for ``rows`` (k, size).
 
     Without data: a bound of the standard deviations.
     """
-    pieces, found = tuple(pieces), normal_at(pieces, Seen.at(pieces, point), prior, with_data=False)
+    pieces, found = tuple(pieces), normal_at(pieces, Evaluation.at(pieces, point), prior, with_data=False)
     while True:
         more, locals_ = refined_motion(pieces, point)
         if all(new is old for new, old in zip(more, pieces, strict=True)):
             return found
         point = Point(point.parameters, locals_)
-        after = normal_at(more, Seen.at(more, point), prior, with_data=False)
+        after = normal_at(more, Evaluation.at(more, point), prior, with_data=False)
         enough = resolution(found, after, rows).is_enough
         pieces, found = more, after
         if enough or all(resolves_ringing(p, point.parameters.layout.model) for p in pieces):
@@ -108,7 +110,9 @@ def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
     return Resolution(float(np.max(sigma[1] / sigma[0])), float(np.max(np.abs(shift) / sigma[1])))
 
 
-def refined_motion(pieces: Sequence[Piece], point: Point) -> tuple[tuple[Piece, ...], tuple[Local, ...]]:
+def refined_motion(
+    pieces: Sequence[RecordingTerm], point: Point
+) -> tuple[tuple[RecordingTerm, ...], tuple[NuisanceValues, ...]]:
     """Return the recordings and their local values with more knots for the same motion.
 
     A recording that may have no more is returned as it is.
@@ -118,13 +122,15 @@ def refined_motion(pieces: Sequence[Piece], point: Point) -> tuple[tuple[Piece, 
     return tuple(p for p, _ in pairs), tuple(x for _, x in pairs)
 
 
-def resolves_ringing(piece: Piece, model: SpacecraftModel) -> bool:
+def resolves_ringing(piece: RecordingTerm, model: SpacecraftModel) -> bool:
     """Return whether the spline follows whatever moves the craft as fast as it rings."""
     joints = piece.drive.joints
     return joints is None or joints.spacing < _period(piece, model) / KNOTS_PER_PERIOD < np.inf
 
 
-def _refined(piece: Piece, local: Local, model: SpacecraftModel) -> tuple[Piece, Local]:
+def _refined(
+    piece: RecordingTerm, local: NuisanceValues, model: SpacecraftModel
+) -> tuple[RecordingTerm, NuisanceValues]:
     joints = piece.drive.joints
     if joints is None or not piece.follows:
         return piece, local
@@ -139,7 +145,7 @@ def _refined(piece: Piece, local: Local, model: SpacecraftModel) -> tuple[Piece,
     return piece, replace(local, motion=finer.coefficients)
 
 
-def _period(piece: Piece, model: SpacecraftModel) -> float:
+def _period(piece: RecordingTerm, model: SpacecraftModel) -> float:
     """Shortest period [s] at which the craft rings with its joints held; infinite where nothing does."""
     springs = model.spring_v
     if not len(springs):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.likelihood.drive import Drive
+from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, symmetric
 
@@ -36,7 +36,7 @@ class Linear:
     start: np.ndarray
 
 
-def linearised(
+def linearise(
     parameters: Parameters,
     drive: Drive,
     prediction: Prediction,

@@ -10,9 +10,9 @@ from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError
 from smsid.likelihood.jacobian import normal
-from smsid.likelihood.piece import Piece
-from smsid.likelihood.point import Seen
+from smsid.likelihood.point import Evaluation
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,9 @@ class Normal:
         return inverse(self.information)
 
 
-def normal_at(pieces: Sequence[Piece], seen: Seen, prior: Prior, *, with_data: bool = True) -> Normal:
+def normal_at(
+    pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior, *, with_data: bool = True
+) -> Normal:
     """Return the normal equations at a point; the gradient is left out ``with_data=False``."""
     point = seen.point
     size = point.parameters.size

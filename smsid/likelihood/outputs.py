@@ -15,7 +15,7 @@ from smsid.errors import DescriptionError
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.prediction import Prediction, rotation_matrices
 from smsid.likelihood.sensitivity import Sensitivity
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.time_grid import Timeline
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.sensing import Sensor

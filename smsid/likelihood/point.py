@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.likelihood.local import Local
+from smsid.likelihood.nuisance_parameters import NuisanceValues
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 
 @dataclass(frozen=True)
@@ -19,11 +19,11 @@ class Point:
     """A point of the search: common parameters, and local ones by piece."""
 
     parameters: Parameters
-    locals: tuple[Local, ...]
+    locals: tuple[NuisanceValues, ...]
 
 
 @dataclass(frozen=True)
-class Seen:
+class Evaluation:
     """A point with what is predicted there: predictions and residuals by piece."""
 
     point: Point
@@ -31,7 +31,7 @@ class Seen:
     residuals: tuple[list[np.ndarray], ...]
 
     @classmethod
-    def at(cls, pieces: Sequence[Piece], point: Point) -> Seen:
+    def at(cls, pieces: Sequence[RecordingTerm], point: Point) -> Evaluation:
         """Predict; raises `SimulationError` when the motion is not finite."""
         predictions, residuals = [], []
         for piece, local in zip(pieces, point.locals, strict=True):
@@ -39,7 +39,7 @@ class Seen:
             residuals.append(piece.residuals(point.parameters, local, predictions[-1]))
         return cls(point, tuple(predictions), tuple(residuals))
 
-    def cost(self, pieces: Sequence[Piece], prior: Prior) -> float:
+    def cost(self, pieces: Sequence[RecordingTerm], prior: Prior) -> float:
         """Return the sum of squares of whitened residuals, data and priors."""
         residual, _ = prior.residual(self.point.parameters)
         total = float(residual @ residual)
@@ -47,27 +47,27 @@ class Seen:
             total += piece.cost(own) + piece.known_cost(local)
         return total
 
-    def cleaned(self, pieces: Sequence[Piece]) -> tuple[tuple[Piece, ...], Seen]:
+    def cleaned(self, pieces: Sequence[RecordingTerm]) -> tuple[tuple[RecordingTerm, ...], Evaluation]:
         """Return the pieces without outliers, and what is left to see."""
         both = [p.cleaned(r) for p, r in zip(pieces, self.residuals, strict=True)]
         return tuple(p for p, _ in both), replace(self, residuals=tuple(r for _, r in both))
 
-    def following(self, pieces: Sequence[Piece]) -> tuple[tuple[Piece, ...], Seen]:
+    def following(self, pieces: Sequence[RecordingTerm]) -> tuple[tuple[RecordingTerm, ...], Evaluation]:
         """Return the pieces with the measured joint motion among their parameters, and what is seen then."""
         new = tuple(p.following() for p in pieces)
         pairs = zip(new, pieces, self.point.locals, strict=True)
         locals_ = tuple(p.in_true_time(x) if p.follows > old.follows else x for p, old, x in pairs)
         if all(a is b for a, b in zip(locals_, self.point.locals, strict=True)):
             return new, self
-        return new, Seen.at(new, Point(self.point.parameters, locals_))
+        return new, Evaluation.at(new, Point(self.point.parameters, locals_))
 
-    def reweighed(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
+    def reweighed(self, pieces: Sequence[RecordingTerm]) -> tuple[RecordingTerm, ...]:
         """Return the pieces with the noise their residuals show."""
         parts = zip(pieces, self.residuals, self.predictions, strict=True)
         return tuple(p.with_noise(r, self.point.parameters, x) for p, r, x in parts)
 
 
-def moved(pieces: Sequence[Piece], point: Point, step: np.ndarray) -> Point:
+def step_point(pieces: Sequence[RecordingTerm], point: Point, step: np.ndarray) -> Point:
     """Return the point a step (n,) away."""
     size = point.parameters.size
     locals_, first = [], size

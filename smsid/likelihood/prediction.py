@@ -15,10 +15,10 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.errors import SimulationError
-from smsid.likelihood.drive import Drive
+from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.time_grid import Timeline
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SimulationError
-from smsid.likelihood.fit import Fit, evaluate, minimised
+from smsid.likelihood.fit import Fit, evaluate, minimise
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point, moved
+from smsid.likelihood.point import Point, step_point
 from smsid.likelihood.prior import Prior
 
 if TYPE_CHECKING:
@@ -63,14 +63,14 @@ def profile_of(
         )
     index = fit.point.parameters.index(name)
     # at the maximum itself: the search stops within a hundredth of sigma of it
-    best = minimised(fit.pieces, fit.point, prior, None)
+    best = minimise(fit.pieces, fit.point, prior, None)
     sigma = float(np.sqrt(np.linalg.inv(best.normal.information)[index, index])) * scalars[name].slope
     centre = best.point.parameters[name]
     rise = float(chi2.ppf(level, 1))
 
     def excess(value: float, near: Point) -> tuple[float, Point]:
         held = _at(near, name, value)
-        found = minimised(fit.pieces, held, prior, np.array([index]))
+        found = minimise(fit.pieces, held, prior, np.array([index]))
         return found.cost - best.cost - rise, found.point
 
     upper = _end(excess, best.point, centre, sigma, rise, np.inf)
@@ -102,7 +102,7 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
     for side in (1.0, -1.0):
         step = side * np.sqrt(rise) * covariance[index] / sigma
         try:
-            there = evaluate(fit.pieces, moved(fit.pieces, fit.point, step), prior)
+            there = evaluate(fit.pieces, step_point(fit.pieces, fit.point, step), prior)
         except SimulationError:
             return True
         if not (1.0 - BENT) ** 2 * rise < there - here < (1.0 + BENT) ** 2 * rise:

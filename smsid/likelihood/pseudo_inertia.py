@@ -75,7 +75,7 @@ def tangent(lower: np.ndarray) -> np.ndarray:
     return out
 
 
-def moved(lower: np.ndarray, phi: np.ndarray) -> np.ndarray:
+def step_factor(lower: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the factor (4, 4) of the body at phi (10,) away from the one with factor L, ``lower`` (4, 4)."""
     upper = np.zeros((4, 4))
     for value, (i, j) in zip(phi, PLACES, strict=True):

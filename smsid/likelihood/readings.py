@@ -56,15 +56,15 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
         information[own, own] += size * smooth
         gradient[own] -= size * (smooth @ coefficients[:, k])
     information[n:, :n] = information[:n, n:].T
-    return Agreement(information, gradient, misfit(motion, coefficients, clock))
+    return Agreement(information, gradient, agreement_cost(motion, coefficients, clock))
 
 
-def misfit(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
+def agreement_cost(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
     """Return the cost of `agreement` alone, for ``coefficients`` (m, k) and ``clock`` (2,)."""
     return _squares(motion, coefficients, clock) - _squares(motion, motion.coefficients, np.zeros(2))
 
 
-def refitted(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
+def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
     """Return the coefficients (m, k) that agree best with the samples if their clock shows ``clock`` (2,)."""
     m, width = motion.coefficients.shape
     found = agreement(motion, motion.coefficients, clock)
@@ -75,7 +75,7 @@ def refitted(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
     return out
 
 
-def drawn(
+def draw_readings(
     motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray, rng: np.random.Generator
 ) -> MeasuredMotion:
     """Return the motion with samples drawn around what ``coefficients`` (m, k) and ``clock`` (2,) predict."""

@@ -17,16 +17,18 @@ from smsid.identify.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
-from smsid.likelihood.held import not_seen, resting
 from smsid.likelihood.history import history_of
+from smsid.likelihood.initial_guess import best_start, candidates
 from smsid.likelihood.knots import resolve_motion
-from smsid.likelihood.local import Nuisance
 from smsid.likelihood.normal import Normal
+from smsid.likelihood.nuisance_parameters import Nuisance
+from smsid.likelihood.null_space import UnseenDirection, unseen_directions
+from smsid.likelihood.null_space import notes as unseen_notes
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece, piece_of
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Cad, Prior
+from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.report import (
     METHOD,
     clock_notes,
@@ -37,9 +39,7 @@ from smsid.likelihood.report import (
     with_profiles,
 )
 from smsid.likelihood.search import search
-from smsid.likelihood.starting import best_start, candidates
-from smsid.likelihood.unseen import UnseenDirection, unseen_directions
-from smsid.likelihood.unseen import notes as unseen_notes
+from smsid.likelihood.stationary_joints import held_joints, not_seen
 from smsid.model import build_model
 from smsid.recording import Recording
 
@@ -135,7 +135,7 @@ def _refine(
     prepared = time.perf_counter()
     sought = search(pieces, first, prior)
 
-    def gradients(seen: Seen, own: Sequence[Piece]) -> np.ndarray:
+    def gradients(seen: Evaluation, own: Sequence[RecordingTerm]) -> np.ndarray:
         return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
 
     found, enough = resolve_motion(sought.found, prior, gradients)
@@ -203,21 +203,21 @@ def _restarted(described: Parameters, start: Refinement) -> Parameters:
     return described.with_inertias(at.inertias).with_scalars({s.name: s.value for s in at.scalars})
 
 
-def free_predictions(pieces: Sequence[Piece], point: Point) -> list[Prediction]:
+def free_predictions(pieces: Sequence[RecordingTerm], point: Point) -> list[Prediction]:
     """Return the predictions of the free-floating recordings at a point."""
     pairs = zip(pieces, point.locals, strict=True)
     return [p.predict(point.parameters, local) for p, local in pairs if not p.drive.held]
 
 
 def seen_in(
-    pieces: Sequence[Piece], seen: Seen, described: Parameters
+    pieces: Sequence[RecordingTerm], seen: Evaluation, described: Parameters
 ) -> tuple[list[Combination], list[str]]:
-    """Return what is reported (`reported`) of the motions that recordings show."""
+    """Return what is reported (`reported_parameters`) of the motions that recordings show."""
     pairs = zip(pieces, seen.predictions, strict=True)
-    return reported(seen.point.parameters, described, [x for p, x in pairs if not p.drive.held])
+    return reported_parameters(seen.point.parameters, described, [x for p, x in pairs if not p.drive.held])
 
 
-def reported(
+def reported_parameters(
     at: Parameters, described: Parameters, predictions: Sequence[Prediction]
 ) -> tuple[list[Combination], list[str]]:
     """Return what is reported at a point, and notes about what is not."""
@@ -230,7 +230,7 @@ def reported(
         notes.append(f"do not enter the motion, and stay as described: {', '.join(base.unseen)}")
     if at.layout.unseen:
         notes.append(f"without extent in three directions, taken as known: {', '.join(at.layout.unseen)}")
-    still = resting(at, predictions)
+    still = held_joints(at, predictions)
     if base is not None and still.joints:
         found += not_seen(at, described, still, base)
     notes += still.notes(at.layout.model)
@@ -238,7 +238,7 @@ def reported(
 
 
 def gradient_matrix(
-    combinations: Sequence[Combination], n: int, size: int, pieces: Sequence[Piece]
+    combinations: Sequence[Combination], n: int, size: int, pieces: Sequence[RecordingTerm]
 ) -> np.ndarray:
     """Return the gradients (rows, n) of what is reported, nuisance parameters but the joints' motion last."""
     rows = []

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, SimulationError
-from smsid.identify.estimate import ParameterEstimate, judged
+from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.fit import Fit
 from smsid.likelihood.prior import Prior
@@ -23,7 +23,7 @@ HELD = 0.5  # share of a variance that may come from the prior before a paramete
 
 def judged_by_share(c: Combination, sigma: float, share: float) -> ParameterEstimate:
     """Return a parameter with its status; ``share`` of its variance is the prior's."""
-    found = judged(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
+    found = classify(c.name, c.value, c.unit, sigma, METHOD, nominal=c.nominal, reference=c.reference)
     if share <= HELD:
         return found
     note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"

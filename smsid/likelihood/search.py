@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.clocks import GUARD, away_from_jumps, carried, right_clocks, worst_clock
-from smsid.likelihood.fit import ITERATIONS, Fit, Restless, fit
-from smsid.likelihood.history import Visit
-from smsid.likelihood.local import zero_clocks
-from smsid.likelihood.piece import Piece
+from smsid.likelihood.clocks import GUARD, away_from_jumps, largest_clock_shift, right_clocks, worst_clock
+from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, fit
+from smsid.likelihood.history import Iterate
+from smsid.likelihood.nuisance_parameters import zero_clocks
 from smsid.likelihood.point import Point
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 ROUNDS = 6  # of choosing the samples near jumps
 PATIENCE = 25  # iterations after which clocks are doubted although the search has not come to rest
@@ -26,10 +26,10 @@ class Search:
 
     found: Fit
     clocks: tuple[str, ...]
-    visits: tuple[Visit, ...]
+    visits: tuple[Iterate, ...]
 
 
-def search(pieces: Sequence[Piece], start: Point, prior: Prior) -> Search:
+def search(pieces: Sequence[RecordingTerm], start: Point, prior: Prior) -> Search:
     """Return the maximum of the likelihood near ``start``, with the clocks that do not agree with the rest.
 
     A clock is doubted at the maximum without it (`worst_clock`), or where a search is that does not come to
@@ -41,7 +41,7 @@ def search(pieces: Sequence[Piece], start: Point, prior: Prior) -> Search:
     names: list[str] = []
     right: set[str] = set()
     known: Sequence[dict[str, np.ndarray]] = [{} for _ in pieces]
-    visits: list[Visit] = []
+    visits: list[Iterate] = []
     while True:
         own = [p.with_clocks(names) for p in pieces]
         locals_ = tuple(
@@ -63,14 +63,14 @@ def search(pieces: Sequence[Piece], start: Point, prior: Prior) -> Search:
 
 
 def _looked_around(
-    pieces: Sequence[Piece], start: Point, prior: Prior, right: Collection[str], visits: list[Visit]
-) -> tuple[Fit | Restless, str | None]:
+    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, right: Collection[str], visits: list[Iterate]
+) -> tuple[Fit | ConvergenceError, str | None]:
     """The maximum, or where a search is stuck for a wrong clock; and which clock is to be doubted there."""
-    where: Fit | Restless
+    where: Fit | ConvergenceError
     for patience in (PATIENCE, ITERATIONS):
         try:
             where = _searched(pieces, start, prior, visits, patience)
-        except Restless as stuck:
+        except ConvergenceError as stuck:
             if stuck.seen is None:
                 raise
             where = stuck
@@ -83,14 +83,16 @@ def _looked_around(
     raise where
 
 
-def _searched(pieces: Sequence[Piece], start: Point, prior: Prior, visits: list[Visit], patience: int) -> Fit:
+def _searched(
+    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, visits: list[Iterate], patience: int
+) -> Fit:
     """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
     moved = 0.0
     for _ in range(ROUNDS):
         own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
         found = fit(own, start, prior, patience)
         visits += found.visits
-        moved = carried(start.locals, found.point.locals, found.pieces)
+        moved = largest_clock_shift(start.locals, found.point.locals, found.pieces)
         if moved < GUARD / 2:
             return found
         start = _begun(pieces, found.point)
@@ -101,7 +103,7 @@ def _searched(pieces: Sequence[Piece], start: Point, prior: Prior, visits: list[
     )
 
 
-def _begun(pieces: Sequence[Piece], at: Point) -> Point:
+def _begun(pieces: Sequence[RecordingTerm], at: Point) -> Point:
     """A point to begin a search at: the joints' motion is not estimated yet."""
     pairs = zip(pieces, at.locals, strict=True)
     return Point(at.parameters, tuple(p.as_measured(local) for p, local in pairs))

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.likelihood.drive import Drive
-from smsid.likelihood.linearised import POSE, Linear, linearised, small_adjoint
+from smsid.likelihood.inputs import Drive
+from smsid.likelihood.linearised import POSE, Linear, linearise, small_adjoint
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, symmetric
 from smsid.likelihood.runge_kutta import STAGES, transitions
@@ -123,7 +123,7 @@ def variation(
     """
     timeline, free = prediction.timeline, drive.free
     follow = parameters.layout.model.arm_joints.v if motion and drive.joints is not None else np.zeros(0, int)
-    linear = linearised(parameters, drive, prediction, thrust, clocks, follow)
+    linear = linearise(parameters, drive, prediction, thrust, clocks, follow)
     moving = np.flatnonzero(linear.by_parameter.any(axis=(0, 1)) | linear.start.any(axis=0))
     by_parameter = linear.by_parameter[:, :, moving]
     n_rest, k = len(prediction.rest_v), len(moving)

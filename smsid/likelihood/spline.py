@@ -15,8 +15,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from smsid.identify.mended import with_spikes
-from smsid.identify.usable import outliers
+from smsid.identify.gap_filling import with_spikes
+from smsid.identify.valid_samples import outliers
 
 DEGREE = 5
 CLEANINGS = 3

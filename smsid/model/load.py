@@ -18,7 +18,7 @@ from smsid.description.schema import Arm, Description, did_you_mean
 from smsid.description.urdf_check import (
     check_inertias,
     check_meshes,
-    normalised,
+    normalise_urdf,
     package_folders,
     read_urdf,
     without_meshes,
@@ -53,7 +53,7 @@ def load_bus(d: Description, visuals: bool) -> Loaded:
     folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
     root = pin.JointModelFreeFlyer() if d.root == "free" else None
     own = [arm for arm in d.arm if not arm.mounted]
-    keep = mentioned(d)
+    keep = texts_of(d)
     fixed = tuple(name for arm in own for name in arm.fixed)
     where = "the TOML (before its tables)"
     trusted = d.inertias == "trusted"
@@ -77,7 +77,7 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
         folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
     trusted = arm.inertias == "trusted"
     where, shown = f"[[arm]] '{arm.name}'", bus.visual is not None
-    keep = mentioned(d)
+    keep = texts_of(d)
     keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
     child = _load(path, folders, d, None, shown, trusted, where, arm.fixed, arm.arguments, keep)
     if arm.fixed:
@@ -175,7 +175,7 @@ def _load(
                 logger.warning("%s Drawn without meshes.", error.message)
     for what in reading.unused:
         logger.warning("%s: not used: %s.", reading.source, what)
-    text = normalised(text)
+    text = normalise_urdf(text)
     mimics = mimics_of(reading)
     empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
     leading = {m.joint for n, m in mimics.items() if n not in empty}
@@ -221,7 +221,7 @@ def _load(
     return _welded(Loaded(model, visual, losses, mimics), empty, rest)
 
 
-def mentioned(d: Description) -> set[str]:
+def texts_of(d: Description) -> set[str]:
     """Return every text in a description's arms, wheels, effects and sensors: names of joints among them."""
     found: set[str] = set()
 

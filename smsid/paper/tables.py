@@ -11,7 +11,7 @@ from smsid._statistics import NORMAL95
 from smsid.identify.estimate import Estimate
 from smsid.report.model import Cell, Section, Table, Text
 from smsid.report.numbers import half, number, share, unit
-from smsid.report.parameters import reported
+from smsid.report.parameters import reported_parameters
 
 INERTIAL = ("kg m", "kg m^2")
 
@@ -146,7 +146,7 @@ def _table_3(paper: Found, shown: int = 3) -> Table:
     """Return the best and the worst identifiable inertial combinations, as the paper's Table 3 gives them."""
     usable = [
         (p, t)
-        for p in reported(paper.estimate)
+        for p in reported_parameters(paper.estimate)
         if p.status == "identifiable"
         and not p.small
         and p.unit in INERTIAL

@@ -12,7 +12,7 @@ from smsid.errors import SmsidError
 from smsid.recording import Recording
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number, share
-from smsid.report.parameters import Known, identifiability, parameter_table, reported
+from smsid.report.parameters import Known, identifiability, parameter_table, reported_parameters
 from smsid.report.residuals import residual_table
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace, Traces
@@ -26,7 +26,7 @@ def arm_report(
     found: JudgedArm, recordings: Sequence[Recording], origin: Provenance, known: Known | None = None
 ) -> Report:
     """Return the report of an arm's identification; it is judged by ``recordings``, its own first."""
-    own = reported(found.estimate)
+    own = reported_parameters(found.estimate)
     known = known or Known()
     good = sum(p.status == "identifiable" for p in own)
     groups = {r.name: torque_traces(found, r) for r in recordings}

@@ -8,15 +8,15 @@ from typing import Any
 
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
-from smsid.diagnose.nominal import nominal
+from smsid.diagnose.priors import nominal
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import half, number, unit
-from smsid.report.open_loop import OpenLoop, telling
-from smsid.report.parameters import reported
+from smsid.report.open_loop import OpenLoop, most_different
+from smsid.report.parameters import reported_parameters
 from smsid.report.plain_words import plain_words, quantity, strength
 from smsid.report.shares import Shares
 from smsid.report.story import story_section
@@ -128,14 +128,14 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         "whose model shares no code with smsid's. A second flight is kept aside to judge by."
     ]
     if seen is not None:
-        shown = telling(seen, DESCRIBED, EXTENDED, 2)
+        shown = most_different(seen, DESCRIBED, EXTENDED, 2)
         told = "; ".join(_error_of(seen, c, (DESCRIBED,)) for c in shown)
         if told:
             out.append(
                 "What the simulation gets wrong: driven by the same torques, the described craft "
                 f"strays. {told}."
             )
-    good = [p for p in reported(craft.estimate) if p.status == "identifiable"]
+    good = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
     text = (
         f"Identified: the description is a guess that is off by several per cent. {len(good)} "
         "parameters are found to "
@@ -143,7 +143,7 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
     )
     if seen is not None:
         told = "; ".join(
-            _error_of(seen, c, (DESCRIBED, IDENTIFIED)) for c in telling(seen, DESCRIBED, EXTENDED, 1)
+            _error_of(seen, c, (DESCRIBED, IDENTIFIED)) for c in most_different(seen, DESCRIBED, EXTENDED, 1)
         )
         text += (
             f". Better numbers alone do not mend the simulation: {told} (described → identified)"
@@ -159,7 +159,7 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         )
     if d.causes and seen is not None:
         told = "; ".join(
-            _error_of(seen, c, (DESCRIBED, EXTENDED)) for c in telling(seen, DESCRIBED, EXTENDED, 3)
+            _error_of(seen, c, (DESCRIBED, EXTENDED)) for c in most_different(seen, DESCRIBED, EXTENDED, 3)
         )
         out.append(f"The gain, on the flight that was not used (described → with the cause): {told}.")
     return tuple(out)
@@ -214,7 +214,7 @@ def cause_section(craft: Craft) -> Section:
 
 def values_section(craft: Craft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
-    own = [p for p in reported(craft.estimate) if p.status == "identifiable"]
+    own = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
     world = TrueWorld(craft.parameters, described_bodies(craft.description), _effects(craft))
     truth = world.values_of(own)
     known = [p for p in own if p.name in truth]
@@ -257,7 +257,7 @@ def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:
             out.append((f"{d.causes[0].label} at {d.causes[0].location}, found", quantity(value)))
         out.append(("hidden", f"{number(craft.hidden['value'], 4)} {unit(craft.hidden['unit'])}"))
     if seen is not None and {DESCRIBED, EXTENDED} <= set(seen.models):
-        for c in telling(seen, DESCRIBED, EXTENDED, 2):
+        for c in most_different(seen, DESCRIBED, EXTENDED, 2):
             was, now = (number(seen.rms(c, m), 2) for m in (DESCRIBED, EXTENDED))
             out.append((f"{c.name}, error on the other flight", f"{was} → {now} {unit(c.unit)}"))
     return tuple(out)

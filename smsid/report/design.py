@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from smsid.design import Design, Limits
-from smsid.design.separate import Separation
+from smsid.design.model_discrimination import Separation
 from smsid.experiments import LimitUse
 from smsid.identify.estimate import IDENTIFIABLE_BELOW
 from smsid.model.spacecraft import SpacecraftModel
@@ -19,7 +19,7 @@ NEAR = 0.99  # share of what may be used at which a limit holds the design back
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReportInputs:
     """What was asked of a design: a relative precision ``to`` reach, and limits with their margin."""
 
     to: float | None = None
@@ -27,7 +27,7 @@ class Asked:
 
 
 def design_report(
-    found: Design | Separation, model: SpacecraftModel, asked: Asked, origin: Provenance
+    found: Design | Separation, model: SpacecraftModel, asked: ReportInputs, origin: Provenance
 ) -> Report:
     """Return the report of a designed experiment.
 
@@ -72,7 +72,7 @@ def design_report(
                   tuple(glance))  # fmt: skip
 
 
-def verdict(found: Design | Separation, asked: Asked) -> tuple[str, Tone]:
+def verdict(found: Design | Separation, asked: ReportInputs) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     stopped = " The search was interrupted." if found.interrupted else ""
     broken = asked.limits.broken(found.limits)

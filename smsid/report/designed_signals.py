@@ -29,7 +29,7 @@ def signal_grids(model: SpacecraftModel, experiment: Experiment, reference: Expe
     return tuple(out)
 
 
-def drawn(signal: Signal, duration: float) -> tuple[np.ndarray, np.ndarray]:
+def signal_points(signal: Signal, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times (N,) and values (N, size) to draw a signal from 0 to ``duration`` [s], jumps upright."""
     jumps = np.array([t for t in signal.breakpoints if 0.0 < t < duration])
     before = np.nextafter(jumps, 0.0)
@@ -59,7 +59,7 @@ def _figures(
         (now, "designed", 0, "line"),
     ):
         if profile is not None:
-            curves.append((label, colour, style, *drawn(profile.signal(), duration)))
+            curves.append((label, colour, style, *signal_points(profile.signal(), duration)))
     out = []
     for k, name in enumerate(names):
         own = [

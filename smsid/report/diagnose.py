@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
-from smsid.diagnose.nominal import nominal
+from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis
-from smsid.diagnose.search import Search
+from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
-from smsid.report.diagnosis_candidates import alias_matrix, rescored
+from smsid.report.diagnosis_candidates import alias_matrix, rescore
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import share_map, share_ranking
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
@@ -49,7 +49,7 @@ TITLES = {
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReportInputs:
     """What a diagnosis was asked: the description, its recordings, the estimate and the held-out ones."""
 
     description: Description
@@ -60,7 +60,7 @@ class Asked:
 
 
 def diagnose_report(
-    found: Diagnosed, asked: Asked, origin: Provenance, shares: Shares | None = None
+    found: Diagnosed, asked: ReportInputs, origin: Provenance, shares: Shares | None = None
 ) -> Report:
     """Return the report of a diagnosis; what was not evaluated is said to be so.
 
@@ -91,14 +91,14 @@ def diagnose_report(
     if notes:
         sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
-    verdict = f"{TITLES[d.verdict].capitalize()}: {shortened(d.sentence)}"
+    verdict = f"{TITLES[d.verdict].capitalize()}: {shorten(d.sentence)}"
     words = plain_words(d)
     if words and len(d.causes) <= MOST_IN_WORDS:
         verdict = f"{TITLES[d.verdict].capitalize()}. {words}"
     return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
 
 
-def story_sections(found: Diagnosed, asked: Asked) -> list[Section]:
+def story_sections(found: Diagnosed, asked: ReportInputs) -> list[Section]:
     """Return measured against simulated, before and after, on a held-out recording if there is one."""
     search, d = found.search, found.diagnosis
     if search is None or not search.causes:
@@ -119,7 +119,7 @@ def share_sections(shares: Shares) -> list[Section]:
     return [Section("map", "Where it comes from", tuple(parts), "by place and by candidate")]
 
 
-def shortened(sentence: str, most: int = 260) -> str:
+def shorten(sentence: str, most: int = 260) -> str:
     """Return a sentence that lists many causes with the first of them; all stand in the table below."""
     parts = sentence.replace("+-", "±").split("; ")
     kept = parts[:1]
@@ -170,10 +170,10 @@ def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Sec
     return [Section("map", "Map of equation by dependence", parts, gist, open=any(count))]
 
 
-def search_sections(search: Search, asked: Asked) -> list[Section]:
+def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     """Return the candidates, the spectra and the innovations of a search."""
     changed, out = bool(search.causes), []
-    scores = rescored(search)
+    scores = rescore(search)
     matrix = alias_matrix(search, scores)
     if matrix is not None:
         gist = f"{search.candidates} tried"
@@ -208,7 +208,7 @@ def search_sections(search: Search, asked: Asked) -> list[Section]:
     return out
 
 
-def _gain_section(found: Diagnosed, asked: Asked) -> list[Section]:
+def _gain_section(found: Diagnosed, asked: ReportInputs) -> list[Section]:
     d = found.diagnosis
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smsid.diagnose.candidates import Candidate, Score, correlation, scored, signatures
-from smsid.diagnose.search import Search
+from smsid.diagnose.score_test import Candidate, Score, correlation, scored, signatures
+from smsid.diagnose.stepwise import Search
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 
@@ -14,7 +14,7 @@ EDGES = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
 TOLD_APART = 0.9
 
 
-def rescored(search: Search) -> tuple[Score, ...]:
+def rescore(search: Search) -> tuple[Score, ...]:
     """Return every candidate's score on the nominal fit, the most informative first.
 
     The search keeps those of its last round only, with the causes in the model already.

@@ -80,7 +80,7 @@ def diagnosis_map(
         key = row_of(t.where), column_of(t.dependence)
         if key not in best or evidence(t, 1) > evidence(best[key], 1):
             best[key] = t
-    rows = ordered(dict.fromkeys(k for k, _ in best))
+    rows = order_rows(dict.fromkeys(k for k, _ in best))
     known = [c for c in COLUMNS if any(d == c for _, d in best)]
     columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
     limit = -math.log10(level)
@@ -117,7 +117,7 @@ def column_of(dependence: str) -> str:
     return re.sub(r"^(rate|acceleration) of .*$", r"\1 of another joint", dependence)
 
 
-def ordered(rows: Iterable[str]) -> list[str]:
+def order_rows(rows: Iterable[str]) -> list[str]:
     """Return rows with equations first, then sensor channels."""
     kinds = ("torque of", "force on", "torque on", "slosh", "mode")
     known = list(rows)
@@ -150,6 +150,6 @@ def _heading(dependence: str) -> str:
     return dependence + extra.get(dependence, "")
 
 
-def strongest(tests: Sequence[Tested]) -> Tested | None:
+def most_significant(tests: Sequence[Tested]) -> Tested | None:
     """Return the most significant test."""
     return max(tests, key=lambda t: evidence(t, 1), default=None)

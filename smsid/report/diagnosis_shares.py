@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from smsid.diagnose.candidates import Candidate
+from smsid.diagnose.score_test import Candidate
 from smsid.report.axes import Axis, ticks_of
-from smsid.report.diagnosis_map import COLUMNS, column_of, ordered, row_of
+from smsid.report.diagnosis_map import COLUMNS, column_of, order_rows, row_of
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import share
@@ -47,7 +47,7 @@ def share_map(found: Shares) -> Figure | None:
             best[key] = p
     if not best:
         return None
-    rows = ordered(dict.fromkeys(k for k, _ in best))
+    rows = order_rows(dict.fromkeys(k for k, _ in best))
     known = [c for c in COLUMNS if any(d == c for _, d in best)]
     columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
     top = found.places[0]

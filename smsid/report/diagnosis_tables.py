@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose.gain import Gain
 from smsid.diagnose.result import Diagnosis, FoundCause
+from smsid.diagnose.validation import Gain
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Table, Text
 from smsid.report.numbers import half, number, share, unit

@@ -8,7 +8,7 @@ from smsid.estimation.identify import Identified
 from smsid.report.fit_history import convergence_section
 from smsid.report.model import Cell, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number
-from smsid.report.parameters import Known, identifiability, parameter_table, reported
+from smsid.report.parameters import Known, identifiability, parameter_table, reported_parameters
 
 TONES: dict[str, Tone] = {"explained": "good", "roughly": "warn", "not explained": "bad"}
 
@@ -22,7 +22,7 @@ def flights_report(description: Description, found: Identified, origin: Provenan
         origin: versions, command, files.
     """
     estimate, quality = found.estimate, found.quality
-    own = reported(estimate)
+    own = reported_parameters(estimate)
     single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
     parts: list[Text | Table] = []
     sections: list[Section] = []

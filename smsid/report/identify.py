@@ -18,7 +18,7 @@ from smsid.recording import Recording
 from smsid.report.fit_history import convergence_section
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
 from smsid.report.numbers import number, unit
-from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported
+from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported_parameters
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
@@ -50,11 +50,11 @@ def identify_report(
     known = known or Known()
     if refined is not None and known.other is None:
         known = Known(known.truth, known.paper, linear.estimate, "linear method")
-    left, problem = explained(description, recordings, linear, refined)
+    left, problem = residual_section(description, recordings, linear, refined)
     sections = identify_sections(description, recordings, linear, refined, known, left, problem)
     sentence, tone = verdict(estimate, left)
-    good = [p for p in reported(estimate) if p.status == "identifiable"]
-    glance = [("identifiable", f"{len(good)} of {len(reported(estimate))}")]
+    good = [p for p in reported_parameters(estimate) if p.status == "identifiable"]
+    glance = [("identifiable", f"{len(good)} of {len(reported_parameters(estimate))}")]
     glance += (
         [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
     )
@@ -81,7 +81,7 @@ def identify_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of an identification; ``prefix`` tells several on one page apart."""
     estimate = refined.estimate if refined is not None else linear.estimate
-    own = reported(estimate)
+    own = reported_parameters(estimate)
     single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
     parts: list[Text | Table | Figure | Grid] = []
     for key, title, some in (
@@ -128,7 +128,7 @@ def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> li
 
 def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
     """Return one sentence on an identification, and what it is worth."""
-    own = reported(estimate)
+    own = reported_parameters(estimate)
     weak = [p.name for p in own if p.status != "identifiable"]
     good = len(own) - len(weak)
     sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
@@ -150,7 +150,7 @@ def worst_ratio(left: Sequence[Residuals]) -> tuple[str, float] | None:
     return max(pairs, key=lambda x: x[1]) if pairs else None
 
 
-def explained(
+def residual_section(
     description: Description,
     recordings: Sequence[Recording],
     linear: Identification,
@@ -191,7 +191,7 @@ def _modes(
 def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
     if refined is None:
         return []
-    own = reported(refined.estimate)
+    own = reported_parameters(refined.estimate)
     figure = correlations(f"{prefix}correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
     lines = tuple(unit(d.text) for d in refined.unseen)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.gain import SETTLE, read_like
-from smsid.diagnose.search import Search
+from smsid.diagnose.stepwise import Search
+from smsid.diagnose.validation import SETTLE, read_like
 from smsid.estimation.kalman import FilterRun, run_filter
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point

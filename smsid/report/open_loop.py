@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.gain import SETTLE, read_like
+from smsid.diagnose.validation import SETTLE, read_like
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import Problem, run_filter
 from smsid.estimation.parameter_vector import Point
@@ -134,7 +134,7 @@ def _attitudes(
     return values, simulated
 
 
-def telling(found: OpenLoop, before: str, after: str, most: int = SHOWN) -> tuple[Component, ...]:
+def most_different(found: OpenLoop, before: str, after: str, most: int = SHOWN) -> tuple[Component, ...]:
     """Return the components in which two models differ most beside what was measured, one a channel."""
     best: dict[str, tuple[float, Component]] = {}
     for c in found.components:

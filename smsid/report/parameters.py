@@ -34,7 +34,7 @@ class Known:
     other_name: str = ""
 
 
-def reported(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
+def reported_parameters(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
     """Return the parameters of a spacecraft in an estimate: no nuisances, no second view of the same."""
     return asked_for(estimate)
 
@@ -168,7 +168,7 @@ def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance:
         )
         for a, i in enumerate(kept)
     )
-    labels = tuple(f"{clipped(n, 30)}  {k}" for k, n in enumerate(names, 1))
+    labels = tuple(f"{clip_text(n, 30)}  {k}" for k, n in enumerate(names, 1))
     body = HeatMap(
         labels,
         tuple(str(k) for k in range(1, len(names) + 1)),
@@ -184,6 +184,6 @@ def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance:
     return Figure(name, "Alias matrix: which parameters move together", body, caption)
 
 
-def clipped(text: str, length: int) -> str:
+def clip_text(text: str, length: int) -> str:
     """Return a text of at most ``length`` characters."""
     return text if len(text) <= length else text[: length - 1] + "…"

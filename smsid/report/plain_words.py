@@ -59,7 +59,7 @@ WORDS = {
 
 def plain_words(d: Diagnosis) -> str:
     """Return what a diagnosis found as one or two sentences; empty where it names no cause."""
-    return f"In plain words: {joined([cause_in_words(c) for c in d.causes])}." if d.causes else ""
+    return f"In plain words: {enumerate_words([cause_in_words(c) for c in d.causes])}." if d.causes else ""
 
 
 def cause_in_words(cause: FoundCause) -> str:
@@ -92,7 +92,7 @@ def quantity(p: Value) -> str:
     return f"{with_half(p.value, NORMAL95 * p.sigma)} {unit(p.unit)}".rstrip()
 
 
-def joined(parts: Sequence[str]) -> str:
+def enumerate_words(parts: Sequence[str]) -> str:
     """Return parts as an enumeration; those that hold commas themselves are parted by semicolons."""
     if len(parts) < 2:
         return "".join(parts)

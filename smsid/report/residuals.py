@@ -15,14 +15,14 @@ from smsid.errors import SmsidError
 from smsid.identify.pipeline import Identification
 from smsid.identify.robust import white_sigma
 from smsid.likelihood.channels import Channel
-from smsid.likelihood.fit import minimised
-from smsid.likelihood.local import Local, Nuisance
+from smsid.likelihood.fit import minimise
+from smsid.likelihood.initial_guess import candidates
+from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece, piece_of
-from smsid.likelihood.point import Point, Seen
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.refine import Refinement
-from smsid.likelihood.starting import candidates
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.report.model import Cell, Figure, Table, Tone
@@ -92,14 +92,14 @@ def residuals_of(
     return tuple(out)
 
 
-def _held(pieces: Sequence[Piece], at: Parameters, locals_: Sequence[Local]) -> Seen:
+def _held(pieces: Sequence[RecordingTerm], at: Parameters, locals_: Sequence[NuisanceValues]) -> Evaluation:
     """What is seen with the parameters held and everything else fitted."""
-    found = minimised(pieces, Point(at, tuple(locals_)), Prior(at), np.arange(at.size))
-    return Seen.at(pieces, found.point)
+    found = minimise(pieces, Point(at, tuple(locals_)), Prior(at), np.arange(at.size))
+    return Evaluation.at(pieces, found.point)
 
 
 def _channel(
-    recording: str, c: Channel, local: Local, residual: np.ndarray, before: np.ndarray | None
+    recording: str, c: Channel, local: NuisanceValues, residual: np.ndarray, before: np.ndarray | None
 ) -> tuple[Trace, ...]:
     if c.quantity == "attitude":
         measured = Rotation.from_quat(c.values)

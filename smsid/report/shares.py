@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.accept import Cause
-from smsid.diagnose.blocks import PAST, adequacy
-from smsid.diagnose.candidates import Candidate, changes_of, scored, signatures
-from smsid.diagnose.search import Search
+from smsid.diagnose.model_comparison import Cause
+from smsid.diagnose.score_test import Candidate, changes_of, scored, signatures
+from smsid.diagnose.specification_tests import PAST, adequacy
+from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, Prior, evaluate
 from smsid.estimation.sensitivities import propagate

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import SmsidError
-from smsid.identify.clocks import event_times, rate_of, sampled
+from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.exp1 import excited_axes
 from smsid.identify.modes import Mode, Poles
 from smsid.identify.motion import Roles
@@ -72,7 +72,7 @@ def diagrams(
         axis = int(np.argmax(np.abs(along).max(axis=1)))
         if sensor is None or "xyz"[axis] not in excited_axes(recording):
             continue
-        y = sampled(recording, sensor, "acceleration", time, None)[:, :, axis]
+        y = sample_channel(recording, sensor, "acceleration", time, None)[:, :, axis]
         root = base[:, axis : axis + 1]
         modes = known.get(name, ()) if known is not None else panel_modes(time, y, root[:, 0]).clamped
         for own in sorted({m.rate for m in modes}, reverse=True):

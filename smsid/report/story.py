@@ -6,14 +6,14 @@ import logging
 import math
 from collections.abc import Mapping
 
-from smsid.diagnose.gain import Gain
+from smsid.diagnose.validation import Gain
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import Problem
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.report.model import Figure, Grid, Section, Table, Text
 from smsid.report.numbers import number, share
-from smsid.report.open_loop import OpenLoop, curves, error_table, open_loop, telling
+from smsid.report.open_loop import OpenLoop, curves, error_table, most_different, open_loop
 
 LOGGER = logging.getLogger(__name__)
 COLOURS = (1, 4, 0)
@@ -49,7 +49,7 @@ def story_section(
     if before in found.models and after in found.models:
         names = list(models)
         palette = COLOURS if len(names) == 3 else (COLOURS[0], COLOURS[-1])
-        shown = telling(found, before, after)
+        shown = most_different(found, before, after)
         if shown:
             heading = f"'{recording.name}': {kind}"
             parts.append(

@@ -25,7 +25,7 @@ from smsid.simulate.chart_derivative import ChartDerivative, Enforce
 from smsid.simulate.dynamics import Dynamics
 from smsid.simulate.held_chart import HeldChart
 from smsid.simulate.short_step import short_steps
-from smsid.simulate.stiff_steps import Stiffness, StiffSteps, failed
+from smsid.simulate.stiff_steps import Stiffness, StiffSteps, integration_error
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi
@@ -250,7 +250,9 @@ def _step(
     known = [k[:s] for s in range(STAGES + 1)]
     while True:
         if not h >= smallest:
-            raise failed(t, y, "the step size collapsed" if np.isfinite(error) else "the state is not finite")
+            raise integration_error(
+                t, y, "the step size collapsed" if np.isfinite(error) else "the state is not finite"
+            )
         new = t_end if t + h >= t_end else t + h
         taken = new - t
         for s, (a, c) in enumerate(zip(STAGE_ROWS, STAGE_TIMES, strict=True), start=1):
@@ -267,7 +269,7 @@ def _step(
             piece.t, piece.t_max, piece.h, piece.y = new, new, taken, y_new
             derivative(new, y_new, k[STAGES])
             if not np.isfinite(k[STAGES]).all():
-                raise failed(new, y_new, "the state is not finite")
+                raise integration_error(new, y_new, "the state is not finite")
             apart = float(np.linalg.norm(y_new - at))
             if apart > 0.0:
                 piece.stretch = taken * float(np.linalg.norm(k[STAGES] - k[STAGES - 1])) / apart

@@ -89,15 +89,15 @@ class StiffSteps:
         try:
             message = solver.step()
         except (ValueError, np.linalg.LinAlgError) as error:
-            raise failed(t, y, f"the implicit method failed ({error})") from error
+            raise integration_error(t, y, f"the implicit method failed ({error})") from error
         if solver.status == "failed":
-            raise failed(t, y, message or "no step of the implicit method holds the tolerance")
+            raise integration_error(t, y, message or "no step of the implicit method holds the tolerance")
         if not np.isfinite(solver.f).all():
-            raise failed(t, y, "the state is not finite")
+            raise integration_error(t, y, "the state is not finite")
         return StiffPiece(solver)
 
 
-def failed(t: float, y: np.ndarray, reason: str) -> SimulationError:
+def integration_error(t: float, y: np.ndarray, reason: str) -> SimulationError:
     """Return the error of an integration that cannot go on from y (n,) at t [s]."""
     return SimulationError(
         f"The simulation failed at t = {t:.6g} s: {reason}.",

@@ -31,7 +31,7 @@ def truth_of(
         channels = commands(trajectory, states)
         channels.update(hidden_states(trajectory.model, states))
         for sensor in sensors:
-            channels.update(sensed(trajectory.model, states, sensor, held))
+            channels.update(exact_readings(trajectory.model, states, sensor, held))
         return channels
 
     return truth
@@ -50,7 +50,7 @@ def rotations(q: np.ndarray) -> np.ndarray:
     )
 
 
-def sensed(
+def exact_readings(
     model: SpacecraftModel, s: States, sensor: Sensor, held: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the exact channels of one sensor by name, (N, ...) as in docs/design.md, section 3.

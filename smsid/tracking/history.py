@@ -14,7 +14,7 @@ import numpy as np
 from smsid._files import atomic_write, check_target
 from smsid._short_repr import short_repr
 from smsid.errors import RecordingError, require
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.tracking.sample_buffer import Event
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class TrackHistory:
         return Estimate(
             self.description,
             "tracking",
-            tuple(judged(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in rows),
+            tuple(classify(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in rows),
             self.recordings,
             notes=self.notes,
             covariance=self.covariance,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.identify.momentum_rows import CORRELATION_TIME
+from smsid.identify.noise_replicates import small_sample_factor
 from smsid.identify.robust import hac_covariance
-from smsid.identify.shaken import widened_for_few
 
 
 @dataclass(frozen=True)
@@ -57,4 +57,4 @@ def variance_factor(covariance: np.ndarray, moves: Sequence[np.ndarray]) -> floa
     ``moves`` (each (m,)) that the same noise makes do.
     """
     z = np.array(moves) / np.sqrt(np.diag(covariance))
-    return max(1.0, float(np.mean(z**2)) * widened_for_few(len(moves)) ** 2)
+    return max(1.0, float(np.mean(z**2)) * small_sample_factor(len(moves)) ** 2)

@@ -15,10 +15,10 @@ from smsid.identify.hidden_states import check_on_bus
 from smsid.identify.momentum import HiddenStates, rows_b, step_a
 from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus
 from smsid.identify.motion import Motion, prepare, raw_rates
+from smsid.identify.noise_replicates import add_noise_replicate
 from smsid.identify.recursive_tls import RecursiveTls
 from smsid.identify.rest import check_at_rest
-from smsid.identify.row_sums import ScoreSums
-from smsid.identify.shaken import shaken
+from smsid.identify.square_root_information import ScoreSums
 from smsid.identify.streamed import MARGIN, Chunk, HiddenStateCarrier
 from smsid.model import build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
@@ -224,7 +224,7 @@ class MomentumTracker:
             return motion.only((motion.time > begin - 0.25 / RATE) & (motion.time < end - 0.25 / RATE))
 
         others = [
-            prepared(shaken(recording, sensors, np.random.default_rng([k, self._taken])))
+            prepared(add_noise_replicate(recording, sensors, np.random.default_rng([k, self._taken])))
             for k in range(REPLICATES)
         ]
         return replace(prepared(recording), again=others[0]), others

@@ -13,7 +13,7 @@ from smsid.estimation.flight import Flight, longest_step
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.kalman import Noise, UnknownInput
-from smsid.estimation.measurements import Block, Measured, _block, _labels
+from smsid.estimation.measurements import ChannelSlice, Measured, _block, _labels
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 
@@ -113,7 +113,7 @@ class Setting:
     def layout(self, model: SpacecraftModel, description: Description) -> Measured:
         """Return the channels as a filter needs them, without samples."""
         sensors = {s.name: s for s in description.effective_sensors()}
-        blocks: list[Block] = []
+        blocks: list[ChannelSlice] = []
         start = 0
         for channel in self.channels:
             name, quantity = channel.split(".")

@@ -26,7 +26,7 @@ from smsid.tracking.update import Update
 
 BEGIN = 30.0  # [s]
 
-Told = dict[str, Any]
+Discrimination = dict[str, Any]
 """What there is to say: a result, ``{"time", "parameters", "sigmas", "explained", "fit"}``, or an event with
 a ``text``: ``rejected``, ``not explained``, ``change``, or one of the tracker's log."""
 
@@ -73,7 +73,7 @@ class Stream:
             self._watch(tracker)
             self._explained = tracker.watch.explained
 
-    def hear(self, sample: Sample) -> list[Told]:
+    def hear(self, sample: Sample) -> list[Discrimination]:
         """Take in a sample, columns in the spacecraft's order, and return what there is to say.
 
         Raises `RecordingError` for a sample that cannot be used, `SimulationError` when the motion is lost.
@@ -83,7 +83,7 @@ class Stream:
             return self._start() if sample.time >= self._first[0].time + self.begin else []
         return self._said(self.tracker.update(sample))
 
-    def hear_line(self, line: str) -> list[Told]:
+    def hear_line(self, line: str) -> list[Discrimination]:
         """Take in a line of JSON, a sample or labels (`Columns`); one that cannot be used is an event."""
         self._lines += 1
         try:
@@ -96,7 +96,7 @@ class Stream:
             return [{"event": "rejected", "line": self._lines, "text": str(error)}]
         return self.hear(sample)  # a beginning that is of no use is no matter of one line
 
-    def end(self) -> list[Told]:
+    def end(self) -> list[Discrimination]:
         """Take in what waits, and return what is left to say, the last result in any case.
 
         Raises `RecordingError` when no sample has come that could be used.
@@ -127,7 +127,7 @@ class Stream:
             raise RecordingError(f"{error.message} {refused}".strip(), advice=error.advice) from error
         yield from (json.dumps(json_ready(told)) for told in rest)
 
-    def _start(self) -> list[Told]:
+    def _start(self) -> list[Discrimination]:
         """Make the tracker of what came first."""
         first = _recorded(self._first)
         heard: deque[Update] = deque(maxlen=1)
@@ -143,7 +143,7 @@ class Stream:
         if self.false_alarms is not None:
             self._detector = ChangeDetector.watch(tracker, false_alarms=self.false_alarms)
 
-    def _said(self, updates: Iterable[Update]) -> list[Told]:
+    def _said(self, updates: Iterable[Update]) -> list[Discrimination]:
         assert self.tracker is not None
         log, watch, out = self.tracker.log, self.tracker.watch, []
         fresh = min(log.total - self._events, len(log.last))
@@ -163,7 +163,7 @@ class Stream:
             self._changes = len(self._detector.changes)
         return out
 
-    def _result(self, update: Update) -> Told:
+    def _result(self, update: Update) -> Discrimination:
         """Return what is believed; ``fit`` is the mean square of this moment's normalised innovations."""
         assert self.tracker is not None
         names, watch = self.tracker.names, self.tracker.watch
@@ -177,7 +177,7 @@ class Stream:
         }
 
 
-def _change(change: Change) -> Told:
+def _change(change: Change) -> Discrimination:
     """Return what changed, when, and by how much with standard deviations."""
     return {
         "event": "change",

@@ -11,7 +11,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.drivers import CentreDriver, Driver, Frames, VectorDriver
 from smsid.view.momentum import Momenta
 from smsid.view.motion import Motion
-from smsid.view.parts import Part, moved, z_to
+from smsid.view.parts import Part, move_pose, z_to
 from smsid.view.shapes import Color, Cylinder, Material, Mesh
 
 # told apart by those who see colours differently (Okabe and Ito)
@@ -42,7 +42,7 @@ def sign_parts(
     parts.append(
         Part(
             f"{root}/com",
-            moved(found.com[0]),
+            move_pose(found.com[0]),
             mark,
             Material(shine=0.2, overlay=True, inside=False),
             CentreDriver(),
@@ -130,8 +130,8 @@ def _arrow(path: str, driver: Driver, color: Color, layer: str) -> list[Part]:
     shaft, head = Cylinder(0.009, 0.84), Cylinder(0.03, 0.18, top=0.0)
     return [
         Part(path, HIDDEN, driver=driver, layer=layer),
-        Part(f"{path}/shaft", moved((0.42, 0.0, 0.0), turn), shaft, paint, shadow=False),
-        Part(f"{path}/head", moved((0.91, 0.0, 0.0), turn), head, paint, shadow=False),
+        Part(f"{path}/shaft", move_pose((0.42, 0.0, 0.0), turn), shaft, paint, shadow=False),
+        Part(f"{path}/head", move_pose((0.91, 0.0, 0.0), turn), head, paint, shadow=False),
     ]
 
 

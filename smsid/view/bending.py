@@ -26,7 +26,7 @@ class Bend:
     delta: np.ndarray
 
 
-def bends(scene: Scene, frames: Frames) -> list[Bend]:
+def bending_parts(scene: Scene, frames: Frames) -> list[Bend]:
     """Return what bends in a scene, over the frames; appendages without modes do not."""
     strips: dict[str, list[tuple[str, StripDriver]]] = {}
     for part in scene.parts:

@@ -10,7 +10,7 @@ from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing.sensor import Sensor
-from smsid.view.motion import interpolated
+from smsid.view.motion import interpolate
 
 Samples = tuple[np.ndarray, np.ndarray]
 """Times (N,) [s] and values (N, ...)."""
@@ -40,7 +40,7 @@ def sources(model: SpacecraftModel, kind: str, default: str) -> Iterator[tuple[s
         yield default, np.zeros(3)
 
 
-def sensed(
+def measured_samples(
     model: SpacecraftModel, recording: Recording, kind: str, default: str, quantity: str
 ) -> tuple[Samples, np.ndarray] | None:
     """Return the samples of a quantity, from the first source that has it, and where (3,) [m] that sits."""
@@ -50,13 +50,13 @@ def sensed(
     return None
 
 
-def commanded(recording: Recording, quantity: str) -> Samples | None:
+def commanded_samples(recording: Recording, quantity: str) -> Samples | None:
     """Return the samples of a force or torque: what was commanded, else what any source has of it."""
     names = [f"command.{quantity}", *(c for c in recording.channels if c.endswith(f".{quantity}"))]
     return next((channel(recording, n) for n in names if n in recording), None)
 
 
-def hidden(recording: Recording, quantity: str, *, together: bool) -> Samples | None:
+def hidden_coordinates(recording: Recording, quantity: str, *, together: bool) -> Samples | None:
     """Return slosh or modal coordinates (N, columns), of the truth first; None if not recorded.
 
     Several tanks may have a channel each (``together``); several sources of modes tell the same.
@@ -68,5 +68,5 @@ def hidden(recording: Recording, quantity: str, *, together: bool) -> Samples | 
     t, values = channel(recording, names[0])
     same = names if together else [n for n in names if n.split(".")[0] == names[0].split(".")[0]]
     columns = [values.reshape(len(t), -1)]
-    columns += [interpolated(*channel(recording, n), t).reshape(len(t), -1) for n in same[1:]]
+    columns += [interpolate(*channel(recording, n), t).reshape(len(t), -1) for n in same[1:]]
     return t, np.concatenate(columns, axis=1)

@@ -17,11 +17,11 @@ import numpy as np
 from smsid._files import atomic_write
 from smsid.errors import require
 from smsid.view import arrows, trail
-from smsid.view.bending import Bend, bends
+from smsid.view.bending import Bend, bending_parts
 from smsid.view.camera import ASPECT
 from smsid.view.commands import Command, scene_commands, sky_commands
 from smsid.view.drivers import DEFLECTION
-from smsid.view.ghost import GHOST
+from smsid.view.nominal_overlay import GHOST
 from smsid.view.readouts import readouts
 from smsid.view.replay import Replay
 from smsid.view.scene import Scene
@@ -60,7 +60,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
     facts |= {"bends": [], "trails": [], "factor": scene.look.panel_factor}
     if isinstance(view, Replay):
         found = [(view.scene, view.frames), *((c.scene, c.frames) for c in view.companions)]
-        bent = [b for s, f in found for b in bends(s, f)]
+        bent = [b for s, f in found for b in bending_parts(s, f)]
         commands = list(view.commands(play=False, leave=[p for b in bent for p in b.paths]))
         facts |= _played(view, bent)
     else:

@@ -77,7 +77,7 @@ def motion_of(
     tau = found.tau + found.reaction
 
     def at(values: np.ndarray) -> np.ndarray:
-        return interpolated(found.time, values, times)
+        return interpolate(found.time, values, times)
 
     force = found.tau[:, :3] if model.free else np.zeros((len(found.time), 3))
     torque = tau[:, 3:6] - np.cross(model.thrust_point, force) if model.free else np.zeros_like(force)
@@ -113,7 +113,7 @@ def _between(model: SpacecraftModel, states: States, times: np.ndarray) -> np.nd
     return np.array([pin.interpolate(model.pin, a, b, float(u)) for a, b, u in pairs])
 
 
-def interpolated(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+def interpolate(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return values (N, ...) known at t (N,) at other times, linearly; held past the ends."""
     columns = values.reshape(len(t), -1).T
     shape = (len(times), *values.shape[1:])

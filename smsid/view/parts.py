@@ -66,7 +66,7 @@ def node_name(name: str) -> str:
     return name.replace("/", ".")
 
 
-def moved(translation: Any = (0.0, 0.0, 0.0), rotation: np.ndarray | None = None) -> np.ndarray:
+def move_pose(translation: Any = (0.0, 0.0, 0.0), rotation: np.ndarray | None = None) -> np.ndarray:
     """Return a pose (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3] = np.eye(3) if rotation is None else rotation
@@ -138,7 +138,7 @@ def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
         shared = sum(w.position == wheel.position for w in wheels) > 1
         disc = f"{paths[model.pin.getJointId(wheel.name)]}/disc"
         # a wheel moved along its own axis still spins in place
-        pose = moved(-1.7 * radius * axis if shared else np.zeros(3), z_to(axis))
+        pose = move_pose(-1.7 * radius * axis if shared else np.zeros(3), z_to(axis))
         parts.append(Part(disc, pose, Cylinder(radius, 0.4 * radius), WHEEL))
         stripe = ((0.5 * radius, 0.0, 0.0), (0.9 * radius, 0.2 * radius, 0.46 * radius), MARK.color)
         hub = ((0.0, 0.0, 0.0), (0.3 * radius, 0.3 * radius, 0.6 * radius), (0.2, 0.21, 0.24))
@@ -192,14 +192,14 @@ def appendage_parts(
     owner = np.clip(local[:, 0] / step - 1e-6, 0, look.strips - 1).astype(int)
     for k in range(look.strips):
         driver = StripDriver(surface, look.strips, k, q, np.asarray(appendage.scale))
-        rest = moved(((k + 0.5) * step, 0.0, 0.0))
+        rest = move_pose(((k + 0.5) * step, 0.0, 0.0))
         strip = f"{path}/strip{k:02d}"
         parts.append(Part(strip, rest, solar_strip(surface, look.strips, k), Material(shine=0.7), driver))
         for i in np.flatnonzero(owner == k):
             size = 0.014 * surface.length
             at = local[i] - rest[:3, 3] + [0.0, 0.0, 0.5 * size + 0.5 * surface.thickness]
             mark = Box((size, size, size))
-            parts.append(Part(f"{strip}/station{i}", moved(at), mark, MARK, layer="sensors"))
+            parts.append(Part(f"{strip}/station{i}", move_pose(at), mark, MARK, layer="sensors"))
     rigid = surface.rigid and len(appendage.joints) > 0
     return parts, [f"'{effect.name}' has no mode shapes: drawn rigid"] if rigid else []
 
@@ -216,7 +216,7 @@ def sensor_parts(model: SpacecraftModel, bus: str) -> list[Part]:
         bars = [
             (tuple(size / 2 * e), tuple(thin + (size - thin) * e), tuple(0.15 + 0.85 * e)) for e in np.eye(3)
         ]
-        pose = moved(sensor.position, sensor.rotation)
+        pose = move_pose(sensor.position, sensor.rotation)
         path = f"{bus}/{node_name(sensor.name)}.frame"
         parts.append(Part(path, pose, boxes_mesh(bars), Material(shine=0.0), layer="sensors"))
     return parts

@@ -11,8 +11,8 @@ from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.view.channels import Samples, commanded, hidden, sensed
-from smsid.view.motion import Motion, grid, interpolated
+from smsid.view.channels import Samples, commanded_samples, hidden_coordinates, measured_samples
+from smsid.view.motion import Motion, grid, interpolate
 from smsid.view.velocity import SMOOTHED, recorded_velocity
 
 logger = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ def recorded_motion(
     lever, notes = np.zeros(3), []
 
     def look(role: str, what: str, kind: str, default: str, quantity: str) -> np.ndarray | None:
-        place = sensed(model, rec, kind, default, quantity)
+        place = measured_samples(model, rec, kind, default, quantity)
         if place is None:
             notes.append(f"{what} not recorded: drawn at rest")
             return None
@@ -52,7 +52,7 @@ def recorded_motion(
         ("slosh", "slosh", "slosh_position", model.slosh),
         ("modes", "deflection of appendages", "modal_position", model.modes),
     ):
-        samples = hidden(rec, quantity, together=role == "slosh")
+        samples = hidden_coordinates(rec, quantity, together=role == "slosh")
         if len(size) and samples is None:
             notes.append(f"{what} not recorded: drawn at rest")
         elif len(size) and samples is not None:
@@ -74,9 +74,9 @@ def recorded_motion(
         logger.warning("replay: %s", note)
 
     def applied(quantity: str, size: int) -> np.ndarray | None:
-        samples = commanded(rec, quantity)
+        samples = commanded_samples(rec, quantity)
         fits = samples is not None and samples[1].shape[1:] == (size,)
-        return interpolated(*samples, at) if samples is not None and fits else None
+        return interpolate(*samples, at) if samples is not None and fits else None
 
     force = applied("force", 3)
     return Motion(
@@ -113,7 +113,7 @@ def _configurations(
         if role == "wheels":
             turned = np.cumsum(np.diff(t)[:, None] * (values[1:] + values[:-1]) / 2, axis=0)
             values = np.vstack([np.zeros(values.shape[1]), turned])
-        return interpolated(t, values, times)[:, :count]
+        return interpolate(t, values, times)[:, :count]
 
     if model.free:
         turn = Rotation.identity()
@@ -126,7 +126,7 @@ def _configurations(
             )
             q[:, 3:7] = turn.as_quat()
         if "position" in found:
-            q[:, :3] = interpolated(*found["position"], times) - turn.apply(lever)
+            q[:, :3] = interpolate(*found["position"], times) - turn.apply(lever)
     joints = columns("joints", len(model.arm_joints), "joint angles")
     if joints is not None:
         q = np.array(

@@ -12,10 +12,10 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
 from smsid.view.arrows import sign_parts
 from smsid.view.drivers import Frames, JointDriver, Scale
-from smsid.view.ghost import GHOST, ghostly
 from smsid.view.look import Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion
+from smsid.view.nominal_overlay import GHOST, as_overlay
 from smsid.view.parts import Part
 from smsid.view.trail import Trail, trail_parts
 from smsid.view.visuals import visuals_of
@@ -143,7 +143,7 @@ def build_scene(
         tubes, trails = trail_parts(model, root, motion, TRAIL * scene.radius, **color)
         parts += tubes
     if ghost:
-        parts = ghostly(parts)
+        parts = as_overlay(parts)
     elif look.arrows and motion is not still:
         found = momenta(model, motion)
         parts += sign_parts(model, paths, motion, found, scene.radius)

@@ -13,7 +13,7 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Trajectory, simulate
-from smsid.view.channels import Samples, channel, sensed
+from smsid.view.channels import Samples, channel, measured_samples
 from smsid.view.motion import motion_of
 
 WELL = 5  # degree of the spline through measured joint angles: their acceleration is continuous
@@ -56,7 +56,7 @@ def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
         command("joint_torque", len(model.arm_joints)),
         command("wheel_torque", len(model.wheels)),
     )
-    angles = sensed(model, recording, "encoder", "encoder", "joint_position")
+    angles = measured_samples(model, recording, "encoder", "encoder", "joint_position")
     follow = JointMotion.of(_signal(angles[0], WELL)) if joints is None and angles is not None else None
     if all(x is None for x in (force, torque, joints, wheels, follow)):
         raise RecordingError(

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.view.channels import Samples, hidden, sensed
-from smsid.view.motion import interpolated
+from smsid.view.channels import Samples, hidden_coordinates, measured_samples
+from smsid.view.motion import interpolate
 
 SMOOTHED = 0.5  # [s] over which slopes are averaged: a rate differentiated from noisy samples is noise
 
@@ -42,22 +42,24 @@ def recorded_velocity(
 
     def put(found: Samples | None, index: np.ndarray | slice, factor: np.ndarray | float = 1.0) -> None:
         if found is not None and found[1].shape[1:] == v[0, index].shape:
-            v[:, index] = interpolated(*found, times) * factor
+            v[:, index] = interpolate(*found, times) * factor
 
     def measured(kind: str, default: str, quantity: str) -> Samples | None:
-        found = sensed(model, recording, kind, default, quantity)
+        found = measured_samples(model, recording, kind, default, quantity)
         return None if found is None else found[0]
 
     if model.free:
         put(measured("imu", "imu", "angular_rate"), slice(3, 6))
-        velocity = sensed(model, recording, "pose", "pose", "velocity")
+        velocity = measured_samples(model, recording, "pose", "pose", "velocity")
         if velocity is not None:
             samples, lever = velocity
             turn = Rotation.from_quat(q[:, 3:7])
-            v[:, :3] = turn.inv().apply(interpolated(*samples, times)) - np.cross(v[:, 3:6], lever)
+            v[:, :3] = turn.inv().apply(interpolate(*samples, times)) - np.cross(v[:, 3:6], lever)
     put(measured("encoder", "encoder", "joint_velocity"), model.arm_joints.v)
     put(measured("tachometer", "tachometer", "wheel_rate"), model.wheels.v)
-    put(hidden(recording, "modal_velocity", together=False), model.modes.v, 1.0 / model.mode_scale)
+    put(
+        hidden_coordinates(recording, "modal_velocity", together=False), model.modes.v, 1.0 / model.mode_scale
+    )
     columns = np.concatenate([np.arange(s.v.start, s.v.stop) for s in model.slosh] or [np.zeros(0)])
-    put(hidden(recording, "slosh_velocity", together=True), columns.astype(int))
+    put(hidden_coordinates(recording, "slosh_velocity", together=True), columns.astype(int))
     return v

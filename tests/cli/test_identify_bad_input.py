@@ -35,14 +35,14 @@ HOLE = (25.0, 27.0)  # [s]
 REST = tuple(s for s in SENSED if s != "tachometer.")  # nothing else tells what the wheels do
 OF_EXP1 = {"total.mass", "tank.mass", "tank.stiffness.x", "panel.linear_density", "panel.mode2.frequency"}
 OF_EXP2 = {"bus.mx", "bus.Izz", "link2.mx", "link3.mx", "link3.Iyy"}
-Told = tuple[int, str, Estimate | None]
+Discrimination = tuple[int, str, Estimate | None]
 
 
 @pytest.fixture
-def identify(tmp_path: Path, monkeypatch, capsys) -> Callable[..., Told]:
+def identify(tmp_path: Path, monkeypatch, capsys) -> Callable[..., Discrimination]:
     """Run the command on recordings, or files of them: exit code, all that it said, what it wrote."""
 
-    def run(*recordings: Recording | Path, method: str = "ml") -> Told:
+    def run(*recordings: Recording | Path, method: str = "ml") -> Discrimination:
         out, words = tmp_path / "estimate.json", [str(twin.URDF / "paper_sms.toml")]
         for k, recording in enumerate(recordings):
             if isinstance(recording, Recording):

@@ -14,7 +14,7 @@ from smsid.cli import main
 from smsid.description import load_description
 from smsid.effects import JointFriction
 from smsid.experiments import fly, named_experiment
-from smsid.identify.estimate import Estimate, judged, save_estimate
+from smsid.identify.estimate import Estimate, classify, save_estimate
 from smsid.model import build_model
 from smsid.recording import save_recording
 
@@ -42,9 +42,9 @@ def call(monkeypatch, capsys):
 def estimate(tmp_path: Path) -> Path:
     """An estimate of the described values, as good as one of Exp. 1 is."""
     known = (
-        judged("total.mass", 2256.8, "kg", 0.2, "exp1", nominal=2256.8),
-        judged("tank.mass", 49.6, "kg", 0.1, "exp1", nominal=49.6),
-        judged("panel.linear_density", 16.2, "kg/m", 0.05, "exp1", nominal=16.2),
+        classify("total.mass", 2256.8, "kg", 0.2, "exp1", nominal=2256.8),
+        classify("tank.mass", 49.6, "kg", 0.1, "exp1", nominal=49.6),
+        classify("panel.linear_density", 16.2, "kg/m", 0.05, "exp1", nominal=16.2),
     )
     save_estimate(Estimate("paper_sms", "paper", known), tmp_path / "estimate.json")
     return tmp_path / "estimate.json"

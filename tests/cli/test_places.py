@@ -15,7 +15,7 @@ import pytest
 import typer
 
 from smsid._files import atomic_write
-from smsid._guard import protecting
+from smsid._guard import protect_inputs
 from smsid.cli.app import COMMANDS, main
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.errors import OutputError
@@ -302,7 +302,7 @@ def test_a_drafted_mapping_is_replaced_until_somebody_goes_through_it(tmp_path, 
 def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):
     (tmp_path / "a").write_text("measured")
     os.link(tmp_path / "a", tmp_path / "b")
-    with protecting([tmp_path / "a"]), pytest.raises(OutputError, match="it is the input"):
+    with protect_inputs([tmp_path / "a"]), pytest.raises(OutputError, match="it is the input"):
         atomic_write(tmp_path / "b", "lost")
     assert (tmp_path / "a").read_text() == "measured"
     atomic_write(tmp_path / "b", "may be written again")

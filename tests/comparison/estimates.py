@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from smsid.description import Description, load_description
 from smsid.effects import GraspedBody
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.model import build_model
 from smsid.model.identifiable import base_parameters
@@ -79,7 +79,7 @@ def estimate(
         values = values + np.linalg.cholesky(full) @ rng.normal(size=len(full))
     sigma = np.sqrt(np.diag(full))
     found = [
-        judged(k, float(x), u, float(s), "maximum_likelihood")
+        classify(k, float(x), u, float(s), "maximum_likelihood")
         for k, x, u, s in zip(names, values, units, sigma, strict=True)
     ]
     return Estimate(description.name, "maximum_likelihood", tuple(found), (name,), covariance=full)

@@ -7,14 +7,14 @@ import pytest
 
 from smsid.comparison import compare
 from smsid.comparison.common_basis import common_basis
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 
 from .estimates import craft, estimate, grasped
 
 
 def made(values, covariance=None, group="maximum_likelihood"):
     sigma = np.sqrt(np.diag(covariance)) if covariance is not None else np.ones(len(values))
-    found = [judged(n, x, "kg", float(s), group) for (n, x), s in zip(values.items(), sigma, strict=True)]
+    found = [classify(n, x, "kg", float(s), group) for (n, x), s in zip(values.items(), sigma, strict=True)]
     return Estimate("craft", group, tuple(found), covariance=covariance)
 
 
@@ -80,7 +80,9 @@ def test_a_parameter_without_bound_hides_no_change():
     sigmas = {"a.m": 0.1, "b.m": 0.2, "c.m": np.inf}
     before, after = (
         Estimate(
-            "d", "paper", tuple(judged(n, x if n == "a.m" else 1.0, "kg", s, "g") for n, s in sigmas.items())
+            "d",
+            "paper",
+            tuple(classify(n, x if n == "a.m" else 1.0, "kg", s, "g") for n, s in sigmas.items()),
         )
         for x in (1.0, 5.0)
     )

@@ -19,7 +19,7 @@ from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import rigid_loop
 from smsid.control.statespace import hinf_norm
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, judged, save_estimate
+from smsid.identify.estimate import Estimate, classify, save_estimate
 
 APP = typer.Typer()
 APP.command()(control_command)
@@ -73,7 +73,7 @@ def test_a_stated_uncertainty_needs_no_estimate(tmp_path):
 
 def test_an_estimate_without_intervals_is_refused_for_the_weights():
     without = [
-        judged(p.name, p.value, p.unit, np.nan, p.group) if p.name == "link3.mx" else p
+        classify(p.name, p.value, p.unit, np.nan, p.group) if p.name == "link3.mx" else p
         for p in true_estimate().parameters
     ]
     estimate = Estimate("paper_sms", "paper", tuple(without))

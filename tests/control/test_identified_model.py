@@ -20,7 +20,7 @@ from smsid.description import load_description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.model.regressor import Regressor
 
@@ -64,7 +64,7 @@ def true_estimate(sigma: float = 1e-6, **changes: float) -> Estimate:
     regressor = Regressor(model)
     theta = regressor.parameters + carried_by_bus(model, regressor)
     index = {n: k for k, n in enumerate(regressor.names)}
-    found = [judged("total.mass", model.mass, "kg", sigma * model.mass, "exp1")]
+    found = [classify("total.mass", model.mass, "kg", sigma * model.mass, "exp1")]
     tank = next(e for e in model.description.effect if isinstance(e, Slosh))
     panel = next(e for e in model.description.effect if isinstance(e, BeamAppendage))
     scalars = {p.name: (p.value, p.unit) for p in tank.parameters()}
@@ -73,13 +73,13 @@ def true_estimate(sigma: float = 1e-6, **changes: float) -> Estimate:
         scalars[f"panel.mode{k}.frequency"] = mode.frequency, "Hz"
         scalars[f"panel.mode{k}.damping"] = mode.damping, "1"
     for name, (value, unit) in scalars.items():
-        found.append(judged(name, changes.get(name, value), unit, sigma * value, "exp1"))
+        found.append(classify(name, changes.get(name, value), unit, sigma * value, "exp1"))
     for name in COMBINATIONS:
         row = parsed(name, index)
         assert row is not None
         value = float(row @ theta)
         size = max(abs(value), 50.0 if ".I" in name.split(" ")[0] else 10.0)
-        found.append(judged(name, value, "SI", sigma * size, "exp2.step_b", reference=size))
+        found.append(classify(name, value, "SI", sigma * size, "exp2.step_b", reference=size))
     return Estimate("paper_sms", "paper", tuple(found))
 
 
@@ -146,9 +146,9 @@ def test_names_are_read_as_they_are_written():
 
 
 def test_combinations_leave_out_other_views_of_the_same():
-    p = judged("step A: link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
-    q = judged("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
-    r = judged("as printed: link3.mx", 40.0, "kg m", 0.1, "exp2.step_b_printed")
+    p = classify("step A: link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
+    q = classify("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
+    r = classify("as printed: link3.mx", 40.0, "kg m", 0.1, "exp2.step_b_printed")
     rows, found = combinations(Estimate("x", "paper", (p, q, r)), ("link3.mx",))
     assert found == (q,) and rows.shape == (1, 1)
 
@@ -167,7 +167,7 @@ def test_the_level_follows_the_intervals():
 def test_what_is_not_identifiable_stays_as_described():
     estimate = true_estimate()
     unseen = [
-        judged(p.name, 7.0 * p.value, p.unit, 10.0 * p.value, p.group) if p.name == "tank.damping.x" else p
+        classify(p.name, 7.0 * p.value, p.unit, 10.0 * p.value, p.group) if p.name == "tank.damping.x" else p
         for p in estimate.parameters
     ]
     found = identified_model(paper().description, Estimate("paper_sms", "paper", tuple(unseen)))
@@ -181,10 +181,10 @@ def test_bad_estimates_are_refused():
         identified_model(described, Estimate("other", "paper", ()))
     with pytest.raises(ControlError, match=r"no inertial parameters of Exp\. 2"):
         identified_model(
-            described, Estimate("paper_sms", "paper", (judged("total.mass", 1.0, "kg", 0.1, "exp1"),))
+            described, Estimate("paper_sms", "paper", (classify("total.mass", 1.0, "kg", 0.1, "exp1"),))
         )
     without = [
-        judged(p.name, p.value, p.unit, np.nan, p.group) if p.name == "link3.mx" else p
+        classify(p.name, p.value, p.unit, np.nan, p.group) if p.name == "link3.mx" else p
         for p in true_estimate().parameters
     ]
     found = identified_model(described, Estimate("paper_sms", "paper", tuple(without)))

@@ -20,7 +20,7 @@ from smsid.control.weights import weights_from_level
 from smsid.description import load_description
 from smsid.effects.slosh import Slosh
 from smsid.errors import ControlError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.model import build_model
 
 HOME = paper().joint_angles(paper().home)
@@ -103,7 +103,7 @@ def test_an_identified_spacecraft_is_robustly_stable_and_a_thousand_plants_agree
 def test_a_slosh_damping_that_may_be_nothing_is_found_by_both_bounds():
     """Its interval reaches zero: mu is about one or more there, and the worst parameters say which."""
     low = [
-        judged(p.name, p.value, p.unit, 1.0 * p.value, p.group) if "tank.damping" in p.name else p
+        classify(p.name, p.value, p.unit, 1.0 * p.value, p.group) if "tank.damping" in p.name else p
         for p in true_estimate(SIGMA).parameters
     ]
     estimate = Estimate("paper_sms", "paper", tuple(low))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from smsid.description import load_description
-from smsid.diagnose.nominal import nominal
+from smsid.diagnose.priors import nominal
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder
@@ -43,7 +43,7 @@ def known(description):
 
 @pytest.fixture(scope="package")
 def problem(known, recording):
-    data = measured(known.point.base, recording, description_sensors(known))
+    data = measurements_of(known.point.base, recording, description_sensors(known))
     return Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
 
 

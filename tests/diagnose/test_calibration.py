@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from smsid.diagnose import blocks, verdict
-from smsid.diagnose.accept import Levels, accept, simplest, told_apart
-from smsid.diagnose.blocks import Block, adequacy, whiteness
-from smsid.diagnose.candidates import Candidate, Score, correlation, least_squares
-from smsid.diagnose.prune import pruned
+from smsid.diagnose import specification_tests as blocks
+from smsid.diagnose import verdict
+from smsid.diagnose.backward_elimination import eliminate_backward
+from smsid.diagnose.model_comparison import DetectionThresholds, accept, is_distinguishable, simplest_law
+from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
+from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction
 from smsid.estimation.sensitivities import Sensitivity
@@ -49,7 +50,11 @@ def test_the_searched_pay_for_every_variant_and_those_with_a_sign_half():
     assert searched.p_value == pytest.approx(30 * chi2.sf(12.0, 2))
     assert replace(plain, sides=1).p_value == pytest.approx(0.5 * chi2.sf(12.0, 2))
     paid = plain.information_gain(1000) - searched.information_gain(1000)
-    assert paid == pytest.approx(2 * np.log(30)) == plain.odds(1000) - searched.odds(1000)
+    assert (
+        paid
+        == pytest.approx(2 * np.log(30))
+        == plain.log_posterior_odds(1000) - searched.log_posterior_odds(1000)
+    )
 
 
 def test_a_direction_that_rounding_leaves_is_no_parameter():
@@ -73,11 +78,11 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     ratio = float(chi2.isf(1e-3, 1))
     run = SimpleNamespace(samples=1000)
     found = SimpleNamespace(objective=0.0, run=run, unknowns=())
-    monkeypatch.setattr("smsid.diagnose.accept.refit", lambda current, s: found)
-    monkeypatch.setattr("smsid.diagnose.accept.wald", lambda found, candidate: 1e3)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s: found)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
     best = score(ratio, 1)
-    assert (accept(current, best, [best], Levels(), tried)[0] is not None) is named
+    assert (accept(current, best, [best], DetectionThresholds(), tried)[0] is not None) is named
 
 
 def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):
@@ -86,12 +91,15 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
     def wald(found, candidate, *, held=False, strength=False):
         return 12.0 if candidate.location == "joint1" else 50.0
 
-    monkeypatch.setattr("smsid.diagnose.prune.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.prune.evaluate", lambda *_: fitted(1.0))
-    monkeypatch.setattr("smsid.diagnose.prune.refit", lambda *_: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.evaluate", lambda *_: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.refit", lambda *_: fitted(1.0))
     causes = [cause("joint1"), cause("joint2")]
     for tried, kept in ((1, 2), (60, 1)):
-        assert len(pruned(list(causes), fitted(0.0), fitted(1.0), Levels(), tried)[0]) == kept
+        assert (
+            len(eliminate_backward(list(causes), fitted(0.0), fitted(1.0), DetectionThresholds(), tried)[0])
+            == kept
+        )
 
 
 def test_correlation_in_time_is_found_as_often_as_by_chance():
@@ -116,9 +124,9 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     fit.run, fit.left = None, lambda c: fit._parted(c)[0]
     named = [("torque of joint", "rate", [Sensitivity()] * each)] * tests
     for part in ("_bus", "_hidden", "_channels", "whiteness"):
-        monkeypatch.setattr(f"smsid.diagnose.blocks.{part}", lambda found: [])
-    monkeypatch.setattr("smsid.diagnose.blocks._torques", lambda found: named)
-    monkeypatch.setattr("smsid.diagnose.blocks.propagate", lambda run, changes: columns)
+        monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])
+    monkeypatch.setattr("smsid.diagnose.specification_tests._torques", lambda found: named)
+    monkeypatch.setattr("smsid.diagnose.specification_tests.propagate", lambda run, changes: columns)
     found = adequacy(fit)
     assert {b.freedom for b in found} == {each}
     # one residual for all, of `rows` dimensions beside the fitted parameters: a test of k takes k of them
@@ -138,12 +146,12 @@ def test_the_limits_are_seen_in_nineteen_cases_of_twenty():
     own = Candidate("joint_friction", "joint1", "friction", "viscous", effect, ("rub.viscous",), (2.0,))
     found = Score(own, 1.0, 1, np.zeros(1), np.array([[0.09]]), 1.0, np.zeros((0, 1)), np.zeros((0, 1)))
     search = SimpleNamespace(
-        levels=Levels(), candidates=60, scores=(found,), last=SimpleNamespace(unknowns=())
+        levels=DetectionThresholds(), candidates=60, scores=(found,), last=SimpleNamespace(unknowns=())
     )
     (limit,) = verdict.limits(search)
     sigma = 2.0 * 0.3
     draws = limit.value / sigma + np.random.default_rng(5).standard_normal(20_000)
-    share = np.mean(np.abs(draws) > norm.isf(Levels().candidate / 60 / 2))
+    share = np.mean(np.abs(draws) > norm.isf(DetectionThresholds().candidate / 60 / 2))
     assert share == pytest.approx(0.95, abs=0.006)
 
 
@@ -167,7 +175,9 @@ def test_most_of_what_was_not_followed_has_to_go(followed, said):
 
 
 def test_a_generic_test_pays_for_its_variants():
-    assert Block("torque of joint1", "angle", 30.0, 2, grid=5).p_value == pytest.approx(5 * chi2.sf(30.0, 2))
+    assert SpecificationTest("torque of joint1", "angle", 30.0, 2, grid=5).p_value == pytest.approx(
+        5 * chi2.sf(30.0, 2)
+    )
 
 
 def laws(ratio: float, extended: float) -> tuple[Score, Score]:
@@ -184,11 +194,11 @@ def test_a_law_that_extends_another_is_rejected_by_chance_in_one_case_of_twenty(
     beyond = float(chi2.isf(THRESHOLDS.nested, 1))
     for more, rejected in ((beyond - 0.1, True), (beyond + 0.1, False)):
         plain, larger = laws(100.0, 100.0 + more)
-        assert told_apart(plain, larger, 10_000, Levels()) is rejected
+        assert is_distinguishable(plain, larger, 10_000, DetectionThresholds()) is rejected
 
 
 def test_the_simplest_law_that_explains_as_much_comes_first():
     plain, larger = laws(99.0, 100.0)
-    assert simplest(larger, [larger, plain], 10_000, Levels()) is plain
+    assert simplest_law(larger, [larger, plain], 10_000, DetectionThresholds()) is plain
     plain, larger = laws(60.0, 100.0)
-    assert simplest(larger, [larger, plain], 10_000, Levels()) is larger
+    assert simplest_law(larger, [larger, plain], 10_000, DetectionThresholds()) is larger

@@ -8,7 +8,7 @@ import pytest
 from smsid.cli import main
 from smsid.diagnose import diagnose, load_diagnosis, save_diagnosis
 from smsid.errors import SmsidError
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.recording import Recording, save_recording
 
 
@@ -46,7 +46,7 @@ def test_what_cannot_be_judged_is_not_evaluated_with_the_reason(
 
 
 def test_an_estimate_of_another_spacecraft_is_not_used(description, recording):
-    other = Estimate("other", "paper", (judged("left_panel.gain", 1.0, "1", 0.1, "exp1"),))
+    other = Estimate("other", "paper", (classify("left_panel.gain", 1.0, "1", 0.1, "exp1"),))
     found = diagnose(description, [recording], estimate=other).diagnosis
     assert found.verdict == "not_evaluated"
     assert "another spacecraft" in found.sentence

@@ -10,7 +10,7 @@ from smsid.effects import Payload, SensorBias
 from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, recordings_of, samples_in
 from smsid.estimation.kalman import KalmanFilter, Noise, Problem, Timing, run_filter
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -37,7 +37,9 @@ def joined(flown, description):
     placed = on_one_clock([flown(1), flown(2, HELD)], labels)
     none = np.array([], dtype=int)
     alone = [
-        Problem(p.recording, measured(point.base, p.recording, sensors), none, Timing("linear"), Noise())
+        Problem(
+            p.recording, measurements_of(point.base, p.recording, sensors), none, Timing("linear"), Noise()
+        )
         for p in placed
     ]
     return point, joint_problem(alone, placed)

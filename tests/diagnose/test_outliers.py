@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.faults import Fault
-from smsid.diagnose.outliers import counted_again, outliers, shared
+from smsid.diagnose.outliers import outlier_share, outliers, recount_outliers
+from smsid.diagnose.sensor_faults import Fault
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_the_share_counts_outliers_no_larger_than_noise(share, kind):
         x = rng.standard_normal(1600)
         x[hit] += draw(int(hit.sum()))
         hits = int((np.abs(x) > 6.0).sum())
-        found, sigma, among = shared(x, hits)
+        found, sigma, among = outlier_share(x, hits)
         off.append((found - share) / sigma)
         counting.append((hits / 1600 - share) / sigma)
         marks.append((np.count_nonzero(among & ~hit), np.count_nonzero(among & hit) / np.count_nonzero(hit)))
@@ -125,7 +125,7 @@ def test_the_share_is_that_of_readings_that_no_longer_pull_the_filter_along(data
     blocks = tuple(replace(b, later=((start, late),)) if b is block else b for b in data.blocks)
     problem = SimpleNamespace(data=replace(data.without(marked), sigma=size, blocks=blocks))
     first = Fault("outliers", block.channel, data.names[row], 0.08, 0.01, marked)
-    (again,) = counted_again([first], data, problem, run)
+    (again,) = recount_outliers([first], data, problem, run)
     assert again.value == pytest.approx(hit.mean(), abs=3.0 * again.sigma)
     assert again.sigma < 0.01 and again.samples is marked
 
@@ -141,19 +141,19 @@ def test_what_a_fit_without_them_follows_is_no_outlier(data):
         normalised=normalised, errors=normalised * data.sigma, predicted=predicted, used=~marked
     )
     fault = Fault("outliers", "encoder.joint_position", data.names[row], 0.003, 0.001, marked)
-    assert not counted_again([fault], data, SimpleNamespace(data=data.without(marked)), run)
+    assert not recount_outliers([fault], data, SimpleNamespace(data=data.without(marked)), run)
 
 
 def test_noise_with_heavy_tails_has_few_outliers_at_most():
     rng = np.random.default_rng(12)
     for _ in range(30):
         x = rng.standard_t(5, 1600) / np.sqrt(5.0 / 3.0)
-        share, _, among = shared(x, 3)
+        share, _, among = outlier_share(x, 3)
         assert share < 0.01 and among.sum() < 16
 
 
 def test_too_few_to_tell_a_distribution_are_counted():
     x = np.random.default_rng(9).standard_normal(1000)
     x[[200, 500]] = 15.0, -12.0
-    share, sigma, among = shared(x, 2)
+    share, sigma, among = outlier_share(x, 2)
     assert share == 0.002 and sigma == pytest.approx(np.sqrt(0.002 * 0.998 / 1000)) and not among.any()

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from smsid.diagnose import Diagnosis, load_diagnosis, save_diagnosis
-from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value
+from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.errors import SmsidError
 
 CAUSE = FoundCause(

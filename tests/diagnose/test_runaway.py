@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import diagnose
-from smsid.diagnose.foreign import SETTLE, motion_left
+from smsid.diagnose.open_loop_check import SETTLE, unexplained_fraction
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate
 
@@ -61,7 +61,7 @@ def test_a_validation_flight_that_does_not_run_away_has_a_gain(description, reco
 def test_the_motion_left_is_not_a_number_where_the_simulation_runs_away(known, problem):
     fitted = evaluate(known.point, known.unknowns[:1], problem)
     noise = dict.fromkeys((b.channel for b in problem.data.blocks), 1.0)
-    assert motion_left(fitted, noise) < 0.1
+    assert unexplained_fraction(fitted, noise) < 0.1
     begin = float(problem.data.times[0]) + SETTLE + 0.2  # by itself already
     lost = replace(problem, recording=runaway(problem.recording, begin))
-    assert np.isnan(motion_left(replace(fitted, problem=lost), noise))
+    assert np.isnan(unexplained_fraction(replace(fitted, problem=lost), noise))

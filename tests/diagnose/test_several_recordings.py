@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from smsid.diagnose.nominal import nominal
-from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import search
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.priors import nominal
+from smsid.diagnose.stepwise import search
 from smsid.diagnose.verdict import causes
 from smsid.effects import JointFriction
 from smsid.estimation.joint_problem import joint_problem, on_one_clock, recordings_of, thinned
 from smsid.estimation.kalman import KalmanFilter, Noise, Problem, Timing
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -39,7 +39,7 @@ def searched(description):
         none = np.array([], dtype=int)
         alone = [
             Problem(
-                p.recording, measured(base, p.recording, sensors), none, Timing("linear"), Noise(),
+                p.recording, measurements_of(base, p.recording, sensors), none, Timing("linear"), Noise(),
                 known.joint,
             )
             for p in placed

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from smsid.diagnose.accept import Levels
+from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, Thresholds, thresholds_reference
 from smsid.diagnose.torque.search import TorqueLevels
 
@@ -28,7 +28,7 @@ def test_nobody_changes_them_on_the_way():
 
 
 def test_levels_are_those_of_the_table():
-    assert Levels().candidate == THRESHOLDS.candidate == 0.003
+    assert DetectionThresholds().candidate == THRESHOLDS.candidate == 0.003
     assert TorqueLevels().block == THRESHOLDS.torque_block == 0.001
 
 

@@ -9,7 +9,7 @@ import pytest
 from smsid.estimation.flight import flight_of
 from smsid.estimation.kalman import KalmanFilter, UnknownInput
 from smsid.estimation.map_estimate import columns_of
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unknowns import unknowns_of
@@ -94,7 +94,7 @@ def test_clocks_of_their_own_are_all_read(known, recording):
     }
     log = Recording.from_arrays(None, channels, name="two clocks")
     sensors = known.point.description.effective_sensors()
-    data = measured(known.point.base, log, sensors, longest=0.01)
+    data = measurements_of(known.point.base, log, sensors, longest=0.01)
     gyro, attitude = (next(b for b in data.blocks if b.channel == c) for c in channels)
     assert np.isfinite(data.values[:, gyro.rows]).all(axis=1).sum() == len(rates)
     assert np.isfinite(data.values[:, attitude.rows]).all(axis=1).sum() == len(pose)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from smsid.description import load_description, save_description
-from smsid.diagnose.extension import with_inertial_shifts
+from smsid.diagnose.extended_description import with_inertial_shifts
 from smsid.effects import SensorScale
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point

@@ -9,7 +9,7 @@ from smsid.effects import ThrusterGain
 from smsid.estimation.input_hold import curved, locked
 from smsid.estimation.input_timing import timing_of, timings
 from smsid.estimation.kalman import Noise, Problem, Timing
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.recording import Recording
 
 
@@ -20,7 +20,7 @@ def thrust(flown):
 
 
 def problem_of(point, recording):
-    data = measured(point.base, recording, point.description.effective_sensors()).thinned(25.0)
+    data = measurements_of(point.base, recording, point.description.effective_sensors()).thinned(25.0)
     return Problem(recording, data, locked(point.base, recording), Timing(), Noise())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.description import load_description
-from smsid.diagnose.nominal import nominal
+from smsid.diagnose.priors import nominal
 from smsid.effects import ExternalWrench, JointFriction
 from smsid.errors import RecordingError
 from smsid.estimation.input_hold import locked
@@ -20,7 +20,7 @@ from smsid.estimation.joint_problem import (
 )
 from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.sensitivities import propagate
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -70,8 +70,8 @@ def alone(known, placed):
     base = known.point.base
     return [
         Problem(
-            p.recording, measured(base, p.recording, sensors), locked(base, p.recording), Timing("linear"),
-            Noise(), known.joint,
+            p.recording, measurements_of(base, p.recording, sensors), locked(base, p.recording),
+            Timing("linear"), Noise(), known.joint,
         )
         for p in placed
     ]  # fmt: skip

@@ -11,9 +11,9 @@ from scipy.optimize import minimize
 from smsid.effects.friction import JointFriction
 from smsid.estimation import map_estimate as fitting
 from smsid.estimation.map_estimate import evaluate, fit
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.trust_region import bounded_step, damping_within, reach, shortened, sizes
+from smsid.estimation.trust_region import bounded_step, damping_within, next_radius, room_within_bounds, sizes
 from smsid.experiments import fly, named_experiment
 
 
@@ -62,7 +62,7 @@ def test_no_step_leads_up_where_bounds_hold_it(known, problem):
         ]
         held = replace(start, unknowns=tuple(bound))
         step = bounded_step(held)
-        low, high = reach(held.point, held.unknowns)
+        low, high = room_within_bounds(held.point, held.unknowns)
         assert (step >= low - 1e-9).all() and (step <= high + 1e-9).all()
 
         def off(x):
@@ -127,9 +127,9 @@ def test_what_a_bound_holds_does_not_shorten_the_rest(wanted):
 
 def test_a_step_that_led_up_is_followed_by_one_to_the_lowest_point_of_a_parabola():
     """Down by 2 a unit at first, up by 4 at the end of 3 units: -6 s + 10 s^2 in shares of the step."""
-    assert shortened(3.0, 6.0, 4.0) == pytest.approx(0.9)
-    assert shortened(3.0, 6.0, 1e9) == pytest.approx(0.15)
-    assert shortened(3.0, 6.0, np.inf) == pytest.approx(0.15)
+    assert next_radius(3.0, 6.0, 4.0) == pytest.approx(0.9)
+    assert next_radius(3.0, 6.0, 1e9) == pytest.approx(0.15)
+    assert next_radius(3.0, 6.0, np.inf) == pytest.approx(0.15)
 
 
 def test_a_bent_valley_is_followed_to_its_end(known, problem):
@@ -142,7 +142,7 @@ def test_a_bent_valley_is_followed_to_its_end(known, problem):
     model = point.model()
     plan = named_experiment("exp2", model).model_copy(update={"duration": 12.0})
     recording = fly(model, plan, np.random.default_rng(5)).recording
-    here = replace(problem, recording=recording, data=measured(model, recording, point.sensors()))
+    here = replace(problem, recording=recording, data=measurements_of(model, recording, point.sensors()))
     free = [
         Unknown(p.name, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
         for p in true.parameters()

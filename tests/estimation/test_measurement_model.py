@@ -7,7 +7,7 @@ import pytest
 from smsid.description import load_description
 from smsid.effects import BeamMode, GearCompliance, GeometricStiffness
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -98,7 +98,7 @@ def test_a_welded_arm_reads_its_encoder_beside_sensors_of_a_bus_it_does_not_have
     channels = {"imu.angular_rate": (20, 3), "imu.acceleration": (20, 3), "encoder.joint_position": (20, 1)}
     arrays = {name: rng.normal(size=shape) for name, shape in channels.items()}
     recording = Recording.from_arrays(times, arrays | {"pose.attitude": still}, labels={"joint": ("wrist",)})
-    outputs = MeasurementModel(model, measured(model, recording, sensors))
+    outputs = MeasurementModel(model, measurements_of(model, recording, sensors))
     h, by_q, by_v, by_a = outputs.predict(np.array([0.3]), np.array([0.1]), np.array([0.2]))
     (encoder,) = (b for b in outputs.data.blocks if b.quantity == "joint_position")
     np.testing.assert_allclose(h[encoder.rows], 0.3)

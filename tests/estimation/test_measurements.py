@@ -7,7 +7,7 @@ import pytest
 from smsid.effects import SensorBias
 from smsid.errors import RecordingError
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.recording import Recording
 from smsid.simulate.trajectory import States
 
@@ -27,7 +27,7 @@ def test_a_recording_of_other_sensors_is_refused(known, recording):
         recording.time(), {"elsewhere.angular_rate": np.asarray(recording["imu.angular_rate"])}
     )
     with pytest.raises(RecordingError, match="nothing the sensors"):
-        measured(known.point.base, other, known.point.description.sensor)
+        measurements_of(known.point.base, other, known.point.description.sensor)
 
 
 def test_a_bias_that_begins_midway_is_there_from_then_on(known, problem):

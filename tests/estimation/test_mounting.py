@@ -8,7 +8,7 @@ import pytest
 
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities
 
@@ -39,7 +39,7 @@ def test_a_reading_is_that_of_the_sensor(turned, recording, quantity):
     )
     error = type(sensor.error(quantity)).model_validate(ERRORS[quantity])
     sensor = sensor.model_copy(update={"errors": {quantity: error}, "quantities": (quantity,)})
-    block = measured(point.base, recording, [sensor]).blocks[0]
+    block = measurements_of(point.base, recording, [sensor]).blocks[0]
     rng, times = np.random.default_rng(1), np.arange(3.0)
     if quantity == "attitude":
         truth = pin.Quaternion(pin.exp3(np.array([0.3, 0.2, -0.5])))

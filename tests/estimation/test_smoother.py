@@ -19,7 +19,7 @@ from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.smoother import bryson_frazier, smoothed_states
 from smsid.estimation.unknowns import unknowns_of
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.recording import load_recording, save_recording
 
 from .satellite import Satellite, guess, recorded
@@ -138,7 +138,7 @@ def estimated(description, recording):
         equations = normal_equations(point, unknowns, [flight])
         point = point.moved(unknowns, np.linalg.solve(equations.gram, equations.slope) * equations.scales)
     equations = normal_equations(point, unknowns, [flight])
-    bias = judged("flight: gyro.acceleration.bias.x", 1e-5, "m/s^2", 1e-6, "nuisance")
+    bias = classify("flight: gyro.acceleration.bias.x", 1e-5, "m/s^2", 1e-6, "nuisance")
     more = [replace(bias, name=bias.name.replace("bias.x", f"bias.{a}")) for a in "yz"]
     estimate = Estimate("satellite", "maximum_likelihood", (bias, *more))
     quality = fit_quality(equations)

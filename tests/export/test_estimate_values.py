@@ -7,14 +7,14 @@ import pytest
 
 from smsid.description import load_description
 from smsid.export import with_estimate
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 
 from .machines import URDF
 
 
 def estimate(**values):
     """name -> (value, sigma), with underscores doubled for dots."""
-    parameters = [judged(n.replace("__", "."), x, "1", s, "exp1") for n, (x, s) in values.items()]
+    parameters = [classify(n.replace("__", "."), x, "1", s, "exp1") for n, (x, s) in values.items()]
     return Estimate("paper_sms", "test", tuple(parameters))
 
 

@@ -16,9 +16,9 @@ from smsid.description.robots import robot_urdf
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.export import export_folder
 from smsid.export.bodies import parse_combination, urdf_bodies
-from smsid.identify.estimate import Estimate, judged, save_estimate
+from smsid.identify.estimate import Estimate, classify, save_estimate
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.likelihood.pseudo_inertia import factor, is_body, moved, parameters_of
+from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor
 from smsid.model import build_model
 from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
@@ -71,7 +71,7 @@ def test_a_robot_of_example_robot_data_comes_back_with_its_meshes(tmp_path):
 def other_bodies(description, rng):
     """Physical bodies that differ from the described ones by about a tenth."""
     return {
-        joint: parameters_of(moved(factor(theta), 0.05 * rng.normal(size=10)))
+        joint: parameters_of(step_factor(factor(theta), 0.05 * rng.normal(size=10)))
         for joint, theta in urdf_bodies(description).items()
     }
 
@@ -103,7 +103,8 @@ def perfect_estimate(model):
         u: np.abs([v for v, w in zip(values, base.units, strict=True) if w == u]).max() for u in base.units
     }
     parameters = [
-        judged(n, x, u, 1e-5 * size[u], "arm") for n, u, x in zip(base.names, base.units, values, strict=True)
+        classify(n, x, u, 1e-5 * size[u], "arm")
+        for n, u, x in zip(base.names, base.units, values, strict=True)
     ]
     return Estimate(model.description.name, "test", tuple(parameters))
 
@@ -181,7 +182,7 @@ def test_a_folder_in_use_is_left_alone(tmp_path):
 
 
 def test_nothing_is_left_of_an_export_that_fails(tmp_path):
-    strange = Estimate("bench", "test", (judged("nothing.m", 1.0, "kg", 0.1, "arm"),))
+    strange = Estimate("bench", "test", (classify("nothing.m", 1.0, "kg", 0.1, "arm"),))
     with pytest.raises(SmsidError, match="no inertial combination"):
         export_folder(MACHINES["bench"](), tmp_path / "out", strange)
     assert list(tmp_path.iterdir()) == []

@@ -102,7 +102,7 @@ def test_a_simulation_errs_by_what_the_first_flight_left_unknown(monkeypatch, fi
 def test_what_stays_unknown_costs_on_the_held_out_flight_what_the_tool_says_too(tmp_path):
     """The filter's own derivatives and covariance predict the same excess as simulations of the world."""
     from smsid.diagnose.diagnose import RATE
-    from smsid.diagnose.gain import read_like
+    from smsid.diagnose.validation import read_like
     from smsid.estimation.map_estimate import evaluate
     from smsid.recording import load_recording
 

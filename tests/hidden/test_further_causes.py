@@ -7,13 +7,13 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose import diagnose
-from smsid.diagnose.accept import Levels, simplest
-from smsid.diagnose.candidates import scored, signatures
-from smsid.diagnose.nominal import nominal
-from smsid.diagnose.proposals import propose
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.model_comparison import DetectionThresholds, simplest_law
+from smsid.diagnose.priors import nominal
+from smsid.diagnose.score_test import scored, signatures
 from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from tests.estimation.effect_cases import by_name, fly
 from tests.hidden.description import write_description
 from tests.hidden.experiment import commands
@@ -38,16 +38,16 @@ def test_it_scores_best(name, tmp_path):
     made = recording(world, commands(case.world, 0, 20.0), rng, [case.change(1.0)], name=name)
     known = nominal(load_description(write_description(world, tmp_path)), None)
     point = known.point
-    data = measured(point.base, made, point.description.effective_sensors())
+    data = measurements_of(point.base, made, point.description.effective_sensors())
     problem = Problem(made, data, np.array([], dtype=int), Timing("held", "left"), Noise())
     found = evaluate(point, known.unknowns, problem)
     every = propose(point, problem, known.unknowns)
     columns = signatures(found, every)
     scores = scored(found, [every[i] for i in columns], list(columns.values()))
     samples = found.run.samples
-    scores.sort(key=lambda s: -s.odds(samples))
-    best = simplest(scores[0], scores, samples, Levels()).candidate
-    told = [(s.candidate.key, round(s.odds(samples), 1)) for s in scores[:4]]
+    scores.sort(key=lambda s: -s.log_posterior_odds(samples))
+    best = simplest_law(scores[0], scores, samples, DetectionThresholds()).candidate
+    told = [(s.candidate.key, round(s.log_posterior_odds(samples), 1)) for s in scores[:4]]
     assert (best.kind, best.location, best.shape) == (case.kind, location, shape), told
 
 

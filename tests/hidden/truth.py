@@ -35,7 +35,7 @@ def against_truth(
     if point is None:
         return None
     from smsid.diagnose.diagnose import RATE
-    from smsid.diagnose.gain import gain
+    from smsid.diagnose.validation import gain
     from smsid.errors import SmsidError
     from smsid.recording import load_recording
 

@@ -11,7 +11,7 @@ from smsid.errors import DescriptionError
 from smsid.export import with_estimate
 from smsid.identify import identify
 from smsid.identify.appendages import as_beam, as_described, described_modes, linear_appendages
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.identify.identified import identified_modes
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.likelihood.combinations import carried_matrix
@@ -125,7 +125,7 @@ def test_identified_in_the_terms_of_the_description(effects):
 
 def test_an_estimate_goes_into_a_panel_that_softens():
     described = paper().with_effects(*ERRORS, SOFT, MORE)
-    values = (judged("panel.mode1.frequency", 0.047, "Hz", 1e-4, "exp1"),)
+    values = (classify("panel.mode1.frequency", 0.047, "Hz", 1e-4, "exp1"),)
     found, _ = with_estimate(described, Estimate("paper_sms", "test", values))
     panel = found.get_effect("panel")
     assert isinstance(panel, BeamAppendage)

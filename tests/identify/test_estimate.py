@@ -19,8 +19,8 @@ from smsid.identify.estimate import (
     Estimate,
     Iteration,
     ParameterEstimate,
+    classify,
     distinct,
-    judged,
     load_estimate,
     save_estimate,
     with_distinct_names,
@@ -32,10 +32,10 @@ def example() -> Estimate:
         description="demo",
         method="paper",
         parameters=(
-            judged("M", 2256.8, "kg", 0.7, "exp1", nominal=2000.0),
-            judged("b", 0.02, "N s/m", 0.03, "exp1"),
-            judged("lost", math.nan, "kg", math.nan, "exp1"),
-            judged("small", 0.01, "kg m", 0.1, "exp2", reference=50.0),
+            classify("M", 2256.8, "kg", 0.7, "exp1", nominal=2000.0),
+            classify("b", 0.02, "N s/m", 0.03, "exp1"),
+            classify("lost", math.nan, "kg", math.nan, "exp1"),
+            classify("small", 0.01, "kg m", 0.1, "exp2", reference=50.0),
         ),
         recordings=("exp1", "exp2"),
         timing={"Exp. 1": 0.5},
@@ -123,18 +123,18 @@ def test_never_a_bare_number():
 )
 def test_status_at_the_border(sigma: float, status: str):
     """Identifiable below 10 % of the value, or of the reference for a small one."""
-    assert judged("x", -1.0, "kg", sigma, "g").status == status
-    assert judged("x", 1e-3, "kg", 50 * sigma, "g", reference=50.0).status == status
+    assert classify("x", -1.0, "kg", sigma, "g").status == status
+    assert classify("x", 1e-3, "kg", 50 * sigma, "g", reference=50.0).status == status
 
 
 def test_what_cannot_be_identified_says_how_far_off_it_is():
-    assert "50 % of its size" in judged("x", 2.0, "kg", 1.0, "g").note
-    assert judged("x", 2.0, "kg", 1.0, "g", note="own words").note == "own words"
-    assert judged("x", 0.0, "kg", 1.0, "g").status == "not_identifiable"
+    assert "50 % of its size" in classify("x", 2.0, "kg", 1.0, "g").note
+    assert classify("x", 2.0, "kg", 1.0, "g", note="own words").note == "own words"
+    assert classify("x", 0.0, "kg", 1.0, "g").status == "not_identifiable"
 
 
 def test_interval_and_errors():
-    p = judged("x", 10.0, "kg", 1.0, "g", reference=40.0)
+    p = classify("x", 10.0, "kg", 1.0, "g", reference=40.0)
     assert p.interval == pytest.approx((8.04, 11.96), abs=1e-3)
     assert p.relative_sigma == pytest.approx(0.025)
     assert p.relative_error(8.0) == pytest.approx(0.25)
@@ -218,8 +218,8 @@ def test_known_parameters_have_no_interval_to_speak_of():
 
 def test_a_name_is_unique():
     twice = (
-        judged("link1.mx", 1.0, "kg m", 0.1, "exp2.step_b"),
-        judged("link1.mx", 2.0, "kg m", 0.1, "other"),
+        classify("link1.mx", 1.0, "kg m", 0.1, "exp2.step_b"),
+        classify("link1.mx", 2.0, "kg m", 0.1, "other"),
     )
     with pytest.raises(EstimateError, match=r"2 parameters .* 'link1.mx' \(groups exp2.step_b, other\)"):
         Estimate("demo", "paper", twice)
@@ -294,7 +294,7 @@ def test_frozen():
 def test_repr_can_be_read():
     """At most 30 lines of 110 characters, with what is asked for and how to get at the rest."""
     terms = " + ".join(f"{k} link{k}.Ixx" for k in range(1, 12))
-    many = tuple(judged(f"link{k}.Izz + {terms}", 1.0, "kg m^2", 0.01, "g") for k in range(200))
+    many = tuple(classify(f"link{k}.Izz + {terms}", 1.0, "kg m^2", 0.01, "g") for k in range(200))
     for estimate in (example(), Estimate("demo", "ml", many), Estimate("demo", "ml", ())):
         lines = repr(estimate).splitlines()
         assert len(lines) <= 30 and max(map(len, lines)) <= 110
@@ -304,7 +304,7 @@ def test_repr_can_be_read():
 
 
 def test_html_escapes_and_names_all():
-    found = Estimate("<demo>", "ml", (judged("a<b", 1.0, "kg", 0.01, "g"),))
+    found = Estimate("<demo>", "ml", (classify("a<b", 1.0, "kg", 0.01, "g"),))
     text = found._repr_html_()
     assert "&lt;demo&gt;" in text and "a&lt;b" in text and "<b" not in text.replace("<tbody", "")
 
@@ -333,7 +333,7 @@ NAMES = st.lists(
 @given(NAMES)
 def test_whatever_groups_share_a_name_every_lookup_finds_its_own(tmp_path_factory, pairs):
     """By name, in the table, in the file, in the correlation: the parameter of that place."""
-    rows = [judged(name, float(k), "kg", 1.0 + k, group) for k, (name, group) in enumerate(pairs)]
+    rows = [classify(name, float(k), "kg", 1.0 + k, group) for k, (name, group) in enumerate(pairs)]
     if len({name for name, _ in pairs}) < len(pairs):
         with pytest.raises(EstimateError, match="parameters of the estimate are called"):
             Estimate("d", "ml", tuple(rows))

@@ -13,9 +13,9 @@ from smsid.identify.hidden_states import hidden_states
 from smsid.identify.modal_state import ModalState
 from smsid.identify.momentum import HiddenStates, step_a, step_b
 from smsid.identify.motion import Motion, prepare
+from smsid.identify.noise_replicates import add_noise_replicate
 from smsid.identify.robust import hac_covariance, inverse_root
-from smsid.identify.row_sums import RowSums, ScoreSums
-from smsid.identify.shaken import shaken
+from smsid.identify.square_root_information import RowSums, ScoreSums
 from smsid.identify.streamed import identify_streamed, momentum_of_chunks, with_hidden_states
 from smsid.model import SpacecraftModel
 from smsid.recording import Recording
@@ -29,7 +29,7 @@ def recorded(model: SpacecraftModel, twin_flight: Recording) -> Recording:
 
 @pytest.fixture(scope="module")
 def whole(model: SpacecraftModel, recorded: Recording) -> Motion:
-    noisier = shaken(recorded, model.description.sensor, np.random.default_rng(0))
+    noisier = add_noise_replicate(recorded, model.description.sensor, np.random.default_rng(0))
     return replace(prepare(model, recorded), again=prepare(model, noisier))
 
 

@@ -117,8 +117,8 @@ def test_neither_units_nor_a_drift_nor_a_gap_nor_a_dead_output_choose_the_modes(
     y = structure(CLOSE[:1])[:6000, :2]
     (plain,) = ambient_modes(y, RATE, highest_frequency=12.0, replicates=4).modes
     t = np.linspace(0.0, 1.0, len(y))[:, None]
-    spoilt = np.column_stack([y * [1.0, 1e-3] + 9.81 + 50.0 * t, np.full(len(y), 9.81)])
-    (mode,) = ambient_modes(spoilt, RATE, highest_frequency=12.0, replicates=4).modes
+    with_error = np.column_stack([y * [1.0, 1e-3] + 9.81 + 50.0 * t, np.full(len(y), 9.81)])
+    (mode,) = ambient_modes(with_error, RATE, highest_frequency=12.0, replicates=4).modes
     assert mode.frequency == pytest.approx(plain.frequency, rel=2e-3)
     ratio = mode.shape[:2] * [1.0, 1e3]
     assert mode.shape[2] == 0.0

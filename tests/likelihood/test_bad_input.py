@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from smsid.errors import RecordingError
-from smsid.identify.usable import outliers, spikes, usable
+from smsid.identify.valid_samples import outliers, spikes, usable_samples
 from smsid.likelihood import Refinement, refine
-from smsid.likelihood.local import Nuisance
-from smsid.likelihood.piece import piece_of
+from smsid.likelihood.nuisance_parameters import Nuisance
+from smsid.likelihood.recording_term import piece_of
 from smsid.likelihood.spline import Samples, fit_motion
 from smsid.recording import Recording
 
@@ -99,14 +99,14 @@ def test_joint_motion_with_spikes_and_a_gap():
 
 def test_what_is_usable():
     values = np.array([[0.0, 1.0], [np.nan, 1.0], [3.0, 0.0], [1.0, -3.0]])
-    np.testing.assert_array_equal(usable(values, "acceleration", 3.0), [True, False, False, False])
+    np.testing.assert_array_equal(usable_samples(values, "acceleration", 3.0), [True, False, False, False])
     quaternions = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.1]])
-    np.testing.assert_array_equal(usable(quaternions, "attitude", None), [True, False])
+    np.testing.assert_array_equal(usable_samples(quaternions, "attitude", None), [True, False])
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((2000, 1))
-    assert usable(noise, "velocity", None).all()
-    assert usable(np.round(noise), "velocity", None).all()  # quantised, not clipped
-    clipped = usable(np.minimum(noise, 1.0), "velocity", None)
+    assert usable_samples(noise, "velocity", None).all()
+    assert usable_samples(np.round(noise), "velocity", None).all()  # quantised, not clipped
+    clipped = usable_samples(np.minimum(noise, 1.0), "velocity", None)
     assert np.count_nonzero(~clipped) == np.count_nonzero(noise >= 1.0)
 
 

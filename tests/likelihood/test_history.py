@@ -9,9 +9,9 @@ from smsid.likelihood import Nuisance, refine
 from smsid.likelihood.fit import evaluate, fit
 from smsid.likelihood.history import history_of
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import piece_of
 from smsid.likelihood.point import Point
 from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import piece_of
 from smsid.model import build_model
 
 from . import twin

@@ -8,10 +8,10 @@ import pytest
 from scipy.linalg import expm
 
 from smsid.errors import DescriptionError
-from smsid.likelihood.pseudo_inertia import factor, is_body, moved, parameters_of, tangent
+from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
 from smsid.likelihood.runge_kutta import A, B, C, transitions
 from smsid.likelihood.spline import Samples, fit_motion
-from smsid.likelihood.timeline import Timeline
+from smsid.likelihood.time_grid import Timeline
 
 
 def bodies() -> list[np.ndarray]:
@@ -36,7 +36,7 @@ def test_factor_reproduces_the_parameters():
 def test_any_step_leads_to_a_body_that_can_exist():
     rng = np.random.default_rng(0)
     for theta in bodies():
-        there = parameters_of(moved(factor(theta), 0.5 * rng.standard_normal(10)))
+        there = parameters_of(step_factor(factor(theta), 0.5 * rng.standard_normal(10)))
         assert is_body(there)
 
 
@@ -46,7 +46,9 @@ def test_tangent_is_the_derivative():
         h = 1e-6
         for k, column in enumerate(tangent(lower).T):
             step = h * np.eye(10)[k]
-            found = (parameters_of(moved(lower, step)) - parameters_of(moved(lower, -step))) / (2 * h)
+            found = (parameters_of(step_factor(lower, step)) - parameters_of(step_factor(lower, -step))) / (
+                2 * h
+            )
             np.testing.assert_allclose(column, found, atol=1e-8 * np.abs(theta).max())
 
 

@@ -9,16 +9,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from smsid.likelihood.jacobian import columns, normal
-from smsid.likelihood.local import Local, Nuisance
+from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.piece import Piece, piece_of
+from smsid.likelihood.recording_term import RecordingTerm, piece_of
 
 from . import twin
 
 
 @pytest.fixture(scope="module", params=["exp1", "exp2"])
-def case(request: pytest.FixtureRequest) -> tuple[Piece, Local, Parameters]:
+def case(request: pytest.FixtureRequest) -> tuple[RecordingTerm, NuisanceValues, Parameters]:
     clean = twin.exp1((1, 1, 1), 9.0) if request.param == "exp1" else twin.exp2(6.0)
     nuisance = Nuisance(thrust_gain=0.01, scale={"imu.acceleration": 0.01})
     piece, local = piece_of(twin.model(), clean, nuisance, described_noise=True)
@@ -31,7 +31,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Piece, Local, Parameters]:
     return piece, piece.moved(local, shift * scales(piece)), parameters.moved(step)
 
 
-def scales(piece: Piece) -> np.ndarray:
+def scales(piece: RecordingTerm) -> np.ndarray:
     """One, but for the joints' motion, which stays a smooth one."""
     out = np.ones(piece.size)
     for s in piece.slots:
@@ -40,12 +40,12 @@ def scales(piece: Piece) -> np.ndarray:
     return out
 
 
-def outputs(piece: Piece, parameters: Parameters, local: Local) -> list[np.ndarray]:
+def outputs(piece: RecordingTerm, parameters: Parameters, local: NuisanceValues) -> list[np.ndarray]:
     """Residuals at the samples, sign changed, attitude as rotation vector from the measured one."""
     return [-r for r in piece.residuals(parameters, local, piece.predict(parameters, local))]
 
 
-def test_jacobian_of_every_channel(case: tuple[Piece, Local, Parameters]):
+def test_jacobian_of_every_channel(case: tuple[RecordingTerm, NuisanceValues, Parameters]):
     piece, local, parameters = case
     prediction = piece.predict(parameters, local)
     found_columns = columns(piece, parameters, local, prediction)
@@ -78,7 +78,7 @@ def test_jacobian_of_every_channel(case: tuple[Piece, Local, Parameters]):
 
 
 def attitude_difference(
-    piece: Piece, parameters: Parameters, local: Local, step: np.ndarray, size: int
+    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, step: np.ndarray, size: int
 ) -> np.ndarray:
     turns = []
     for s in (1.0, -1.0):
@@ -89,7 +89,7 @@ def attitude_difference(
     return (turns[1].inv() * turns[0]).as_rotvec()
 
 
-def test_cheaper_than_differences(case: tuple[Piece, Local, Parameters]):
+def test_cheaper_than_differences(case: tuple[RecordingTerm, NuisanceValues, Parameters]):
     """All derivatives take less than a tenth of the time that central differences would."""
     piece, local, parameters = case
     prediction = piece.predict(parameters, local)

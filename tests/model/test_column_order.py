@@ -163,10 +163,10 @@ def test_one_reading_is_ordered_as_a_recording_is(channel, labels):
 
 
 def consumers():
-    from smsid.estimation.measurements import measured
+    from smsid.estimation.measurements import measurements_of
     from smsid.identify.motion import prepare
-    from smsid.likelihood.local import Nuisance
-    from smsid.likelihood.piece import piece_of
+    from smsid.likelihood.nuisance_parameters import Nuisance
+    from smsid.likelihood.recording_term import piece_of
     from smsid.report.stabilisation import diagrams
     from smsid.view.recorded import recorded_motion
     from smsid.view.twin import simulated_twin
@@ -182,7 +182,7 @@ def consumers():
         return [joints.coefficients, wheels.coefficients, *(c.values for c in piece.channels)]
 
     def diagnosis(r: Recording):
-        return [measured(paper(), r, paper().description.effective_sensors()).values]
+        return [measurements_of(paper(), r, paper().description.effective_sensors()).values]
 
     def view(r: Recording):
         m = recorded_motion(paper(), r, 0.1, 1000)

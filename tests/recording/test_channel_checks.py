@@ -58,9 +58,9 @@ def test_what_matters_is_refused_or_said_by_identify(benchmark):
     held = samples[10 * (np.arange(len(samples)) // 10)]
     said = benchmark.identified(row, sound.with_channels({channel: held}), lambda: clean)
     assert said["outcome"].endswith(", said") and "changes at every 10th sample only" in said["says"][0]
-    spoilt = np.array(samples)
-    spoilt[7::50, 1] += 2.0
-    left_out = benchmark.identified(row, sound.with_channels({channel: spoilt}), lambda: clean)
+    with_error = np.array(samples)
+    with_error[7::50, 1] += 2.0
+    left_out = benchmark.identified(row, sound.with_channels({channel: with_error}), lambda: clean)
     assert left_out["outcome"] == "right, said"
     assert any("80 isolated outliers of 'encoder.joint_position' joint2" in n for n in left_out["says"])
 

@@ -14,13 +14,13 @@ from smsid.campaign.outcome import Outcome, RunRecord
 from smsid.campaign.summary import summarise
 from smsid.control.robustness import Robustness
 from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause, Gain, Limit, Remaining, Value
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.paper.table4_report import study_report
 from smsid.report import render
 from smsid.report.campaign import campaign_report
 from smsid.report.control import _robust
 from smsid.report.convergence import normalised_errors
-from smsid.report.diagnose import Asked, diagnose_report, shortened
+from smsid.report.diagnose import ReportInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import Known, correlations, identifiability, parameter_table
 from smsid.report.spectra import spectrum_grid
@@ -32,9 +32,9 @@ ESTIMATE = Estimate(
     "craft",
     "paper",
     (
-        judged("tank.mass", 49.0, "kg", 0.5, "exp1", nominal=50.0),
-        judged("tank.damping.x", 0.02, "N s/m", 0.02, "exp1", nominal=0.03),
-        judged("link1.m + link2.m", 10.0, "kg", 0.1, "exp2.step_b", nominal=10.1),
+        classify("tank.mass", 49.0, "kg", 0.5, "exp1", nominal=50.0),
+        classify("tank.damping.x", 0.02, "N s/m", 0.02, "exp1", nominal=0.03),
+        classify("link1.m + link2.m", 10.0, "kg", 0.1, "exp2.step_b", nominal=10.1),
     ),
 )
 
@@ -148,7 +148,7 @@ def diagnosis() -> Diagnosis:
 
 
 def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
-    report = diagnose_report(Diagnosed(diagnosis, None), Asked(None, ()), origin)
+    report = diagnose_report(Diagnosed(diagnosis, None), ReportInputs(None, ()), origin)
     names = {"causes", "map", "map-before", "map-after", "gain", "gain-chart", "remaining", "limits", "notes"}
     page = check_page(render(report), names)
     assert report.tone == "good"
@@ -164,7 +164,7 @@ def test_what_is_not_evaluated_is_said_to_be_so(origin):
     found = Diagnosis(
         "craft", ("rec",), "not_evaluated", "The recording has no command.", gain_reason="no data"
     )
-    report = diagnose_report(Diagnosed(found, None), Asked(None, ()), origin)
+    report = diagnose_report(Diagnosed(found, None), ReportInputs(None, ()), origin)
     text = render(report)
     check_page(text, {"causes", "gain"})
     assert report.tone == "neutral" and "Not evaluated: The recording has no command." in text
@@ -173,9 +173,9 @@ def test_what_is_not_evaluated_is_said_to_be_so(origin):
 
 def test_a_long_list_of_causes_is_shortened_on_top_only():
     sentence = "; ".join(f"cause number {k} at some joint with a value" for k in range(12))
-    assert len(shortened(sentence)) < 290
-    assert shortened(sentence).endswith("more, below.")
-    assert shortened("one; two") == "one; two"
+    assert len(shorten(sentence)) < 290
+    assert shorten(sentence).endswith("more, below.")
+    assert shorten("one; two") == "one; two"
 
 
 def records(scale: float, runs: int = 200) -> list[RunRecord]:
@@ -252,7 +252,7 @@ def test_the_worst_parameters_stand_to_either_side():
 
 def test_the_error_of_a_zero_truth_is_no_percentage():
     """Nothing is a share of zero: the error stands in the parameter's unit."""
-    p = judged("link1.Ixy", 0.03, "kg m^2", 0.01, "exp2.step_b", nominal=0.0)
+    p = classify("link1.Ixy", 0.03, "kg m^2", 0.01, "exp2.step_b", nominal=0.0)
     row = parameter_table("t", [p], Known(truth={"link1.Ixy": 0.0})).rows[0]
     texts = [cell.text for cell in row]
     assert "0.03 kg m²" in texts

@@ -10,19 +10,19 @@ import pytest
 from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli import main
 from smsid.description import load_description
-from smsid.diagnose import Diagnosed, Diagnosis, Levels, Noise, diagnose
-from smsid.diagnose.nominal import nominal
-from smsid.diagnose.proposals import propose
-from smsid.diagnose.search import search
+from smsid.diagnose import DetectionThresholds, Diagnosed, Diagnosis, Noise, diagnose
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.priors import nominal
+from smsid.diagnose.stepwise import search
 from smsid.effects import JointFriction
 from smsid.estimation.kalman import Problem, Timing
-from smsid.estimation.measurements import measured
+from smsid.estimation.measurements import measurements_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import save_recording
 from smsid.report import render
 from smsid.report.arm import arm_report
-from smsid.report.diagnose import Asked, diagnose_report
+from smsid.report.diagnose import ReportInputs, diagnose_report
 
 from .pages import check_page, needs_chromium, run_page
 
@@ -84,15 +84,15 @@ def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin)
     plan = named_experiment("exp2", world).model_copy(update={"duration": 6.0})
     recording = fly(world, plan, np.random.default_rng(3)).recording
     known = nominal(described, None)
-    data = measured(known.point.base, recording, described.effective_sensors()).thinned(6.0)
+    data = measurements_of(known.point.base, recording, described.effective_sensors()).thinned(6.0)
     problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
     every = propose(known.point, problem, known.unknowns)
     some = [c for c in every if c.family == "friction" and c.shape in ("viscous", "coulomb")][:6]
-    found = search(known.point, problem, known.unknowns, some, Levels(causes=1))
+    found = search(known.point, problem, known.unknowns, some, DetectionThresholds(causes=1))
     assert found.causes
     result = Diagnosis("paper_sms", (recording.name,), "explained", "It lacks friction.")
     report = diagnose_report(
-        Diagnosed(result, described, found), Asked(described, [recording], rate=6.0), origin
+        Diagnosed(result, described, found), ReportInputs(described, [recording], rate=6.0), origin
     )
     text = render(report)
     check_page(text, {"ranking", "alias-matrix", "spectra", "traces", "gain"})
@@ -137,7 +137,7 @@ def test_real_arms_are_shown_by_their_torques(origin):
     left, whole = (np.concatenate([getattr(t, k) for t in mine]) for k in ("residual", "measured"))
     assert np.linalg.norm(left) / np.linalg.norm(whole) == pytest.approx(found.judge(held).relative, rel=1e-9)
     diagnosed = diagnose(friction, [train], validation=[held])
-    page = render(diagnose_report(diagnosed, Asked(friction, [train], None, [held]), origin))
+    page = render(diagnose_report(diagnosed, ReportInputs(friction, [train], None, [held]), origin))
     check_page(page, {"map", "traces", "spectra", "gain"})
 
 

@@ -11,12 +11,12 @@ import pytest
 from smsid.cli import main
 from smsid.description import load_description
 from smsid.design import Limits
-from smsid.design.separate import Separation, Told
+from smsid.design.model_discrimination import Discrimination, Separation
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
 from smsid.model import build_model
 from smsid.report import render
-from smsid.report.design import Asked, design_report, verdict
-from smsid.report.designed_signals import drawn, signal_grids
+from smsid.report.design import ReportInputs, design_report, verdict
+from smsid.report.designed_signals import signal_grids, signal_points
 
 from .pages import check_page, needs_chromium, run_page
 
@@ -61,7 +61,7 @@ def test_it_fits_a_narrow_window(designed, tmp_path):
 
 def test_steps_are_drawn_upright_and_at_their_height():
     signal = StepProfile(times=(0.0, 2.0, 5.0), values=((3.0,), (-1.0,), (0.0,))).signal()
-    times, values = drawn(signal, 10.0)
+    times, values = signal_points(signal, 10.0)
     assert (times[0], times[-1]) == (0.0, 10.0)
     for jump, before, after in ((2.0, 3.0, -1.0), (5.0, -1.0, 0.0)):
         k = int(np.flatnonzero(times == jump)[0])
@@ -84,7 +84,7 @@ def test_only_what_is_commanded_is_drawn_with_the_reference_behind(urdf):
 
 def separation(*uses: LimitUse) -> Separation:
     one = Experiment(name="separate", note="thrust", duration=20.0)
-    rows = (Told("viscous at joint2", "viscous", "N m s/rad", 0.02, 0.08),)
+    rows = (Discrimination("viscous at joint2", "viscous", "N m s/rad", 0.02, 0.08),)
     return Separation(one, rows, 0.5, one, 0.9, uses, 7)
 
 
@@ -95,7 +95,7 @@ def test_limits_stand_with_their_margin_and_a_passed_one_is_the_verdict(urdf, or
         LimitUse("stroke", 0.2, 0.5, "m"),
         LimitUse("force", 39.0, 40.0, "N"),
     )
-    asked = Asked(limits=Limits(margin=0.1))
+    asked = ReportInputs(limits=Limits(margin=0.1))
     report = design_report(separation(*uses[:2]), model, asked, origin)
     check_page(render(report), {"detection", "limit-chart"})
     assert report.tone == "good" and "4 times smaller" in report.verdict

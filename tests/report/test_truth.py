@@ -6,8 +6,8 @@ import numpy as np
 
 from smsid.cli.demo_runs import identify_craft
 from smsid.datasets import demonstration
-from smsid.identify.estimate import judged
-from smsid.report.parameters import reported
+from smsid.identify.estimate import classify
+from smsid.report.parameters import reported_parameters
 from smsid.report.truth import TrueWorld, described_bodies
 
 
@@ -16,16 +16,16 @@ def test_a_combination_is_taken_apart_whatever_else_has_its_name():
     world = TrueWorld(
         {"link1.mx": 1.0, "link2.m": 6.0}, {"link1.mx": 0.5, "link2.m": 5.0}, {"tank.mass": 3.0}
     )
-    first, second = (judged(name, 0.0, "kg m", 1.0, "a", nominal=x) for x in (10.5, 20.5))
+    first, second = (classify(name, 0.0, "kg m", 1.0, "a", nominal=x) for x in (10.5, 20.5))
     assert world.value(first) == 13.0  # 2.5 more than described
     assert world.value(second) == 23.0  # of another thing of that name
-    assert world.value(judged("tank.mass", 0.0, "kg", 1.0, "a")) == 3.0
-    assert world.value(judged("link3.m", 0.0, "kg", 1.0, "a", nominal=1.0)) is None
+    assert world.value(classify("tank.mass", 0.0, "kg", 1.0, "a")) == 3.0
+    assert world.value(classify("link3.m", 0.0, "kg", 1.0, "a", nominal=1.0)) is None
 
 
 def test_nothing_is_said_of_a_body_whose_appendages_differ():
     world = TrueWorld({"bus.m": 2.0}, {"bus.m": 1.0}, unsaid=("bus",))
-    assert world.value(judged("bus.m", 0.0, "kg", 1.0, "a", nominal=1.0)) is None
+    assert world.value(classify("bus.m", 0.0, "kg", 1.0, "a", nominal=1.0)) is None
 
 
 def test_the_bundled_craft_is_identified_from_its_wrong_guess():
@@ -36,7 +36,7 @@ def test_the_bundled_craft_is_identified_from_its_wrong_guess():
     world = TrueWorld(
         which.parameters, bodies, {k: v for k, v in which.parameters.items() if k not in bodies}
     )
-    own = [p for p in reported(refinement.estimate) if p.status == "identifiable"]
+    own = [p for p in reported_parameters(refinement.estimate) if p.status == "identifiable"]
     truth = world.values_of(own)
     assert len(own) == len(truth) > 20
     off = np.array([(p.value - truth[p.name]) / p.sigma for p in own])

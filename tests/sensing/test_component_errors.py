@@ -71,10 +71,10 @@ def test_outliers_have_the_stated_share_and_size() -> None:
 
 def test_outliers_leave_the_other_draws_alone_and_a_longer_recording_begins_the_same() -> None:
     noisy = ErrorModel(noise_sigma=0.1, bias_sigma=0.2)
-    spoilt = ErrorModel(noise_sigma=0.1, bias_sigma=0.2, outlier_rate=0.1, outlier_size=1.0)
-    a, b = noisy.apply(TIMES, wave(), rng(3)), spoilt.apply(TIMES, wave(), rng(3))
+    with_error = ErrorModel(noise_sigma=0.1, bias_sigma=0.2, outlier_rate=0.1, outlier_size=1.0)
+    a, b = noisy.apply(TIMES, wave(), rng(3)), with_error.apply(TIMES, wave(), rng(3))
     assert 0.7 < np.mean(a == b) < 1.0
-    np.testing.assert_array_equal(spoilt.apply(TIMES[:100], wave()[:100], rng(3)), b[:100])
+    np.testing.assert_array_equal(with_error.apply(TIMES[:100], wave()[:100], rng(3)), b[:100])
 
 
 @settings(deadline=None)

@@ -32,7 +32,7 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
-from smsid.effects.friction_law import BY_FIELD, LAW_OF_SHAPE, SIMPLER, fields_of, sliding
+from smsid.effects.friction_law import BY_FIELD, LAW_OF_SHAPE, SIMPLER, fields_of, sliding_state
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES, Regressor
 from smsid.recording import Recording
@@ -171,7 +171,7 @@ def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torque
 
     def columns(*own: str, of: JointFriction = effect) -> tuple[Callable[..., np.ndarray], ...]:
         def part(e: TorqueEquations, load: np.ndarray, name: str) -> np.ndarray:
-            at = sliding(of, e.motion.v[:, j], angle=e.angles[:, j], load=load[:, j])
+            at = sliding_state(of, e.motion.v[:, j], angle=e.angles[:, j], load=load[:, j])
             return BY_FIELD[name].column(at)
 
         return tuple(partial(part, name=name) for name in own)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.blocks import Block
+from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
@@ -29,7 +29,7 @@ CURVES = (5e-4, 2e-2)
 DEPENDENT = 1e-6
 
 
-def dependences(found: TorqueFit) -> list[Block]:
+def dependences(found: TorqueFit) -> list[SpecificationTest]:
     """Return all generic tests on a fit, the most significant first.
 
     The torque of every joint against its own rate, load, acceleration, angle, ripple over the angle of joint
@@ -54,7 +54,7 @@ def dependences(found: TorqueFit) -> list[Block]:
             ratio = float(np.sum((basis.T @ found.left) ** 2)) / level
             scaled = after[: found.rows] / np.sqrt(level)
             p = robust_p_value(basis[: found.rows], scaled, ratio, found.samples)
-            out.append(Block(f"torque of {joint}", name, float(chi2.isf(p, freedom)), freedom))
+            out.append(SpecificationTest(f"torque of {joint}", name, float(chi2.isf(p, freedom)), freedom))
     return sorted(out, key=lambda b: b.p_value)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.stats import norm
 
 from smsid.description import Description
-from smsid.diagnose.blocks import Block
-from smsid.diagnose.gain import ChannelGain, Gain
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
+from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
@@ -20,6 +19,7 @@ from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
+from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
@@ -174,7 +174,9 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
     )
 
 
-def _verdict(named: tuple[FoundCause, ...], left: Sequence[Block], share: float) -> tuple[Verdict, str]:
+def _verdict(
+    named: tuple[FoundCause, ...], left: Sequence[SpecificationTest], share: float
+) -> tuple[Verdict, str]:
     words = "; ".join(describe(c) for c in named)
     if left:
         worst = left[0]
@@ -224,7 +226,7 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
             own.description, recording, cutoff=own.motion.cutoff, band=own.band, late=own.late
         )
         x = described_values(own) if name == "given" else fit.x
-        left[name] = equations.torque - predicted(fit, equations, x)
+        left[name] = equations.torque - predict_torques(fit, equations, x)
     white = {n: fits[n].whitening.apply(r).ravel() for n, r in left.items()}
     rms = {n: float(np.sqrt(np.mean(w**2))) for n, w in white.items()}
     excess = {n: float(np.sum(w**2)) - w.size for n, w in white.items()}
@@ -247,7 +249,7 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
     )  # fmt: skip
 
 
-def predicted(fit: TorqueFit, equations: TorqueEquations, x: np.ndarray) -> np.ndarray:
+def predict_torques(fit: TorqueFit, equations: TorqueEquations, x: np.ndarray) -> np.ndarray:
     """Return the torques (n, joints) a fit's combinations and terms give on other equations [N m]."""
     b = equations.rows.shape[2]
     if len(x) == b:

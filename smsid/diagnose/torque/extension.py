@@ -13,7 +13,7 @@ from smsid.effects import BodyError
 from smsid.effects.sensor import SensorEffect
 from smsid.errors import SmsidError
 from smsid.export.bodies import identified_bodies, urdf_bodies
-from smsid.identify.estimate import Estimate, judged
+from smsid.identify.estimate import Estimate, classify
 from smsid.model import build_model
 
 LOGGER = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ def _with_links(extended: Description, found: TorqueFit) -> Description:
     sigma = np.sqrt(np.diag(found.covariance))
     base = found.equations.base
     parameters = tuple(
-        judged(n, float(x), u, float(s), "arm")
+        classify(n, float(x), u, float(s), "arm")
         for n, u, x, s in zip(base.names, base.units, found.x, sigma, strict=False)
     )
     model = build_model(extended)

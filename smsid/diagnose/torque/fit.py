@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.equations import TorqueEquations
-from smsid.diagnose.torque.whitening import Whitening, clustered
+from smsid.diagnose.torque.whitening import Whitening, cluster_projections
 from smsid.effects.base import Effect
 
 ROUNDS = 3
@@ -205,7 +205,7 @@ def _solve(
     root = (vt.T / singular) / size[:, None]  # x = root @ (u' target)
     samples = len(equations.torque) - whitening.order
     rows = samples * equations.torque.shape[1]
-    sums = clustered(u[:rows], left[:rows], samples)
+    sums = cluster_projections(u[:rows], left[:rows], samples)
     plain = root @ root.T
     robust = root @ (sums.T @ sums + u[rows:].T @ u[rows:]) @ root.T
     grown = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))

@@ -44,7 +44,7 @@ class TorqueScore:
         return self.ratio - self.freedom * float(np.log(samples)) - 2.0 * float(np.log(self.candidate.grid))
 
 
-def scored(current: TorqueFit, candidates: Sequence[TorqueCandidate]) -> list[TorqueScore]:
+def score_candidates(current: TorqueFit, candidates: Sequence[TorqueCandidate]) -> list[TorqueScore]:
     """Score candidates on a fit, the best first."""
     simple = [c for c in candidates if c.shape in SIMPLE]
     found = [s for c in candidates if (s := score(current, c, simple)) is not None]

@@ -29,7 +29,7 @@ from smsid.diagnose.torque.scores import (
     correlation,
     predicts,
     score,
-    scored,
+    score_candidates,
 )
 from smsid.diagnose.torque.whitening import CLUSTERS
 from smsid.recording import Recording
@@ -44,7 +44,7 @@ SETTLED = {"zero": 1e-3, "clock": 1e-4}
 
 @dataclass(frozen=True)
 class TorqueLevels:
-    """Levels of significance over all candidates and over all generic tests; ``alias`` as in `Levels`."""
+    """Levels of significance over all candidates and all generic tests; ``alias`` as in `DetectionThresholds`."""
 
     candidate: float = THRESHOLDS.torque_candidate
     block: float = THRESHOLDS.torque_block
@@ -100,7 +100,7 @@ def search_torques(
     coupled = False
     refused: set[int] = set()
     while len(causes) < PER_JOINT * equations.torque.shape[1]:
-        scores = scored(current, rest if coupled else [c for c in rest if len(c.joints) == 1])
+        scores = score_candidates(current, rest if coupled else [c for c in rest if len(c.joints) == 1])
         hopeful = (s for s in scores if id(s.candidate) not in refused)
         best = next((s for s in hopeful if _significant(s, current, tried, levels)), None)
         if best is None:
@@ -124,7 +124,7 @@ def search_torques(
             rest = [c for c in rest if c.key != best.candidate.key]
         causes, current = _refitted(current, causes, recording)
         causes, current = _pruned(causes, current, recording, tried, levels)
-    scores = scored(current, rest)
+    scores = score_candidates(current, rest)
     causes = [
         c if c.term.candidate.moves else _beside_all(current, causes, c, candidates, levels) for c in causes
     ]

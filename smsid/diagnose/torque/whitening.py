@@ -92,7 +92,7 @@ def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, sample
     d = basis.shape[1]
     if d == 0:
         return 1.0
-    sums = clustered(basis, residual, samples)
+    sums = cluster_projections(basis, residual, samples)
     values = np.linalg.eigvalsh(sums.T @ sums)
     clusters = len(sums)
     total, square = float(values.sum()), float((values**2).sum())
@@ -103,7 +103,7 @@ def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, sample
     return max(plain, float(f.sf(ratio / total, freedom, clusters - 1)))
 
 
-def clustered(basis: np.ndarray, residual: np.ndarray, samples: int) -> np.ndarray:
+def cluster_projections(basis: np.ndarray, residual: np.ndarray, samples: int) -> np.ndarray:
     """Return the projections of a residual (samples * joints,) on a basis (samples * joints, d) by stretch
     of time, (clusters, d), scaled so that their products sum to the projection's covariance.
     """

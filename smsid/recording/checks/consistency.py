@@ -64,7 +64,7 @@ def channel_findings(recording: Recording) -> tuple[Finding, ...]:
     Raises nothing for a recording whose clocks increase and whose samples are finite; see `Recording.check`.
     """
     found: list[Finding] = []
-    spoilt: set[tuple[str, str]] = set()
+    with_error: set[tuple[str, str]] = set()
     for name in recording.channels:
         if name.startswith(("command.", "extra.", "truth.")) or recording[name].ndim != 2:
             continue
@@ -78,7 +78,7 @@ def channel_findings(recording: Recording) -> tuple[Finding, ...]:
             for finding in own:
                 if finding is not None:
                     found.append(finding)
-                    spoilt.add((name, label))
+                    with_error.add((name, label))
     pairs = []
     for first, second in PAIRS:
         for x, v in _pairs(recording, first, second):
@@ -86,15 +86,15 @@ def channel_findings(recording: Recording) -> tuple[Finding, ...]:
             if pair is not None:
                 pairs.append((x, v, pair))
     for x, v, pair in pairs:
-        check = _PairCheck(recording, x, v, pair, spoilt)
-        resting = [f for f in check.resting() if (f.channel, f.components[0]) not in spoilt]
+        check = _PairCheck(recording, x, v, pair, with_error)
+        resting = [f for f in check.resting() if (f.channel, f.components[0]) not in with_error]
         if any(f.kind == "saturated" for f in resting) and check.delayed():
             # where one turns round, the other, late, still moves
             resting = [f for f in resting if f.kind != "saturated"]
         found += resting
-        spoilt |= {(f.channel, f.components[0]) for f in resting}
+        with_error |= {(f.channel, f.components[0]) for f in resting}
     for x, v, pair in pairs:
-        found += _PairCheck(recording, x, v, pair, spoilt).findings()
+        found += _PairCheck(recording, x, v, pair, with_error).findings()
     return tuple(found)
 
 
@@ -157,7 +157,7 @@ class _PairCheck:
     """The hypotheses about a channel and its rate."""
 
     def __init__(
-        self, recording: Recording, x: str, v: str, pair: KinematicPair, spoilt: set[tuple[str, str]]
+        self, recording: Recording, x: str, v: str, pair: KinematicPair, with_error: set[tuple[str, str]]
     ) -> None:
         self.recording, self.x, self.v, self.pair = recording, x, v, pair
         self.labels = _labels(recording, v)
@@ -168,10 +168,10 @@ class _PairCheck:
         self.free_gain = v.endswith(".wheel_torque")
         xs = () if self.attitude else _labels(recording, x)
         self.usable = [
-            (v, label) not in spoilt
-            and not (self.attitude and any(name == x for name, _ in spoilt))
-            and not (xs and pair.kind == "plain" and (x, xs[k]) in spoilt)
-            and not (pair.kind == "inertial" and any(name == x for name, _ in spoilt))
+            (v, label) not in with_error
+            and not (self.attitude and any(name == x for name, _ in with_error))
+            and not (xs and pair.kind == "plain" and (x, xs[k]) in with_error)
+            and not (pair.kind == "inertial" and any(name == x for name, _ in with_error))
             for k, label in enumerate(self.labels)
         ]
 

@@ -1,0 +1,148 @@
+"""What an identified arm leaves of its torques, in sentences: noise, or something that is missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from smsid.arm.columns import joint_angle
+from smsid.arm.joint_torques import block_means
+from smsid.arm.regression import correlation_lags
+from smsid.effects import JointFriction
+from smsid.effects.friction_law import Law, fields_of, friction_columns, sliding_state
+
+if TYPE_CHECKING:
+    from smsid.arm.identify import ArmIdentification
+
+PLAIN = 0.25
+"""Share of the residual's squares that a plain cause must explain to be hinted at."""
+
+NOISE = 3
+"""Lags over which a residual may be correlated and still pass for noise."""
+
+SHARP = 0.01
+"""Width of a sign for the hint, as a share of the rate's rms."""
+
+SLOW = (0.05, 0.1, 0.2, 0.4)
+"""Rates of Stribeck's curve for the hint, as shares of the rate's rms."""
+
+LAW = 0.05
+"""Share of the residual's squares that a law of friction must explain to be hinted at."""
+
+CHANCE = 12.0
+"""Fall of chi-squared per parameter of a law that chance does not make (five joints and laws looked at)."""
+
+
+def leftover_sentences(found: ArmIdentification) -> list[str]:
+    """Return the verdict on the residual, and a hint where something plain is missing."""
+    residual = found.residual()
+    measured = found.torques.torque
+    share = float(np.linalg.norm(residual) / max(float(np.linalg.norm(measured)), 1e-300))
+    span = found.regression.lags * found.torques.length * found.motion.step
+    if found.regression.lags <= NOISE:
+        first = f"residual: {100 * share:.3g} % of the torque is left, and it is noise."
+    else:
+        first = (
+            f"residual: {100 * share:.3g} % of the torque is left, correlated over {span:.3g} s: something "
+            "is missing that the model does not have, and intervals allow for it. `smsid diagnose` looks for "
+            "causes."
+        )
+    hints = []
+    for k, n in _places(found):
+        hints.append(_hint(found, residual, k, n) or _friction_hint(found, residual, k, n))
+    return [first, *(h for h in hints if h)]
+
+
+def _places(found: ArmIdentification) -> list[tuple[int, str]]:
+    joints = found.model.arm_joints
+    return [(int(v), n) for v, n in zip(joints.v.tolist(), joints.names, strict=True)]
+
+
+def _hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:
+    v = found.motion.v[:, k]
+    width = SHARP * max(float(np.sqrt(np.mean(v**2))), 1e-12)
+    starts = found.torques.starts
+    causes = {
+        "friction (joint_friction)": (v, np.tanh(v / width)),
+        "the inertia of its motor (motor_inertia)": (found.motion.a[:, k],),
+        "a constant torque (torque_offset)": (np.ones_like(v),),
+    }
+    total = float(np.sum(residual[:, k] ** 2))
+    shares = {}
+    for what, columns in causes.items():
+        design = np.column_stack([block_means(c, starts) for c in columns])
+        left = residual[:, k] - design @ np.linalg.lstsq(design, residual[:, k], rcond=None)[0]
+        shares[what] = 1.0 - float(left @ left) / max(total, 1e-300)
+    what = max(shares, key=lambda w: shares[w])
+    if total == 0.0 or shares[what] < PLAIN:
+        return ""
+    share = f"{100 * shares[what]:.0f} %"
+    return f"hint: {share} of what is left at '{name}' goes with {what}, which is not described."
+
+
+def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:
+    """Say which law of friction, beside those identified, the residual of a joint asks for most."""
+    own = next((e for e in found.model.description.effect if _is_friction_of(e, name)), None)
+    total = float(np.sum(residual[:, k] ** 2))
+    if own is None or total == 0.0:
+        return ""
+    motion, torques = found.motion, found.torques
+    blocks = _Explained(found, k)
+    v = motion.v[:, k]
+    width = next(s.value for s in found.shapes if s.effect == own.name and s.field == "smoothing")
+    rms = float(np.sqrt(np.mean(v**2)))
+    temperature = None if motion.temperature is None else motion.temperature[:, k]
+    angle = joint_angle(found.model, name, motion.q)
+    lags = max(correlation_lags(residual[:, k : k + 1]), 1)
+    best, most = "", 0.0
+    for law in get_args(Law):
+        fields = [f for f in fields_of(law) if f not in own.asked()]
+        if not fields or (law == "temperature" and temperature is None):
+            continue
+        for slow in SLOW if law == "stribeck" else SLOW[:1]:
+            curved = own.model_copy(update={"stribeck_rate": slow * rms, "stribeck_exponent": 2.0})
+            load = np.repeat(blocks.load, blocks.counts)
+            at = sliding_state(curved, v, angle=angle, load=load, temperature=temperature, smoothing=width)
+            columns = np.column_stack(
+                [block_means(c, torques.starts) for c in friction_columns(curved, fields, at).values()]
+            )
+            share, rank = blocks.explained(columns, residual[:, k])
+            fall = len(residual) / lags * share / max(1.0 - share, 1e-6)
+            if rank and share >= LAW and fall > CHANCE * rank and share > most:
+                best, most = law, share
+    if not best:
+        return ""
+    share = f"{100 * most:.0f} %"
+    law = f"friction by the law '{best}': --friction {best}={name}"
+    return f"hint: {share} of what is left at '{name}' goes with {law}."
+
+
+def _is_friction_of(effect: Any, joint: str) -> bool:
+    return isinstance(effect, JointFriction) and effect.joint == joint
+
+
+class _Explained:
+    """The fitted equations of one joint: what they have already explained."""
+
+    def __init__(self, found: ArmIdentification, joint: int) -> None:
+        rows = found.torques.rows[:, :, found.base.independent]
+        self.load = (rows @ found.regression.x)[:, joint]
+        self.counts = np.diff(np.append(found.torques.starts, len(found.motion.time)))
+        own = rows[:, joint]
+        own = own[:, np.any(own != 0.0, axis=0)]
+        u, singular, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
+        self.basis = u[:, singular > 1e-9 * singular[0]]
+
+    def explained(self, columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
+        """Return the share of a residual (B,) that columns (B, m) explain beside what is fitted, and their
+        rank.
+        """
+        size = np.linalg.norm(columns, axis=0)
+        beyond = columns - self.basis @ (self.basis.T @ columns)
+        beyond = beyond[:, np.linalg.norm(beyond, axis=0) > 1e-3 * size]
+        if not beyond.shape[1]:
+            return 0.0, 0
+        u, singular, _ = np.linalg.svd(beyond / np.linalg.norm(beyond, axis=0), full_matrices=False)
+        u = u[:, singular > 1e-6 * singular[0]]
+        return float(np.sum((u.T @ residual) ** 2) / (residual @ residual)), u.shape[1]

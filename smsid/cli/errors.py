@@ -1,0 +1,114 @@
+"""``--json`` and ``--quiet`` for every command, and what a command hands back."""
+
+from __future__ import annotations
+
+import inspect
+import io
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, redirect_stdout
+from dataclasses import dataclass, field
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, TextIO, get_type_hints
+
+import typer
+
+from smsid._files import json_ready
+from smsid._guard import protect_inputs
+from smsid.cli.kinds import check_kinds
+from smsid.cli.output import Manners, behaving
+from smsid.cli.places import check_numbers, check_places
+from smsid.errors import SmsidError
+
+AsJson = Annotated[bool, typer.Option("--json", help="print the result as JSON, and nothing else, on stdout")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with."""
+
+    document: Mapping[str, Any] = field(default_factory=dict)
+    written: Sequence[Path | str] = ()
+    exit_code: int = 0
+
+    def table(self) -> dict[str, Any]:
+        """Return the document as printed."""
+        return {"exit_code": self.exit_code, "written": [str(p) for p in self.written], **self.document}
+
+
+def mannered(function: Callable[..., Any]) -> Callable[..., None]:
+    """Return a command with the options ``--json`` and ``--quiet``.
+
+    ``function`` prints for people on stdout and returns an `Outcome`; what it prints is left out where it was
+    asked to be quiet. Of a function that returns nothing the text it prints stands in the JSON.
+    """
+    signature = inspect.signature(function, eval_str=True)
+    own = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in (("as_json", AsJson), ("quiet", Quiet))
+    ]
+    own.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
+
+    @wraps(function)
+    def run(*arguments: Any, as_json: bool, quiet: bool, context: typer.Context, **options: Any) -> None:
+        given = signature.bind(*arguments, **options).arguments
+
+        def command() -> Any:
+            check_numbers(given)
+            inputs = check_places(function, given, _unnamed(context))
+            check_kinds(function, given)
+            with protect_inputs(inputs):
+                return function(**given)
+
+        _run(command, Manners(as_json, quiet))
+
+    run.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *own])  # type: ignore[attr-defined]
+    hints = get_type_hints(function, include_extras=True)
+    run.__annotations__ = {**hints, **{p.name: p.annotation for p in own}}
+    return run
+
+
+def _unnamed(context: typer.Context) -> list[str]:
+    """Return the options that nobody gave: they have their defaults."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return [name for name, source in sources.items() if source is not None and source.name == "DEFAULT"]
+
+
+def _run(command: Callable[[], Any], manners: Manners) -> None:
+    stdout, hidden = sys.stdout, io.StringIO()
+    hush = redirect_stdout(hidden) if manners.json or manners.quiet else nullcontext()
+    try:
+        with behaving(manners), hush:
+            result = command()
+    except typer.Exit as left:
+        result = Outcome(exit_code=left.exit_code)
+    except SmsidError as error:
+        if manners.json:
+            print_json(error_document(error, 1), stdout)
+        raise
+    outcome = result if isinstance(result, Outcome) else Outcome()
+    if manners.json:
+        text = {} if isinstance(result, Outcome) and result.document else {"text": hidden.getvalue()}
+        print_json({**outcome.table(), **text}, stdout)
+    if outcome.exit_code:
+        raise typer.Exit(outcome.exit_code)
+
+
+def error_document(error: Exception, exit_code: int) -> dict[str, Any]:
+    """Return what ``--json`` prints of an error: its kind, what is wrong and how to mend it."""
+    message, advice = getattr(error, "message", str(error)), getattr(error, "advice", "")
+    found = {"kind": type(error).__name__, "message": str(message), "advice": str(advice)}
+    return {"exit_code": exit_code, "error": found}
+
+
+def print_json(document: Mapping[str, Any], stream: TextIO | None = None) -> None:
+    """Print a document as JSON; numbers that are not finite become null."""
+    print(json.dumps(json_ready(dict(document)), indent=1, allow_nan=False, default=_plain), file=stream)
+
+
+def _plain(x: Any) -> Any:
+    """Return what stands for a value JSON does not know: numpy's numbers and arrays, paths."""
+    return json_ready(x.tolist()) if hasattr(x, "tolist") else str(x)

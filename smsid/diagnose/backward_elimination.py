@@ -1,0 +1,99 @@
+"""Causes are left out that others, found later, made unnecessary."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.diagnose.model_comparison import (
+    Cause,
+    DetectionThresholds,
+    refit,
+    strengths,
+    unfitted_parameters,
+    wald,
+    without_candidate,
+)
+from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, evaluate, fit
+
+LOGGER = logging.getLogger(__name__)
+
+
+def eliminate_backward(
+    causes: list[Cause], last: Fit, nominal: Fit, levels: DetectionThresholds, tried: int
+) -> tuple[list[Cause], Fit]:
+    """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
+    that make it do something.
+
+    One that is far from doing nothing as far as its further parameters are what they are (the gap of a
+    backlash, which goes with the torque of its crossing) is left out only where it is not missed.
+    """
+
+    def chance(cause: Cause) -> float:
+        own = cause.score.candidate
+        whole = float(chi2.sf(wald(last, own), len(own.free)))
+        alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
+        return 0.5 * cause.score.sides * tried * max(whole, alone)
+
+    needed: list[Cause] = []
+    while len(causes) > 1:
+        doubted = [c for c in causes if not any(c is n for n in needed) and chance(c) > levels.candidate]
+        if not doubted:
+            break
+        worst = min(doubted, key=lambda c: wald(last, c.score.candidate))
+        try:
+            left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
+        except (SmsidError, np.linalg.LinAlgError) as error:  # without a cause the recording is lost
+            LOGGER.info("not without %s: %s", worst.score.candidate.key, error)
+            needed.append(worst)
+            continue
+        if _missed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
+            LOGGER.info("%s is missed", worst.score.candidate.key)
+            needed.append(worst)
+        else:
+            causes, last = left, rest
+    return causes, last
+
+
+def _missed(
+    cause: Cause, last: Fit, rest: Fit, levels: DetectionThresholds, tried: int, strongest: float
+) -> bool:
+    """Whether the fit ``rest`` without a cause explains clearly less than ``last``, which has it."""
+    own, score = cause.score.candidate, cause.score
+    held = float(chi2.sf(wald(last, own, held=True), len(own.free)))
+    if 0.5 * score.sides * tried * held > levels.candidate:
+        return False  # it ran away
+    rest = without_candidate(rest, last, own)  # perhaps it had not come to rest
+    lost = 2.0 * (rest.objective - last.objective)
+    names = {u.name for u in last.unknowns}
+    chance = tried * own.grid * float(chi2.sf(lost, len(own.free) + len(names & set(own.also))))
+    return lost > levels.beside * strongest and chance <= levels.candidate
+
+
+def _fitted(causes: Sequence[Cause], last: Fit, nominal: Fit) -> tuple[list[Cause], Fit]:
+    """Return the causes that can be fitted one after the other from the nominal model, and their fit."""
+    kept, found = [], evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise may be finer
+    for cause in causes:
+        again = refit(found, cause.score_beside([u.name for u in found.unknowns]))
+        if again is None:
+            LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
+        else:
+            kept, found = [*kept, cause], _freed_as(again, cause, last)
+    return kept, found
+
+
+def _freed_as(found: Fit, cause: Cause, last: Fit) -> Fit:
+    """Return a fit with those further parameters of a cause free, too, that are so in another."""
+    names = {u.name for u in last.unknowns}
+    more = [u for u in unfitted_parameters(found, cause.score.candidate) if u.name in names]
+    if not more:
+        return found
+    try:
+        return fit(found.point, (*found.unknowns, *more), found.problem, iterations=20)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s stay as they are: %s", [u.name for u in more], error)
+        return found

@@ -1,0 +1,223 @@
+"""Causes judged again beside the others: one chosen while another was still hidden may be the wrong one."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.model_comparison import (
+    Cause,
+    DetectionThresholds,
+    aliases_of,
+    cost,
+    is_distinguishable,
+    refit,
+)
+from smsid.diagnose.score_test import Candidate, Score, scored, signatures
+from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, fit, prior_of
+from smsid.estimation.sensitivities import propagate
+
+LOGGER = logging.getLogger(__name__)
+
+
+def exchange_step(
+    causes: Sequence[Cause],
+    last: Fit,
+    nominal: Fit,
+    candidates: Sequence[Candidate],
+    levels: DetectionThresholds,
+    *,
+    exchange: bool = True,
+    last_too: bool = False,
+) -> tuple[list[Cause], Fit]:
+    """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
+
+    Without ``exchange`` they stay and their aliases alone are judged: where misfit is counted, what a rival
+    gains may be of that.
+
+    Each is taken out of the fit - to first order, but where it has motion of its own - and the candidates are
+    scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
+    parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
+    apart. The last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
+    judged again as well.
+    """
+    causes, columns = list(causes), {}
+    for i, cause in enumerate(causes if last_too else causes[:-1]):
+        taken = {c.score.candidate.key for c in causes}
+        less = _taken_out(last, cause, nominal)
+        if less is None:
+            continue
+        if less.point.model().nv != last.changes.model.nv:
+            known = _by_key(less, candidates)
+        else:
+            columns = known = columns or _by_key(last, candidates)
+        own = _own(last, less, cause)
+        rivals = [c for c in candidates if c.key in known and c.key not in taken]
+        scores = scored(less, rivals, [known[c.key] for c in rivals])
+        better = _refitted(less, last, own, scores, levels) if exchange else None
+        if better is not None:
+            LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
+            own, last, columns = *better, {}
+        samples = last.run.samples
+        paid = replace(own, ratio=own.ratio - _more(less, own, last))
+        near = [s for s in scores if s.candidate.key != own.candidate.key]
+        near = [s for s in near if not is_distinguishable(paid, s, samples, levels)]
+        near.sort(key=lambda s: -s.log_posterior_odds(samples))
+        close = aliases_of(paid, near, samples)
+        if better is not None:
+            beside = tuple(u.name for u in less.unknowns)
+            cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
+        causes[i] = replace(cause, aliases=close)
+    return causes, last
+
+
+def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
+    """Return the whitened columns (N rows, d) of every candidate that has any."""
+    return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
+
+
+def reprofile_selected(
+    causes: Sequence[Cause],
+    last: Fit,
+    nominal: Fit,
+    candidates: Sequence[Candidate],
+    levels: DetectionThresholds,
+) -> tuple[list[Cause], Fit]:
+    """Return the causes, those before the last sought anew beside it: place and phase may be others now.
+
+    What a cause stood in for is explained, and where its search ended then may be a lesser optimum.
+    """
+    causes, by_key = list(causes), {c.key: c for c in candidates}
+    for i, cause in enumerate(causes[:-1]):
+        one = by_key[cause.score.candidate.key]
+        if type(one) is Candidate:
+            continue  # nothing was searched
+        try:
+            less = without_cause(last, cause.score.candidate, nominal)
+        except SmsidError as error:
+            LOGGER.info("%s is not sought again: %s", one.key, error)
+            continue
+        if less.point.model().nv != last.changes.model.nv:
+            continue
+        columns = list(signatures(less, [one]).values())
+        if not columns:
+            continue
+        fresh, ratio = next(iter(scored(less, [one], columns)), None), _own(last, less, cause).ratio
+        if fresh is None:
+            continue
+        if fresh.ratio - ratio < levels.alias:
+            continue
+        found = refit(less, fresh)
+        gained = 0.0 if found is None else 2.0 * (last.objective - found.objective)
+        if found is None or gained < levels.alias:
+            continue
+        LOGGER.info("%s is another: gains %.1f", one.key, gained)
+        beside = tuple(u.name for u in less.unknowns)
+        causes[i], last = replace(cause, score=fresh, ratio=ratio + gained, beside=beside), found
+    return causes, last
+
+
+def recompute_evidence(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list[Cause]:
+    """Return the causes with the ratios they have in a fit to finer noise than they were found with.
+
+    Each beside the others, to first order; one that has motion of its own, or cannot be taken out, as
+    `exchange_step` has it. No ratio is smaller than it was.
+    """
+    causes = list(causes)
+    for i, cause in enumerate(causes):
+        less = _taken_out(last, cause, nominal)
+        if less is None:
+            continue
+        own = _own(last, less, cause)
+        LOGGER.info("%s: ratio %.1f, now %.1f", cause.score.candidate.key, cause.ratio, own.ratio)
+        causes[i] = replace(cause, ratio=max(cause.ratio, own.ratio))
+    return causes
+
+
+def _taken_out(last: Fit, cause: Cause, nominal: Fit) -> Fit | None:
+    """Return a fit less a cause to first order; refitted, where how it moves itself is not of first order."""
+    try:
+        less = without_cause(last, cause.score.candidate, nominal)
+        if less.point.model().nv != last.changes.model.nv:
+            less = fit(less.point, less.unknowns, less.problem, iterations=8)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s is not taken out: %s", cause.score.candidate.key, error)
+        return None
+    return less
+
+
+def without_cause(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:
+    """Return a fit less a cause, to first order: what its effect does along the motion is left again.
+
+    Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
+    but do not yet. Raises `SmsidError` where what it does has no derivative.
+    """
+    own = {*candidate.free, *candidate.also}
+    point, run, effect = found.point, found.run, candidate.effect
+    if effect is None:
+        bound = {u.name: u for u in nominal.unknowns}
+        unknowns, whitened = tuple(bound.get(u.name, u) for u in found.unknowns), found.whitened
+        unknowns = tuple(b if b.name in own else u for b, u in zip(unknowns, found.unknowns, strict=True))
+    else:
+        kept = [i for i, u in enumerate(found.unknowns) if u.name not in own]
+        unknowns, whitened = tuple(found.unknowns[i] for i in kept), found.whitened[:, :, kept]
+        mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
+        plain = mine.with_values({n: stated[n] for n in candidate.free})
+        done = propagate(run, [found.changes.effect(plain, mine, 1.0)])[:, :, 0]
+        run = replace(run, innovations=run.innovations + done)
+        point = point.with_effect(plain)
+        known = {e.name for e in nominal.point.description.effect}
+        if effect.name not in known and not any(u.name.startswith(f"{effect.name}.") for u in unknowns):
+            others = tuple(e for e in point.description.effect if e.name != effect.name)
+            point = replace(point, description=point.description.model_copy(update={"effect": others}))
+    flat, prior = whitened.reshape(-1, len(unknowns)), prior_of(point, unknowns, found.problem)
+    gram = flat.T @ flat + prior.rows.T @ prior.rows
+    slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
+    less = Fit(point, unknowns, found.problem, run, whitened, gram, slope, 0.0, found.changes, prior)
+    more = float(less.residual @ less.residual - found.residual @ found.residual)
+    return replace(less, objective=found.objective + 0.5 * more)
+
+
+def _own(last: Fit, less: Fit, cause: Cause) -> Score:
+    """Return the score of a cause beside the others: what the fit loses without it."""
+    index = [i for i, u in enumerate(last.unknowns) if u.name in cause.score.candidate.free]
+    columns = last.whitened[:, :, index].reshape(-1, len(index))
+    (beside,) = less.projected([columns])
+    return replace(
+        cause.score, ratio=_unexplained(less) - _unexplained(last), columns=beside.left, taken=beside.taken
+    )
+
+
+def _unexplained(found: Fit) -> float:
+    """Return the sum of squares that no step of the fitted parameters takes away."""
+    q, _ = found.factors
+    within = q.T @ found.residual
+    return float(found.residual @ found.residual - within @ within)
+
+
+def _more(less: Fit, own: Score, last: Fit) -> float:
+    """Return what the parameters cost that a cause freed beside those it was scored with."""
+    return cost(less, own, last) - (own.ratio - own.information_gain(last.run.samples))
+
+
+def _refitted(
+    less: Fit, last: Fit, own: Score, scores: Sequence[Score], levels: DetectionThresholds
+) -> tuple[Score, Fit] | None:
+    """Return the best rival and its fit where it gains clearly more than the cause, refitted too."""
+    samples = last.run.samples
+    best = max(scores, key=lambda s: s.information_gain(samples), default=None)
+    if best is None or best.information_gain(samples) - own.ratio + cost(less, own, last) < levels.alias:
+        return None
+    found = refit(less, best)
+    if found is None:
+        return None
+    gained = 2.0 * (last.objective - found.objective)
+    paid = cost(less, best, found) - cost(less, own, last)
+    LOGGER.info("%s for %s: gains %.1f", best.candidate.key, own.candidate.key, gained - paid)
+    if gained - paid < levels.alias:
+        return None
+    return replace(best, ratio=own.ratio + gained), found

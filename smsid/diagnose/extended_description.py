@@ -1,0 +1,136 @@
+"""Writing what was found into a description that simulates, identifies and controls like any other."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.diagnose.stepwise import Search
+from smsid.effects.base import Effect, known_effect
+from smsid.errors import DescriptionError, SmsidError
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.parameter_vector import Point
+from smsid.export.bodies import urdf_bodies
+from smsid.likelihood.consistent import consistent_inertias
+from smsid.likelihood.parameters import body_size
+from smsid.likelihood.pseudo_inertia import SIZE
+from smsid.model import rebuild
+from smsid.model.regressor import body_names, dynamic_parameters
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Inertial parameters of rigid bodies (bodies, 10), and what a unit of a step of them is."""
+
+    inertias: np.ndarray
+    sizes: np.ndarray
+
+
+INERTIA_ORDER = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
+    """Return the last fit's description, shifts of inertial parameters as ``body_error`` effects; and notes.
+
+    Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
+    are the nearest that can, in the sense of the fit's own uncertainty: they simulate as the fit does.
+    Of several recordings, it has the effects of the last.
+    """
+    point = as_now(found.last)
+    if not point.inertial:
+        return point.description, ()
+    try:
+        return _extended(point, point.inertial), ()
+    except DescriptionError as error:
+        LOGGER.info("refitted bodies cannot exist: %s", error)
+    try:
+        near = _that_can_exist(found.last)
+        return _extended(point, near), (
+            "refitted bodies that could not exist singly are the nearest that can, by the fit's uncertainty",
+        )
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.warning("bodies are left as described: %s", error)
+        return point.description, (
+            f"extended.toml has the bodies as described: as refitted they could not exist ({error})",
+        )
+
+
+def as_now(found: Fit) -> Point:
+    """Return where a fit of several recordings stands in the last: with effects beginning by its clock."""
+    point, parts = found.point, found.problem.parts
+    if not parts:
+        return point
+    begins = float(found.problem.data.times[parts[-1].first])
+
+    point = point.seen_in(parts[-1].label)
+
+    def now(effect: Effect) -> Effect:
+        start = getattr(effect, "start", None)
+        if start is None:
+            return effect
+        return effect.model_copy(update={"start": None if start <= begins else start - parts[-1].shift})
+
+    effects = tuple(now(e) for e in point.description.effect)
+    description = point.description.model_copy(update={"effect": effects})
+    return replace(point, description=description)
+
+
+def _that_can_exist(found: Fit) -> dict[int, float]:
+    """Return shifts by column of bodies that can exist, nearest to those of a fit."""
+    point = found.point
+    index = [i for i, u in enumerate(found.unknowns) if u.kind == "inertial"]
+    bodies = sorted({found.unknowns[i].column // SIZE for i in index})
+    columns = [SIZE * b + k for b in bodies for k in range(SIZE)]
+    by_column = {found.unknowns[i].column: i for i in index}
+    own = urdf_bodies(point.base.description)
+    names = body_joints(point)
+    described = np.array([own[names[b]] for b in bodies])
+    shifts = np.array([point.inertial.get(c, 0.0) for c in columns]).reshape(-1, SIZE)
+    sizes = np.array([body_size(dynamic_parameters(point.base.pin.inertias[b + 1])) for b in bodies])
+    places = [by_column[c] for c in columns]
+    covariance = found.covariance()[np.ix_(places, places)]
+    covariance = covariance / np.outer(sizes.ravel(), sizes.ravel())
+    there = Bodies(described + shifts, sizes)
+    near = consistent_inertias(there, Bodies(described, sizes), covariance)
+    return dict(zip(columns, (near - described).ravel().tolist(), strict=True))
+
+
+def body_joints(point: Point) -> dict[int, str]:
+    """Return the name of the joint of every body, by its place among the columns."""
+    return {j - 1: point.base.pin.names[j] for j in range(1, point.base.pin.njoints)}
+
+
+def _extended(point: Point, inertial: Mapping[int, float]) -> Description:
+    """Return a description with shifts by column; raises `DescriptionError` where a body could not exist."""
+    cls = known_effect("body_error")
+    assert cls is not None
+    names = body_names(point.base.pin)
+    by_body: dict[str, dict[str, float]] = {}
+    labels = ("m", "mx", "my", "mz", *INERTIA_ORDER)
+    for column, shift in inertial.items():
+        by_body.setdefault(names[column // 10], {})[labels[column % 10]] = shift
+    effects = []
+    for body, shifts in by_body.items():
+        if not any(shifts.values()):
+            continue
+        effects.append(
+            cls.model_validate(
+                {
+                    "kind": "body_error",
+                    "name": f"body_error_{body}".replace("/", "_"),
+                    "body": body,
+                    "mass": shifts.get("m", 0.0),
+                    "first_moment": tuple(shifts.get(k, 0.0) for k in ("mx", "my", "mz")),
+                    "inertia": tuple(shifts.get(k, 0.0) for k in INERTIA_ORDER),
+                }
+            )
+        )
+    extended = point.description.with_effects(*effects)
+    rebuild(point.base, extended)
+    return extended

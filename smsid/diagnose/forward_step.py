@@ -1,0 +1,310 @@
+"""The rounds of a search: score the candidates left, fit the likeliest, accept it beside its rivals."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.backward_elimination import eliminate_backward
+from smsid.diagnose.change_point import (
+    always,
+    always_together,
+    begins_midway,
+    best_onsets,
+    is_poor_fit,
+    refine_onset,
+    sync_onset,
+    with_onset,
+)
+from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, reprofile_selected
+from smsid.diagnose.hysteresis_test import memory
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law
+from smsid.diagnose.nested_parameters import free_nested_before_adding
+from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise
+from smsid.diagnose.one_recording import in_one_recording
+from smsid.diagnose.score_test import Candidate, Score, scored, signatures
+from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.diagnose.step_size_check import finely_stepped
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit
+
+LOGGER = logging.getLogger(__name__)
+CLEAR = THRESHOLDS.beginnings_sought
+RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
+
+
+class State:
+    """Where a search stands: the last fit, the causes in it, and the candidates left with their scores.
+
+    ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over
+    the stated noise; ``held`` are the tests for memory that end a search, where the next cause would stand
+    in for a piece of it.
+    """
+
+    def __init__(
+        self,
+        fitted: Fitted,
+        candidates: Sequence[Candidate],
+        levels: DetectionThresholds,
+        *,
+        known: Cause | None = None,
+        nominal: Fit | None = None,
+    ) -> None:
+        """Begin with the nominal parameters fitted, or with one cause ``known`` beside them already.
+
+        ``nominal`` is then the fit without it, in a model that may err.
+        """
+        self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
+        self.causes: list[Cause] = [] if known is None else [known]
+        self.held: tuple[SpecificationTest, ...] = ()
+        self._nominal()
+        if nominal is not None:
+            self.nominal = nominal
+            self.normalised_rmse = normalised_rmse(nominal.run)
+        self.failed: list[str] = []
+        self._restarts = 0
+        # whether the noise is finer now than when the last cause was chosen
+        self._finer = known is not None
+        self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
+        self._columns: dict[tuple[str, str, str], np.ndarray] = {}
+        self.scores = self._scored()
+
+    @property
+    def current(self) -> Fit:
+        """The last fit."""
+        return self.fitted.fit
+
+    @property
+    def samples(self) -> int:
+        """The number of samples that odds are of."""
+        return self.current.run.samples
+
+    def guarded(self, what: str, step: Callable[[], bool | None]) -> bool:
+        """Take a step of the search; return what it returns. One that fails numerically is undone and noted:
+        what was found before stays.
+        """
+        before = self.fitted, list(self.causes), self.held, self.scores, self.nominal, self.normalised_rmse
+        try:
+            return bool(step())
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s failed: %s", what, error, exc_info=True)
+            self.fitted, self.causes, self.held, self.scores, self.nominal, self.normalised_rmse = before
+            self.failed.append(f"{what} failed numerically and was left out: {error}")
+            return False
+
+    def forward_step(self) -> bool:
+        """Look for one cause more; return whether there may be another."""
+        leading = self._leading()
+        if not leading:
+            return False
+        counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
+        best = max(counting, key=lambda s: s.log_posterior_odds(self.samples))
+        best = simplest_law(best, [*counting, *self.scores], self.samples, self._asked)
+        if not self.fitted.misfit:  # else the tests do not decide
+            self.held = self._memory(best)
+        if self.held:  # the next would stand in for a piece of it
+            return False
+        larger = free_nested_before_adding(self.current, self.causes, best, self.levels)
+        if larger is not None:
+            gained = 2.0 * (self.current.objective - larger.objective)
+            self._move(larger, strong=gained > self.levels.linear)
+            self._score_anew()
+            return True
+        own = {s.candidate.key: s for s in leading[1:]}
+        rivals = [own.get(s.candidate.key, s) for s in self.scores]
+        rivals.sort(key=lambda s: -s.log_posterior_odds(self.samples))
+        cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates))
+        if cause is not None:
+            self._add(cause, found)
+        elif self._better(found):
+            self._restart(found)
+        else:
+            self._out.add(best.candidate.key)
+            self.scores = [s for s in self.scores if s.candidate.key != best.candidate.key]
+        return True
+
+    def close(self) -> None:
+        """Judge the causes beside each other: what is there all the time, and which of them they are."""
+        reached = self.current
+        self._there_always()
+        if self.current is not reached:
+            self._score_anew()
+        if not self.causes or (len(self.causes) == 1 and not self._finer):
+            return
+        reached, exchange = self.current, not self.fitted.misfit
+        self.causes, found = exchange_step(
+            self.causes, reached, self.nominal, self.candidates, self.levels,
+            exchange=exchange, last_too=self._finer,
+        )  # fmt: skip
+        self._keep(found)
+        if found is not reached:  # what had begun beside another cause
+            self._there_always()
+            self._score_anew()
+
+    def prune(self) -> bool:
+        """Drop the causes that the others have made needless; return whether any was."""
+        reached = self.current
+        self.causes, found = eliminate_backward(
+            self.causes, reached, self.nominal, self.levels, len(self.candidates)
+        )
+        if found is reached:
+            return False
+        self._keep(found)
+        self._there_always()
+        self._score_anew()
+        return True
+
+    def enlarge(self, larger: Fit) -> None:
+        """Take a fit with further parameters of the causes free."""
+        self._keep(larger)
+        self._score_anew()
+
+    @property
+    def _asked(self) -> DetectionThresholds:
+        asked = self.levels.beside_a_cause if self.causes else self.levels
+        # ratios that count what is not followed: small ones may be of large effects
+        return replace(asked, linear=0.0) if self.fitted.misfit else asked
+
+    def _counts(self, s: Score) -> bool:
+        """Whether there is something; odds order what counts, they do not decide."""
+        return bool(s.freedom) and s.p_value * len(self.candidates) < self._asked.candidate
+
+    def _leading(self) -> list[Score]:
+        """Return the likeliest score, then it and its contenders with the onset that each may have."""
+        least = self.levels.beside * max((c.ratio for c in self.causes), default=0.0)
+        best = next((s for s in self.scores if s.ratio > least and self._counts(s)), None)
+        if best is None or len(self.causes) == self.levels.causes:
+            return []
+        few = self.levels.contenders
+        leading = [best, *(s for s in self.scores if s is not best)][:few]
+        if best.ratio > min(CLEAR, self.levels.linear):  # enough for what is there in part to pass as another
+            known = {s.candidate.key for s in leading}
+            leading += [
+                s for s in best_onsets(self.current, self.scores, few) if s.candidate.key not in known
+            ]
+        return [best, *(with_onset(self.current, s, self.levels.onset) for s in leading)]
+
+    def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
+        """Return the tests for memory at the joints of causes that gain more than the next candidate does."""
+        gain, level = best.information_gain(self.samples), self.levels.block / len(self.candidates)
+        tests = memory(self.current, [c.score.candidate.location for c in self.causes])
+        return tuple(t for t in tests if t.information_gain(self.samples) > gain and t.p_value < level)
+
+    def _better(self, found: Fit) -> bool:
+        gained = 2.0 * (self.current.objective - found.objective)
+        return gained > self.levels.linear and self._restarts < RESTLESS
+
+    def _restart(self, found: Fit) -> None:
+        """Go on from a better fit of the same parameters that a candidate led to."""
+        self._restarts += 1
+        LOGGER.info("the fit had not come to rest: %.1f to %.1f", self.current.objective, found.objective)
+        self._move(found, strong=True)
+        if not self.causes:
+            self._nominal()
+        self._out.clear()
+        self._score_anew()
+
+    def _add(self, cause: Cause, found: Fit) -> None:
+        """Take an accepted cause in, in the place of those that are special cases of it."""
+        levels, self._finer = self.levels, False
+        (cause,) = self._as_begun([cause], found)
+        moved, found = refine_onset(found, cause.score)
+        cause = replace(cause, score=moved)
+        if is_poor_fit(found):  # perhaps as the cause was there all the time
+            still, found = always(found, cause.score, levels.onset)
+            cause = replace(cause, score=still)
+        self.causes, found = drop_onset(self.causes, found, levels)
+        *self.causes, cause = self._as_begun([*self.causes, cause], found)
+        within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
+        cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
+        self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
+        reached = found.objective
+        self.causes, found = reprofile_selected(self.causes, found, self.nominal, self.candidates, levels)
+        strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
+        counted = self.fitted.misfit
+        self._move(found, strong=strong)
+        self._out.update(c.score.candidate.key for c in within)
+        strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
+        if strong:
+            self._keep(finely_stepped(self.current))
+        if strong or counted:  # signatures are those of another motion, or in other noise
+            self._columns.clear()
+        self.scores = self._scored()
+
+    def _there_always(self) -> None:
+        causes, found = drop_onset(self.causes, self.current, self.levels)
+        self.causes = self._as_begun(causes, found)
+        self._keep(found)
+
+    def _as_begun(self, causes: Sequence[Cause], found: Fit) -> list[Cause]:
+        """Return causes with the starts that their effects have in a fit; described ones are left alone."""
+        described = {e.name for e in self.nominal.point.description.effect}
+
+        def own(cause: Cause) -> bool:
+            effect = cause.score.candidate.effect
+            return effect is not None and effect.name not in described
+
+        return [replace(c, score=sync_onset(found, c.score)) if own(c) else c for c in causes]
+
+    def _nominal(self) -> None:
+        """The last fit is of the nominal parameters alone."""
+        self.nominal = self.current
+        self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
+
+    def _move(self, found: Fit, *, strong: bool) -> None:
+        """Go on from another fit, with its noise levels.
+
+        Where misfit is no longer counted, only now are beginnings seen as sharply as they can be, causes
+        weigh what they do, and what was tried in vain is worth another trial.
+        """
+        counted = self.fitted.misfit
+        self.current.changes.by_candidate.clear()
+        self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong)
+        if self.fitted.misfit or not counted:
+            return
+        self._finer = True
+        self._out.clear()
+        for i, before in enumerate(self.causes):
+            still, found = refine_onset(self.current, before.score)
+            self.causes[i] = replace(before, score=still)
+            self._keep(found)
+        self.causes = self._as_begun(self.causes, self.current)
+        self.causes = recompute_evidence(self.causes, self.current, self.nominal)
+
+    def _keep(self, found: Fit) -> None:
+        """Go on from another fit with the noise levels as they are."""
+        self.fitted = replace(self.fitted, fit=found)
+
+    def _score_anew(self) -> None:
+        self._columns.clear()
+        self.scores = self._scored()
+
+    def _scored(self) -> list[Score]:
+        """Score the candidates left, the best first; signatures already known are used again."""
+        out = self._out | {c.score.candidate.key for c in self.causes}
+        rest = [c for c in self.candidates if c.key not in out]
+        missing = [c for c in rest if c.key not in self._columns]
+        if missing:
+            known = signatures(self.current, missing)
+            self._columns.update({missing[i].key: columns for i, columns in known.items()})
+        seen = [c for c in rest if c.key in self._columns]
+        scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
+        scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
+        return sorted(scores, key=lambda s: -s.log_posterior_odds(self.samples))
+
+
+def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:
+    """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
+
+    One after the other, then all that are left together.
+    """
+    scores, found = [c.score for c in causes], current
+    for i, score in enumerate(scores):
+        scores[i], found = always(found, score, levels.onset)
+    if sum(begins_midway(s) for s in scores) > 1:
+        scores, found = always_together(found, scores, levels.onset)
+    return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found

@@ -1,0 +1,368 @@
+"""A cause is accepted by a refit beside its rivals."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from scipy.stats import chi2
+
+from smsid.diagnose.profiled_hypothesis import Resolved
+from smsid.diagnose.score_test import Candidate, Score, correlation, odds
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import Fit, fit
+from smsid.estimation.parameter_vector import Unknown
+
+LOGGER = logging.getLogger(__name__)
+NEAR = THRESHOLDS.near
+BEYOND = THRESHOLDS.beyond
+NESTED = THRESHOLDS.nested
+CONTAINED = THRESHOLDS.contained
+AS_GOOD = THRESHOLDS.contained_better
+FEW = 2  # aliases that are named whatever their chances are
+REST = THRESHOLDS.left_out
+SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which what it lacks is small
+AXES = (".x", ".y", ".z")
+STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
+SURPLUS = THRESHOLDS.surplus
+
+
+@dataclass(frozen=True)
+class DetectionThresholds:
+    """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
+
+    ``candidate`` is that of the first cause, ``further`` that of one beside others: that a recording has two
+    things wrong takes more evidence than that it has one.
+    ``alias`` is the difference of doubled log odds below which two candidates are not told apart (6.6: what
+    is there is beaten by that in half a percent of the cases at most, however like it another is that has as
+    many parameters; siblings with more are another matter, `is_distinguishable`);
+    ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
+    likely); ``linear`` the likelihood ratio up to which the linear score is believed
+    without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
+    what is left beside it may be how finely the model follows that cause (3 % of its size): no cause.
+    """
+
+    candidate: float = THRESHOLDS.candidate
+    block: float = THRESHOLDS.block
+    further: float = THRESHOLDS.further
+    alias: float = THRESHOLDS.alias
+    onset: float = THRESHOLDS.onset
+    linear: float = THRESHOLDS.linear
+    beside: float = THRESHOLDS.beside
+    causes: int = 3
+    contenders: int = 3
+
+    @property
+    def beside_a_cause(self) -> DetectionThresholds:
+        """The levels for what stands beside a cause or a fault that is known."""
+        return replace(self, candidate=min(self.candidate, self.further))
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An accepted candidate with its score, and those this experiment does not tell from it.
+
+    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit;
+    ``beside`` names the parameters that were fitted when it was scored.
+    """
+
+    score: Score
+    aliases: tuple[tuple[Score, float], ...]
+    ratio: float
+    beside: tuple[str, ...]
+
+    def score_beside(self, names: Sequence[str]) -> Score:
+        """Return its score with other parameters fitted; what it takes of new ones is not known."""
+        rows = dict(zip(self.beside, self.score.taken, strict=True))
+        nothing = np.zeros(self.score.taken.shape[1])
+        return replace(self.score, taken=np.array([rows.get(n, nothing) for n in names]))
+
+
+def accept(
+    current: Fit, best: Score, scores: Sequence[Score], levels: DetectionThresholds, tried: int
+) -> tuple[Cause | None, Fit]:
+    """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
+
+    ``tried`` is the number of candidates, which chances are corrected for. Without a winner the fit is
+    ``current``, or a better one without the candidates that their refits led to.
+    """
+    samples = current.run.samples
+    rivals = [s for s in scores if s.candidate.key != best.candidate.key]
+    near = [s for s in rivals if not is_distinguishable(best, s, samples, levels)]
+    contenders = [best] if best.another is None else [best, best.another]
+    if best.ratio > levels.linear:
+        close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
+        contenders += close[: levels.contenders - 1]
+        if _begins(best):  # large and curved, what is there all the time scores less than it explains
+            still = next((s for s in rivals if not _begins(s)), None)
+            if still is not None and not any(s is still for s in contenders):
+                contenders.append(still)
+    fitted: list[tuple[float, Score, Fit]] = []
+    for s in contenders:
+        found = refit(current, s)
+        if found is None:
+            continue
+        ratio = 2.0 * (current.objective - found.objective)
+        if ratio > SURPLUS * s.ratio + levels.linear:
+            # the others' fit had perhaps not come to rest: what do they reach from here without it?
+            current = without_candidate(current, found, s.candidate)
+        LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
+        told = wald(found, s.candidate)
+        if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
+            LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
+            continue
+        fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
+    if not fitted:
+        return None, current
+    value, winner, found = max(fitted, key=lambda x: x[0])
+    ratio = 2.0 * (current.objective - found.objective)
+    if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
+        return None, current
+    reached = {id(s): v for v, s, _ in fitted}
+    if best.ratio > levels.linear:
+        explains = {}
+        for _, s, f in fitted:  # less what its further parameters cost
+            more = cost(current, s, f) - (s.ratio - s.information_gain(samples))
+            explains[id(s)] = replace(s, ratio=2.0 * (current.objective - f.objective) - more)
+
+        def as_good(s: Score) -> bool:
+            """Whether a contender is no worse by what it costs, or can do the same at any price."""
+            ahead = value - reached.get(id(s), -np.inf)
+            if ahead < levels.alias or id(s) not in explains:
+                return ahead < levels.alias
+            return not is_distinguishable(explains[id(winner)], explains[id(s)], samples, levels)
+
+        others = [s for s in contenders if s is winner or s.candidate.key != winner.candidate.key]
+        near = [s for s in others if as_good(s)]
+        near += [
+            s for s in rivals if s not in contenders and not is_distinguishable(best, s, samples, levels)
+        ]
+    beside = tuple(u.name for u in current.unknowns)
+    return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
+
+
+def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: DetectionThresholds) -> Score:
+    """Return the simplest law of the same place that the best candidate is not told from, or that one."""
+    for shape in best.candidate.simpler:
+        for s in scores:
+            own = best.candidate.extends(s.candidate) and s.candidate.shape == shape and s.freedom > 0
+            if own and correlation(best, s) > NEAR and not is_distinguishable(best, s, samples, levels):
+                return s
+    return best
+
+
+def _begins(s: Score) -> bool:
+    return getattr(s.candidate.effect, "start", None) is not None
+
+
+def aliases_of(
+    winner: Score, near: Sequence[Score], samples: int, reached: Mapping[int, float] | None = None
+) -> tuple[tuple[Score, float], ...]:
+    """Return those of the candidates not rejected that look like the winner, with their correlations; the
+    likeliest first.
+
+    Of more than two, the least likely are left out that hold `REST` of the chances at most (by their
+    odds); never one that explains as much as the winner does or can do the same. ``reached`` are the
+    criteria of scores after a refit, by ``id``; the others' are linear.
+    """
+    alike = [(s, correlation(winner, s)) for s in near if s is not winner]
+    alike = [a for a in alike if a[1] > NEAR]
+    refitted, best = reached or {}, winner.log_posterior_odds(samples)
+
+    def chance(s: Score) -> float:
+        both = id(s) in refitted and id(winner) in refitted
+        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.log_posterior_odds(samples)
+        return float(np.exp(-0.5 * max(lead, 0.0)))
+
+    left = REST * (1.0 + sum(chance(s) for s, _ in alike))
+    for s, how in sorted(alike, key=lambda a: chance(a[0])):
+        if len(alike) <= FEW or chance(s) > left:
+            break
+        if s.ratio < winner.ratio and how <= CONTAINED:
+            left -= chance(s)
+            alike = [a for a in alike if a[0] is not s]
+    return tuple(sorted(alike, key=lambda a: -chance(a[0])))
+
+
+def is_distinguishable(winner: Score, rival: Score, samples: int, levels: DetectionThresholds) -> bool:
+    """Whether a rival is rejected beside the winner.
+
+    Were it what is there, the winner would explain no more than it does but for chance, on as many degrees
+    of freedom as the winner has and for every variant of it that was searched: beyond that it is rejected,
+    however few its parameters are. (Not above ``levels.linear``, where linear scores are not believed.)
+
+    A sibling with more parameters may hold the winner as a special case; its higher price alone rejects
+    nothing then, but that what it has more explains no more than chance does, and, of a weak one, is small.
+    One that only looks like the winner (a friction that goes with the cosine of a small angle) is rejected by
+    what it leaves. Nor does its price reject what elsewhere can do just what the winner does (the inertia of
+    a link, that of a motor): no data tell them. It is as likely as the few of its parameters are that it
+    takes.
+    """
+    a, b = winner.candidate, rival.candidate
+    more = rival.freedom - winner.freedom
+    lead = winner.ratio - rival.ratio
+    chance = BEYOND / a.grid
+    if winner.ratio <= levels.linear and lead > float(chi2.isf(chance, max(winner.freedom, 1))):
+        return True
+    if more > 0 and (a.location, a.family) == (b.location, b.family):
+        if b.extends(a):
+            return -lead < float(chi2.isf(NESTED, more))
+        if set(a.free) <= set(b.free):
+            weak = winner.ratio <= levels.linear  # else what it adds would show
+            return -lead < float(chi2.isf(NESTED, more)) and not (weak and _open(winner, rival))
+        if lead < levels.alias and correlation(winner, rival) > AS_GOOD:
+            return False
+    if more > 0 and winner.freedom == 1 and lead < levels.alias:
+        alike = correlation(winner, rival)
+        if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
+            return winner.log_posterior_odds(samples) - best_subset_odds(rival, samples) >= levels.alias
+    return winner.log_posterior_odds(samples) - rival.log_posterior_odds(samples) >= levels.alias
+
+
+def _open(winner: Score, rival: Score) -> bool:
+    """Whether what a rival has beside the winner's parameters may be half as large as these are."""
+    mine = np.array([n in winner.candidate.free for n in rival.candidate.free])
+    spread = np.sqrt(np.diag(rival.covariance))[~mine]
+    may_be = np.abs(rival.estimate[~mine]) + SURE * spread
+    return bool((may_be > HALF * np.abs(winner.estimate).max(initial=0.0)).any())
+
+
+def best_subset_odds(s: Score, samples: int) -> float:
+    """Return the odds of a score with those of its parameters alone that have most: few may do, the rest are
+    paid for nothing. How many sets there are of as many is paid for.
+    """
+    if isinstance(s.candidate, Resolved):  # where it is was searched for: it has all it was found with
+        return s.log_posterior_odds(samples)
+    gram, count = s.columns.T @ s.columns, len(s.estimate)
+    size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
+    gram, slope = gram / np.outer(size, size), gram @ s.estimate / size
+    best = s.log_posterior_odds(samples)
+    for few in range(1, min(count, s.freedom)):
+        for some in combinations(range(count), few):
+            index = np.array(some)
+            part, aim = gram[np.ix_(index, index)], slope[index]
+            lost = float(slope @ (s.estimate * size) - aim @ np.linalg.pinv(part, hermitian=True) @ aim)
+            price = 2.0 * float(np.log(s.candidate.grid * comb(count, few)))
+            best = max(best, odds(s.ratio - lost, few, samples) - price)
+    return best
+
+
+def cost(current: Fit, s: Score, found: Fit) -> float:
+    """Return what a refitted candidate costs in Bayes's criterion, the further parameters it freed too."""
+    samples = found.run.samples
+    more = {u.name for u in found.unknowns} & set(s.candidate.also) - {u.name for u in current.unknowns}
+    return s.ratio - s.information_gain(samples) + len(more) * float(np.log(samples))
+
+
+def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
+    """Return the better of a fit and one from where another ended, ``found``, that has a candidate more."""
+    point = found.point
+    if candidate.effect is not None:
+        known = {e.name for e in current.point.description.effect}
+        kept = tuple(e for e in point.description.effect if e.name in known)
+        point = replace(point, description=point.description.model_copy(update={"effect": kept}))
+        mine = [e for e in current.point.description.effect if e.name == candidate.effect.name]
+        point = point.with_effect(mine[0]) if mine else point
+    try:
+        further = fit(point, current.unknowns, current.problem, iterations=8)
+    except (SmsidError, np.linalg.LinAlgError):
+        return current
+    return further if further.objective < current.objective else current
+
+
+def refit(current: Fit, s: Score) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate."""
+    candidate = s.candidate
+    own = candidate.unknowns(current.unknowns)
+    kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
+    point = current.point
+    if candidate.effect is not None:
+        point = point.with_effect(candidate.instance(point), candidate.recording)
+    unknowns = (*kept, *own)
+    # what stood in for the effect goes back, the effect comes in
+    back = -(s.taken @ s.estimate) * current.scales
+    start = point.moved(current.unknowns, back).moved(own, s.estimate * np.array(candidate.steps))
+    for at in (start, point):
+        try:
+            if not at.physical():
+                continue
+            found = fit(at, unknowns, current.problem, iterations=12, at_most=current.objective)
+            return _with_more(found, candidate) if found.objective < current.objective else found
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
+    return None
+
+
+def unfitted_parameters(found: Fit, candidate: Candidate) -> list[Unknown]:
+    """Return the further parameters of a candidate's effect that a fit with it holds as they are, free."""
+    fitted = {u.name for u in found.unknowns}
+    names = [n for n in candidate.also if n not in fitted]
+    known = {p.name: p for p in candidate.instance(found.point).parameters()} if names else {}
+    return [
+        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        for n in names
+        for p in (known[n],)
+    ]
+
+
+def _with_more(found: Fit, candidate: Candidate) -> Fit:
+    """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
+    them, else those that do alone (the components of a vector together).
+    """
+    more = unfitted_parameters(found, candidate)
+    price = float(np.log(found.run.samples))
+
+    def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:
+        try:
+            free, least = (*found.unknowns, *some), found.objective - 0.5 * price
+            larger = fit(found.point, free, found.problem, iterations=20, at_most=least)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], error)
+            return -np.inf, found
+        return 2.0 * (found.objective - larger.objective) - len(some) * price, larger
+
+    if not more:
+        return found
+    paid, larger = freed(more)
+    groups: dict[str, list[Unknown]] = {}
+    for u in more:
+        groups.setdefault(u.name[:-2] if u.name.endswith(AXES) else u.name, []).append(u)
+    if len(groups) > 1 and (np.isneginf(paid) or -price * (len(more) - 1) < paid <= 0.0):
+        paid, larger = max((freed(some) for some in groups.values()), key=lambda x: x[0])
+    return larger if paid > 0.0 else found
+
+
+def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:
+    """Return Wald's statistic of a candidate's parameters at a fit: how far they are from doing nothing.
+
+    Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
+    ``held``: with its further parameters, which mean nothing without the effect, as they are. ``strength``:
+    of what makes it do something alone; its frequency may be known where its mass is not.
+    """
+    names = [u.name for u in found.unknowns]
+    index = np.array([names.index(n) for n in candidate.free])
+    shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
+    if (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all():
+        return 0.0  # no mass, whatever its spring and its place are
+    if strength:
+        index, shift = index[strengths(candidate)], shift[strengths(candidate)]
+    covariance = found.covariance(candidate.also if held else ())[index][:, index]
+    told = np.diag(covariance) > 0.0
+    if not told.any():
+        return 0.0
+    covariance, shift = covariance[np.ix_(told, told)], shift[told]
+    sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
+    return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
+
+
+def strengths(candidate: Candidate) -> np.ndarray:
+    """Return which free parameters (d,) make it do something: the first, where the effect does not say."""
+    fields = [name.split(".")[1] for name in candidate.free]
+    stated = fields if candidate.effect is None else candidate.effect.strength
+    named = np.array([field in stated for field in fields])
+    return named if named.any() else np.arange(len(fields)) == 0

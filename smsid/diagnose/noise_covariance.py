@@ -1,0 +1,206 @@
+"""Noise levels from what a fit leaves: the sensors' own, and where the model cannot follow, its misfit."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import welch
+
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.kalman import FilterRun, Noise, Problem
+from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
+from smsid.estimation.measurements import Measured
+from smsid.estimation.parameter_vector import Point, Unknown
+
+LOGGER = logging.getLogger(__name__)
+SLOW = THRESHOLDS.slow
+LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
+MISFIT = THRESHOLDS.misfit
+FOLLOWED = THRESHOLDS.followed
+PARTS = 8  # segments of the spectrum that misfit is read from
+FEW = 50  # samples below which a channel says nothing of its noise
+NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit with the noise levels it was made with: factors on the stated ones (rows,).
+
+    ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
+    ``alone`` where all components but one are followed, which was not fitted.
+    """
+
+    fit: Fit
+    factors: np.ndarray
+    misfit: bool = False
+    alone: bool = False
+
+    @property
+    def by_channel(self) -> dict[str, float]:
+        """Noise level over the stated one, by channel: root mean square over its components."""
+        blocks = self.fit.problem.data.blocks
+        return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
+
+
+def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
+    """Fit parameters to the noise as stated, not to the end.
+
+    Raises `SimulationError` when the start cannot be filtered.
+    """
+    # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
+    near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
+    return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+
+
+def with_levels(found: Fitted) -> Fitted:
+    """Return a first fit with the noise level of every channel fitted, too.
+
+    Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
+    means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
+    as noise that is as slow.
+    """
+    if normalised_rmse(found.fit.run) > MISFIT:
+        return _but_for_one(found) or refit_noise(replace(found, misfit=True))
+    return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
+
+
+def _but_for_one(found: Fitted) -> Fitted | None:
+    """Return the fit of all components but the one that strays most, where the model follows these.
+
+    That one is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
+    bend to it. Its samples are back in the fit that is returned.
+    """
+    whole = found.fit.problem
+    squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
+    worst = int(np.argmax(squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)))
+    left_out = np.zeros(whole.data.values.shape, dtype=bool)
+    left_out[:, worst] = True
+    left_out[list(found.fit.run.begins), worst] = False  # where the filter begins is read from there
+    problem = replace(whole, data=whole.data.without(left_out))
+    try:
+        rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
+        if normalised_rmse(rest.run) > FOLLOWED:
+            return None
+        LOGGER.info("all but %s is followed", whole.data.names[worst])
+        return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors, alone=True)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not without %s either: %s", whole.data.names[worst], error)
+        return None
+
+
+def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
+    """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
+
+    ``strong``: a cause was found since that the levels may have had a part of.
+    """
+    if not found.misfit:
+        return _with_noise(found) if strong else found
+    if strong:
+        exact = _exact(found)
+        if exact is not None:
+            return exact
+    again = _with_misfit(found)
+    if normalised_rmse(again.fit.run, again.factors) > FOLLOWED:
+        return again
+    return _exact(again) or again
+
+
+def _exact(found: Fitted) -> Fitted | None:
+    """Return the fit to the noise as it is stated, where the model follows the recording that far."""
+    stated = found.fit.problem.data.scaled(1.0 / found.factors)
+    problem = replace(found.fit.problem, data=stated)
+    try:
+        first = fit(found.fit.point, found.fit.unknowns, problem, iterations=2)
+    except SimulationError as error:
+        LOGGER.info("not to the noise: %s", error)
+        return None
+    if normalised_rmse(first.run) > MISFIT:
+        return None
+    exact = continued(first, iterations=6)
+    if normalised_rmse(exact.run) > FOLLOWED:
+        return None
+    LOGGER.info("what is left can be fitted to the noise")
+    return _with_noise(Fitted(exact, np.ones(stated.rows)))
+
+
+def _with_noise(found: Fitted) -> Fitted:
+    for _ in range(2):
+        factor = noise_factors(found.fit.problem.data, found.fit.run)
+        if np.abs(factor - 1.0).max() < 0.03:
+            break
+        found = _scaled(found, factor)
+    return found
+
+
+def _with_misfit(found: Fitted) -> Fitted:
+    for _ in range(3):
+        factor = misfit_factors(found.fit.problem.data, found.fit.run)
+        factor = np.maximum(found.factors * factor, 1.0) / found.factors
+        LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
+        # what candidates are scored on is linear anyway: no need to be nearer than that
+        found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
+        if np.abs(np.log(factor)).max() < 0.1:
+            break
+    return found
+
+
+def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
+    problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
+
+    def from_there(point: Point) -> Fit:
+        return fit(point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
+
+    try:
+        fitted = from_there(found.fit.point)
+    except SimulationError as error:  # where the last step of a fit goes is not filtered again
+        LOGGER.info("from the step before: %s", error)
+        fitted = from_there(found.fit.changes.point)
+    return replace(found, fit=fitted, factors=found.factors * factor)
+
+
+def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
+    """Return what every channel's stated noise is off by (rows,), from its prediction errors.
+
+    From their variance, or where that is clearly larger, from that of their differences: what varies slowly
+    is no noise. One factor a channel; components read in steps keep theirs.
+    """
+    out = np.ones(data.rows)
+    for block in data.blocks:
+        rows = np.arange(block.rows.start, block.rows.stop)
+        if data.coarse is not None:
+            rows = rows[~data.coarse[rows]]
+        shares = []
+        for row in rows:
+            x = run.normalised[run.used[:, row], row]
+            if len(x) < FEW:
+                continue
+            x = x[len(x) // 50 :]
+            middle = np.abs(x) < 5.0 * np.median(np.abs(x)) + 1e-12  # outliers are no noise either
+            rough = np.diff(x)
+            calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
+            whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
+            shares.append(whole if whole < SLOW * fast else fast)
+        if shares:
+            out[rows] = np.sqrt(np.mean(shares))
+    return out
+
+
+def misfit_factors(data: Measured, run: FilterRun) -> np.ndarray:
+    """Return by what the noise of every component (rows,) is to grow for its misfit to weigh as noise.
+
+    White noise of that level has as much power as the prediction errors at the frequency where they have
+    most (Welch's spectrum, `PARTS` segments): a slow error is one error, however often it is sampled.
+    """
+    out = np.ones(data.rows)
+    for row in range(data.rows):
+        x = run.normalised[run.used[:, row], row]
+        if len(x) < FEW:
+            continue
+        _, power = welch(x, nperseg=max(len(x) // PARTS, FEW // 2), detrend=False)  # pyright: ignore
+        out[row] = float(np.sqrt(0.5 * power[:-1].max()))
+    return out

@@ -1,0 +1,249 @@
+"""What is uncertain before any cause is looked for: the nominal parameters, with what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.description.schema import Description
+from smsid.diagnose.beam_values import with_beams
+from smsid.effects.appendage import Appendage, ModalAppendage
+from smsid.effects.base import Effect, Parameter
+from smsid.effects.beam_mode import BeamMode
+from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.mode_error import ModeError
+from smsid.effects.slosh import Slosh
+from smsid.effects.slosh_pendulum import SloshPendulum
+from smsid.errors import SmsidError
+from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
+from smsid.estimation.unknowns import moving_bodies
+from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, parse_combination, urdf_bodies
+from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.likelihood.parameters import body_size
+from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
+
+# effects whose parameters are nominal ones
+FREE = (Slosh, SloshPendulum, Appendage, ModeError, BeamMode, ExtraMode)
+GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
+DEFAULT_INERTIAL = 0.01
+DEFAULT_EFFECT = 0.10
+"""Standard deviations where neither an estimate nor the description states any: relative to the body's own
+mass, first moment and inertia, and to the value of an effect's parameter."""
+
+BEYOND = 0.5
+"""Of single inertial parameters where combinations of them are known: wide."""
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The nominal parameters, what an estimate knows of them together, and where that is from.
+
+    ``point`` has the estimate's values; ``combinations`` counts those of inertial parameters in ``joint``.
+    ``sources`` counts the standard deviations: ``estimate``, ``description``, ``default``; ``notes`` say what
+    of the estimate was not taken.
+    """
+
+    point: Point
+    unknowns: tuple[Unknown, ...]
+    joint: JointPrior
+    combinations: int
+    sources: dict[str, int]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def stated(self) -> str:
+        """One sentence on where the standard deviations are from."""
+        parts = [f"{n} from the {k}" for k, n in self.sources.items() if n and k != "default"]
+        if self.combinations:
+            parts.append(f"{self.combinations} combinations of them from the estimate")
+        if self.sources["default"]:
+            parts.append(
+                f"{self.sources['default']} by default ({100 * DEFAULT_INERTIAL:g} % of a body's own size, "
+                f"{100 * DEFAULT_EFFECT:g} % of an effect's parameter)"
+            )
+        return "standard deviations of the nominal parameters: " + ", ".join(parts)
+
+
+def nominal(description: Description, estimate: Estimate | None, further: Sequence[str] = ()) -> Nominal:
+    """Return the nominal parameters of a description with their priors.
+
+    With an estimate, values are the estimate's: effects directly, bodies as the nearest physical ones that
+    agree with the identified combinations. Standard deviations are the estimate's, else the description's
+    priors, else the stated defaults; a single parameter that is known in combinations only has the wide
+    default `BEYOND`. What the estimate knows has its covariance; without one its errors are taken as
+    independent, which a note says. Sensor biases are nuisances where the description states their standard
+    deviation: of a first recording, and by their names each of the ``further`` ones has its own.
+
+    Raises `SmsidError` for an estimate that belongs to another spacecraft.
+    """
+    notes: list[str] = []
+    known: dict[str, ParameterEstimate] = {}
+    told: set[str] = set()
+    if estimate is not None:
+        known = {p.name: p for p in estimate.parameters}
+        description, notes, told = with_beams(description, estimate)
+    point = Point.of(description)
+    # what a URDF states in <dynamics> is listed, so that a friction found beside it adds to it
+    point = replace(point, description=point.base.description)
+    single, combinations = _inertial_knowledge(point, estimate)
+    combined = {name for factors in combinations.values() for name in factors}
+    if combinations:
+        point = _moved_to(point, estimate, notes)
+    found: list[Unknown] = []
+    sources = {"estimate": 0, "description": 0, "default": 0}
+
+    def add(name: str, kind: str, unit: str, value: float, scale: float, prior: float | None, **more) -> None:
+        stated = known[name].sigma if name in known else np.nan
+        if kind == "inertial" and name not in single:
+            stated = np.nan
+        if np.isfinite(stated) and stated > 0.0:
+            source, sigma = "estimate", float(stated)
+        elif prior is not None:
+            source, sigma = "estimate" if name in told else "description", prior
+        else:
+            share = DEFAULT_EFFECT if kind == "effect" else BEYOND if name in combined else DEFAULT_INERTIAL
+            source, sigma = "default", scale * share
+        sources[source] += 1
+        found.append(Unknown(name, kind, unit, value, sigma, min(scale, sigma), **more))  # type: ignore[arg-type]
+
+    model = point.base
+    names = body_names(model.pin)
+    for j in moving_bodies(model):
+        theta = dynamic_parameters(model.pin.inertias[j])
+        size = body_size(theta)
+        for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
+            column = 10 * (j - 1) + i
+            value = theta[i] + point.inertial.get(column, 0.0)
+            add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
+    modal = {e.name for e in point.description.effect if isinstance(e, ModalAppendage)}
+    for effect in point.description.effect:
+        if not isinstance(effect, FREE):
+            continue
+        if isinstance(effect, ModeError) and effect.appendage in modal:  # frequencies are the appendage's own
+            continue
+        for p in effect.parameters():
+            scale = _size(effect, p)
+            if scale == 0.0 or p.name.rpartition(".")[2] in GEOMETRY:
+                continue
+            add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
+    if estimate is not None and known and not (sources["estimate"] or combinations):
+        raise SmsidError(
+            "The estimate has no parameter of this description.",
+            advice="Is it of another spacecraft?",
+            estimate=sorted(known)[:10],
+            description=[u.name for u in found][:10],
+        )
+    joint = _joint_prior(point, estimate, combinations, found, notes)
+    return Nominal(point, (*found, *_biases(point, further)), joint, len(combinations), sources, tuple(notes))
+
+
+def _size(effect: Effect, p: Parameter) -> float:
+    """Return what a share of an effect's parameter is taken of; zero where it stays as it is."""
+    if isinstance(effect, BeamMode | ModeError) and p.name.endswith(".frequency"):
+        described = isinstance(effect, BeamMode) or p.value != 0.0 or p.sigma is not None
+        return 1.0 + p.value if described else 0.0  # it is relative to the beam's
+    if "damping" in p.name and (p.value == 0.0 or isinstance(effect, ModeError)):
+        return 1e-3
+    return abs(p.value)
+
+
+def _inertial_knowledge(
+    point: Point, estimate: Estimate | None
+) -> tuple[set[str], dict[str, dict[str, float]]]:
+    """Return the inertial parameters an estimate knows singly, and the factors of the combinations it knows
+    by its own name for them.
+    """
+    if estimate is None:
+        return set(), {}
+    names = {f"{body}.{p}" for body in body_names(point.base.pin) for p in INERTIAL_NAMES}
+    single, combined = set(), {}
+    for p in estimate.parameters:
+        if not (np.isfinite(p.sigma) and p.sigma > 0.0):
+            continue
+        terms = parse_combination(p.name)
+        own = {n: f for n, f in (terms or {}).items() if n in names}
+        if not own:
+            continue
+        if terms == {p.name: 1.0} and p.group not in GROUPS:
+            single.add(p.name)
+        else:
+            combined[p.name] = own
+    return single, combined
+
+
+def _joint_prior(
+    point: Point,
+    estimate: Estimate | None,
+    combinations: Mapping[str, Mapping[str, float]],
+    unknowns: Sequence[Unknown],
+    notes: list[str],
+) -> JointPrior:
+    """Return what an estimate knows of combinations and single parameters together.
+
+    Errors of an estimate go together: taken as independent, their sum would be known far too well, and what
+    it is off by be taken for a cause. Factors are rounded in the combinations' names, which adds to them.
+    """
+    if estimate is None:
+        return JointPrior()
+    own = {p.name: i for i, p in enumerate(estimate.parameters)}
+    single = {u.name: {u.name: 1.0} for u in unknowns if u.name in own and u.name not in combinations}
+    single = {n: f for n, f in single.items() if _of_estimate(n, unknowns, estimate)}
+    factors = {**combinations, **single}
+    if not factors:
+        return JointPrior()
+    places = [own[n] for n in factors]
+    sigma = estimate.sigmas[places]
+    if estimate.covariance is None:
+        notes.append("the estimate has no covariance: its parameters' errors are taken as independent")
+        covariance = np.diag(sigma**2)
+    else:
+        covariance = estimate.covariance[np.ix_(places, places)].copy()
+    values = {u.name: point.value(u) for u in unknowns}
+    rounded = [
+        ROUNDED * sum(abs(f * values.get(n, 0.0)) for n, f in some.items() if abs(f) != 1.0)
+        for some in factors.values()
+    ]
+    covariance[np.diag_indices_from(covariance)] += np.square(rounded)
+    return JointPrior(tuple(factors.values()), covariance)
+
+
+def _of_estimate(name: str, unknowns: Sequence[Unknown], estimate: Estimate) -> bool:
+    """Whether the prior of a parameter is the estimate's own standard deviation."""
+    stated = estimate[name].sigma
+    return bool(np.isfinite(stated)) and any(u.name == name and u.sigma == stated for u in unknowns)
+
+
+def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Point:
+    """Return the point with the bodies an estimate's combinations stand for."""
+    assert estimate is not None
+    found = identified_bodies(point.base, estimate)
+    notes += found.notes
+    own = urdf_bodies(point.base.description)
+    joints = {name: k for k, name in enumerate(list(point.base.pin.names)[1:])}
+    inertial = {
+        10 * joints[name] + i: float(shift)
+        for name, theta in found.parameters.items()
+        for i, shift in enumerate(theta - own[name])
+        if shift != 0.0
+    }
+    return replace(point, inertial=inertial)
+
+
+def _biases(point: Point, further: Sequence[str]) -> list[Unknown]:
+    found: list[Unknown] = []
+    for sensor in point.description.sensor:
+        for quantity in ("acceleration", "angular_rate"):
+            if quantity not in sensor.quantities or sensor.kind != "imu":
+                continue
+            errors = sensor.error(quantity)
+            sigma = np.hypot(
+                np.asarray(errors.bias_sigma, dtype=float), np.asarray(errors.gauss_markov_sigma, dtype=float)
+            )
+            unit = "m/s^2" if quantity == "acceleration" else "rad/s"
+            for i, (axis, s) in enumerate(zip("xyz", np.broadcast_to(sigma, 3), strict=True)):
+                if s > 0.0:
+                    name = f"{sensor.name}.{quantity}.bias.{axis}"
+                    found.append(Unknown(name, "bias", unit, 0.0, float(s), float(s), column=i))
+    return [*found, *(replace(u, name=f"{label}: {u.name}") for label in further for u in found)]

@@ -1,0 +1,168 @@
+"""Faults of single samples, found before any model is asked: stuck channels, coarse steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from smsid.diagnose.attitude_rounding import step_of
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.estimation.measurements import ChannelSlice, Measured
+
+STUCK_RUN = THRESHOLDS.stuck_run
+REPEATS = THRESHOLDS.repeats
+FINE = THRESHOLDS.fine
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one channel: ``kind`` is stuck, outliers or quantisation.
+
+    ``component`` is the row's name; ``value`` is the time it stuck [s], the share of outliers, or the step
+    [unit of the channel; of an attitude, 1: that of its quaternion's components], ``sigma`` its standard
+    deviation; ``samples`` (N, rows) marks what to leave out.
+    ``doubtful`` is one that reads in steps that show: what seems stuck may rest, see
+    `smsid.diagnose.stationary_channels`.
+    """
+
+    kind: str
+    channel: str
+    component: str
+    value: float
+    sigma: float
+    samples: np.ndarray
+    doubtful: bool = False
+
+
+def drop_samples(data: Measured, faults: Sequence[Fault]) -> Measured:
+    """Return the data without the samples of faults."""
+    for fault in faults:
+        data = data.without(fault.samples)
+    return data
+
+
+def stuck_channels(data: Measured) -> list[Fault]:
+    """Return the channels that repeat one value to the end of the recording, or for long within it.
+
+    A noisy channel does not repeat itself; one whose noise is below its rounding step may, and is then only
+    called stuck when the repeats go far beyond what they are elsewhere. Those when the recording begins are
+    of a rest, and tell how long rests last.
+    """
+    found = []
+    for row, name in enumerate(data.names):
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        x = _readings(data, block, row)
+        there = np.flatnonzero(np.isfinite(x).all(axis=1))
+        if len(there) < 2 * STUCK_RUN:
+            continue
+        same = np.append((np.diff(x[there], axis=0) == 0.0).all(axis=1), False)
+        runs = _runs(same)
+        rests = len(runs) > 1 and runs[0][0] == 0
+        if not runs:
+            continue
+        start, length = max(runs[rests:], key=lambda r: r[1])
+        others = max((n for s, n in runs if s != start), default=0)
+        fine = not others and _fine(x[there, 0], float(data.sigma[row]))
+        if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
+            continue
+        marked = np.zeros(data.values.shape, dtype=bool)
+        marked[there[start + 1 : start + length + 1], row] = True
+        step = float(np.median(np.diff(data.times)))
+        begins = float(data.times[there[start]])
+        found.append(Fault("stuck", block.channel, name, begins, step, marked, doubtful=not fine))
+    return found
+
+
+def _readings(data: Measured, block: ChannelSlice, row: int) -> np.ndarray:
+    """Return what a component is told by (N, d): its values, an attitude's all four of its quaternion."""
+    return data.attitude[block.channel] if block.quantity == "attitude" else data.values[:, [row]]
+
+
+def _fine(x: np.ndarray, sigma: float) -> bool:
+    """Whether values are read in steps far below their noise, or in none that shows."""
+    gaps = np.diff(np.unique(x))
+    step = float(gaps.min(initial=np.inf))
+    return sigma > FINE * step or (len(gaps) > STUCK_RUN and not _on_grid(gaps, step))
+
+
+def quantised_channels(data: Measured) -> list[Fault]:
+    """Return the channels whose values lie on a grid that is coarse against their noise and not stated."""
+    found = []
+    for row, name in enumerate(data.names):
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        if block.quantity == "attitude":
+            continue
+        x = data.values[np.isfinite(data.values[:, row]), row]
+        gaps: np.ndarray = np.diff(np.unique(x)).astype(float)
+        if len(gaps) < 3:
+            continue
+        step = min((float(g) for g in gaps[gaps > 1e-9 * np.ptp(x)]), default=np.inf)
+        if not np.isfinite(step) or step < 0.3 * data.sigma[row]:
+            continue
+        stated = block.sensor.error(block.quantity).quantisation
+        if _on_grid(gaps, step) and step > 1.01 * stated:
+            none = np.zeros(data.values.shape, dtype=bool)
+            found.append(Fault("quantisation", block.channel, name, step, 1e-3 * step, none))
+    return found + _slow_beside(data, found) + _rounded_attitudes(data)
+
+
+def _rounded_attitudes(data: Measured) -> list[Fault]:
+    """Return the components of attitudes whose quaternions are read in steps not stated."""
+    found = []
+    for block in data.blocks:
+        if block.quantity != "attitude":
+            continue
+        there = np.isfinite(data.values[:, block.rows]).all(axis=1)
+        least = 0.3 * float(data.sigma[block.rows].max()) / 2.0  # a step is a turn of two [rad]
+        read = data.attitude[block.channel][there]
+        if any(block.sensor.orientation) and len(read):  # it is rounded in its own axes
+            read = (Rotation.from_quat(read) * Rotation.from_matrix(block.sensor.rotation)).as_quat()
+        coarse = step_of(read, least)
+        stated = block.sensor.error(block.quantity).quantisation
+        if coarse is not None and coarse[0] - 3.0 * coarse[1] > 1.01 * stated:
+            none = np.zeros(data.values.shape, dtype=bool)
+            found += [Fault("quantisation", block.channel, name, *coarse, none) for name in block.names]
+    return found
+
+
+def _on_grid(x: np.ndarray, step: float) -> bool:
+    return bool(np.abs(x / step - np.round(x / step)).max(initial=0.0) < 1e-3)
+
+
+def _slow_beside(data: Measured, found: Sequence[Fault]) -> list[Fault]:
+    """Return the components that move too little to show a grid, but lie on that of another."""
+    grids = {f.channel: f for f in found}
+    known, more = {f.component for f in found}, []
+    for block in data.blocks:
+        for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
+            x = data.values[np.isfinite(data.values[:, row]), row]
+            beside = grids.get(block.channel)
+            if beside is not None and name not in known and len(x) and _on_grid(x, beside.value):
+                more.append(replace(beside, component=name))
+    return more
+
+
+def inflate_for_quantisation(data: Measured, rounded: Sequence[Fault]) -> Measured:
+    """Return the samples with the noise that reading in steps adds: a uniform error of each step.
+
+    It lasts as long as the value does: a slow component that stays on one step for n samples tells as much as
+    one of them, so that each of them counts as noisier by the root of n.
+    """
+    factor, held = np.ones(data.rows), np.zeros(data.rows, dtype=bool)
+    for fault in rounded:
+        row = data.names.index(fault.component)
+        block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
+        x = _readings(data, block, row)[np.isfinite(data.values[:, row])]
+        lasts = len(x) / (1.0 + np.count_nonzero((np.diff(x, axis=0) != 0.0).any(axis=1)))
+        step = 2.0 * fault.value if block.quantity == "attitude" else fault.value
+        factor[row] = np.hypot(1.0, step * np.sqrt(lasts / 12.0) / data.sigma[row])
+        held[row] = True
+    return replace(data.scaled(factor), coarse=held)
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

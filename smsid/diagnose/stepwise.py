@@ -1,0 +1,188 @@
+"""The search for causes: fit what is uncertain, score every candidate, fit the best, again, and prune."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smsid._short_repr import short_repr
+from smsid.diagnose.forward_step import State
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.nested_parameters import free_nested
+from smsid.diagnose.noise_covariance import Fitted, first_fit, normalised_rmse, with_levels
+from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.score_test import Candidate, Score
+from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy
+from smsid.diagnose.strong_causes import coarse_cause
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_input_test import unknown_input_tests
+from smsid.errors import RecordingError, SmsidError
+from smsid.estimation.kalman import Problem
+from smsid.estimation.map_estimate import Fit
+from smsid.estimation.parameter_vector import Point, Unknown
+
+LOGGER = logging.getLogger(__name__)
+STRAYS = THRESHOLDS.strays
+LOST = THRESHOLDS.lost
+
+
+@short_repr
+@dataclass(frozen=True)
+class Search:
+    """How a search ended: the fit of the nominal parameters alone, the last fit, causes and tests.
+
+    ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
+    model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
+    fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
+    prediction errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    ``failed`` says in sentences what could not be done for numerical reasons.
+    """
+
+    nominal: Fit
+    last: Fit
+    causes: tuple[Cause, ...]
+    scores: tuple[Score, ...]
+    before: tuple[SpecificationTest, ...]
+    blocks: tuple[SpecificationTest, ...]
+    candidates: int
+    samples: int
+    noise: dict[str, float]
+    misfit: bool = False
+    normalised_rmse: tuple[float, float] = (1.0, 1.0)
+    seconds: dict[str, float] = field(default_factory=dict)
+    levels: DetectionThresholds = field(default_factory=DetectionThresholds)
+    coarse: frozenset[str] = frozenset()
+    failed: tuple[str, ...] = ()
+
+    @property
+    def left(self) -> tuple[SpecificationTest, ...]:
+        """The generic tests that are still significant."""
+        return _significant(self.blocks, self.causes, self.levels, self.coarse, white=not self.misfit)
+
+    @property
+    def left_before(self) -> tuple[SpecificationTest, ...]:
+        """The generic tests that are significant without any cause."""
+        return _significant(self.before, (), self.levels, self.coarse, white=not self.misfit)
+
+    @property
+    def followed(self) -> float:
+        """Share of the squared prediction errors, in stated noise, that the causes take away."""
+        before, after = self.normalised_rmse
+        return 1.0 - (after / before) ** 2
+
+
+def search(
+    point: Point,
+    problem: Problem,
+    unknowns: Sequence[Unknown],
+    candidates: Sequence[Candidate],
+    levels: DetectionThresholds | None = None,
+    coarse: frozenset[str] = frozenset(),
+) -> Search:
+    """Return the causes that explain a recording, found one after the other.
+
+    ``coarse`` names the components of channels that are read in steps: their errors are not white.
+
+    Raises `SimulationError` when the nominal model cannot be filtered at all, `RecordingError` when it
+    predicts nothing of the motion.
+    """
+    levels = levels or DetectionThresholds()
+    clock = [time.process_time()]
+    state = _begun(point, problem, tuple(unknowns), candidates, levels)
+    clock.append(time.process_time())
+    while state.guarded("looking for a further cause", state.forward_step):
+        pass
+    state.guarded("judging the causes beside each other", state.close)
+    blocks = _reconsidered(state, coarse)
+    clock.append(time.process_time())
+    before = tuple(adequacy(state.nominal)) if state.causes else blocks
+    sensor = state.fitted.alone and not state.causes
+    if not (state.fitted.misfit or sensor) and _unexplained(state, blocks, coarse):  # of no law, perhaps
+        before = tuple(sorted((*before, *unknown_input_tests(state.nominal)), key=lambda b: b.order))
+    clock.append(time.process_time())
+    return Search(
+        state.nominal, state.current, tuple(state.causes), tuple(state.scores), before, blocks,
+        len(candidates), state.samples, state.fitted.by_channel, state.fitted.misfit,
+        (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
+        {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
+        levels, coarse, tuple(state.failed),
+    )  # fmt: skip
+
+
+def _begun(
+    point: Point,
+    problem: Problem,
+    unknowns: tuple[Unknown, ...],
+    candidates: Sequence[Candidate],
+    levels: DetectionThresholds,
+) -> State:
+    """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
+    strong cause beside them.
+    """
+    first: Fitted | None = None
+    try:
+        first = first_fit(point, problem, unknowns)
+        lost: SmsidError | np.linalg.LinAlgError | None = None
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("the nominal parameters cannot be fitted: %s", error)
+        lost = error
+    if first is None or normalised_rmse(first.fit.run) > STRAYS:
+        coarse = coarse_cause(point, problem, unknowns, candidates)
+        if coarse is not None:
+            fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))
+            return State(fitted, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
+    if first is None:
+        assert lost is not None
+        raise lost
+    fitted = with_levels(first)
+    if fitted.misfit and unexplained_fraction(fitted.fit, fitted.by_channel) > LOST:
+        raise RecordingError(
+            "The model predicts the motion worse than no motion would, with its parameters fitted.",
+            advice="Is the recording of another spacecraft? Check the signs and the order of the commands.",
+            recording=problem.recording.name,
+        )
+    return State(fitted, candidates, levels)
+
+
+def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:
+    """Let the generic tests have their say - on further parameters of the causes, on needless ones -, and
+    return them.
+    """
+    blocks = (*state.held, *adequacy(state.current))
+    if not state.fitted.misfit and _unexplained(state, blocks, coarse):
+        larger = free_nested(state.current, state.causes, state.levels.alias)
+        again = () if larger is None else (*state.held, *adequacy(larger))
+        if larger is not None and not _unexplained(state, again, coarse):
+            state.enlarge(larger)
+            blocks = again
+    if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
+        left_out = state.guarded("leaving out needless causes", state.prune)
+        blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
+    return blocks
+
+
+def _unexplained(state: State, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
+    return bool(_significant(blocks, state.causes, state.levels, coarse))
+
+
+def _significant(
+    blocks: Sequence[SpecificationTest],
+    causes: Sequence[Cause],
+    levels: DetectionThresholds,
+    coarse: frozenset[str],
+    *,
+    white: bool = True,
+) -> tuple[SpecificationTest, ...]:
+    """Return the tests that are significant; misfit (not ``white``) and rounding need not be white."""
+    least = levels.beside * max((c.ratio for c in causes), default=0.0)
+    return tuple(
+        b
+        for b in blocks
+        if b.p_value * len(blocks) < levels.block
+        and b.ratio > least
+        and (b.dependence != PAST or (white and b.where not in coarse))
+    )

@@ -1,0 +1,172 @@
+"""Strong causes first: where the nominal model cannot follow, one that may err names what is wrong.
+
+Far off, the filter of the nominal model loses the recording, or runs along a motion that never was: no
+derivative there means anything. With process noise of a good part of what drives the motion it follows the
+motion as measured. Strong causes are tried so, each from where a strong one would be, fitted with less and
+less of that noise, and compared by their likelihoods without any.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.diagnose.model_comparison import Cause, wald
+from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
+from smsid.diagnose.score_test import Candidate, scored, signatures
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SmsidError
+from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
+from smsid.estimation.kalman import Problem, run_filter
+from smsid.estimation.loosening import loosened
+from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.parameter_vector import Point, Unknown
+
+LOGGER = logging.getLogger(__name__)
+SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
+RATE = 5.0  # [Hz] at which strong causes are compared at first
+SUBSTEP = 0.05  # [s] of the integration there
+TRIED = 3  # candidates that are fitted
+LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
+CLOSE = THRESHOLDS.coarse_close
+STRONG: dict[str, tuple[float, ...]] = {
+    "payload": (5.0, 15.0, 50.0, 150.0, 500.0),  # [kg]
+    "body_error": (1.0, -0.5),  # of density
+    "torque_gain": (-2.0, -1.0, 1.0),  # the other way, not at all, twice
+    "thruster_gain": (-1.0, 1.0),  # it cannot pull
+    "sensor_scale": (-2.0,),
+    "joint_friction": (1.0, 30.0),  # [N m, N m s/rad]
+}
+"""Values by kind from which a strong cause is fitted, component by component."""
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """A cause with which the model follows the recording, and the fit with it, to the noise as stated.
+
+    ``nominal`` is of the nominal parameters as given, in a model that may err.
+    """
+
+    nominal: Fit
+    fit: Fit
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class _Start:
+    candidate: Candidate
+    point: Point
+    likelihood: float
+
+
+def coarse_cause(
+    point: Point, problem: Problem, unknowns: Sequence[Unknown], candidates: Sequence[Candidate]
+) -> Coarse | None:
+    """Return the strong cause that makes the model follow a recording, if one does.
+
+    What cannot be filtered or fitted loses that candidate only.
+    """
+    coarse = replace(thinned(problem, RATE), substep=SUBSTEP)
+    best: dict[tuple[str, str, str], _Start] = {}
+    for candidate, start in _starts(point, candidates, [p.label for p in problem.parts]):
+        likely = _likelihood(start, coarse)
+        known = best.get(candidate.key)
+        if known is None or likely > known.likelihood:
+            best[candidate.key] = _Start(candidate, start, likely)
+    nothing = max(_likelihood(point, coarse), LEAST)
+    ahead = sorted((s for s in best.values() if s.likelihood > nothing), key=lambda s: -s.likelihood)
+    LOGGER.info("coarse: %.1f without; %s", nothing, [(s.candidate.key, s.likelihood) for s in ahead[:8]])
+    ahead = [s for s in ahead if s.likelihood - nothing > CLOSE * (ahead[0].likelihood - nothing)]
+    fitted = [(s, f) for s in ahead[:TRIED] if (f := _fitted(s, problem, unknowns)) is not None]
+    if not fitted:
+        return None
+    start, found = min(fitted, key=lambda x: x[1].objective)
+    try:
+        nominal = evaluate(point, unknowns, loosened(point.model(), problem, SHARES[0]))
+        score = scored(nominal, [start.candidate], list(signatures(nominal, [start.candidate]).values()))[0]
+    except (SmsidError, np.linalg.LinAlgError, IndexError) as error:
+        LOGGER.info("%s cannot be scored: %s", start.candidate.key, error)
+        return None
+    # not against the model without it, which loses the recording, nor in one that may err: all are alike
+    ratio = wald(found, start.candidate)
+    score = replace(score, ratio=ratio, estimate=_estimate(found, start.candidate))
+    return Coarse(nominal, found, Cause(score, (), ratio, tuple(u.name for u in unknowns)))
+
+
+def _starts(
+    point: Point, candidates: Sequence[Candidate], recordings: Sequence[str]
+) -> Iterator[tuple[Candidate, Point]]:
+    """Yield candidates with points at which they are strong, one parameter at a time; in all recordings, and
+    in each of several alone.
+    """
+    for candidate in candidates:
+        if candidate.effect is None or candidate.kind not in STRONG:
+            continue
+        if candidate.kind == "joint_friction" and candidate.shape not in ("viscous", "coulomb"):
+            continue  # of a strong one these are special cases
+        effect = candidate.instance(point)
+        for name in candidate.free:
+            for value in STRONG[candidate.kind]:
+                try:
+                    strong = effect.with_values({name: value})
+                except SmsidError:  # beyond its bounds
+                    continue
+                for recording in ("", *recordings):
+                    own = replace(candidate, recording=recording)
+                    yield own, point.with_effect(strong, recording)
+
+
+def _likelihood(point: Point, problem: Problem) -> float:
+    """Return the log-likelihood with a model that may err; minus infinity where there is none."""
+    try:
+        if not point.physical():
+            return -np.inf
+        model = point.model()
+        found = run_filter(model, loosened(model, at_point(point, problem), SHARES[0])).log_likelihood
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.debug("no likelihood: %s", error)
+        return -np.inf
+    return found if np.isfinite(found) else -np.inf
+
+
+def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit | None:
+    """Return a fit with less and less process noise, to none; nothing where it does not follow then.
+
+    Nominal parameters are free only where the cause has been fitted: before, they would go anywhere.
+    """
+    own = start.candidate.unknowns(nominal)
+    unknowns = (*(u for u in nominal if u.name not in {o.name for o in own}), *own)
+    try:
+        first = loosened(start.point.model(), problem, SHARES[0])
+        point = fit(start.point, own, first, iterations=6).point
+        unknowns = (*unknowns, *_further(point, start.candidate))
+        # only now does it show how commands act between samples
+        problem = timed_like(problem, timed(point, loosened(point.model(), problem, SHARES[1])))
+        for share in SHARES[1:]:
+            point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
+        found = fit(point, unknowns, problem, iterations=10)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s does not follow: %s", start.candidate.key, error)
+        return None
+    left = normalised_rmse(found.run)
+    LOGGER.info("%s leaves %.3g times the noise", start.candidate.key, left)
+    return found if left <= MISFIT else None
+
+
+def _further(point: Point, candidate: Candidate) -> tuple[Unknown, ...]:
+    """Return the further parameters of a candidate: of a strong payload, where its mass is matters."""
+    known = {p.name: p for p in candidate.instance(point).parameters()}
+    return tuple(
+        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        for n in candidate.also
+        for p in (known[n],)
+    )
+
+
+def _estimate(found: Fit, candidate: Candidate) -> np.ndarray:
+    """Return a candidate's parameters at a fit, less what they are where it does nothing, in its steps."""
+    own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
+    return np.array([own[n] / s for n, s in zip(candidate.free, candidate.steps, strict=True)])

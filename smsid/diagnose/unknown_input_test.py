@@ -1,0 +1,87 @@
+"""Erratic inputs: does noise on one of them explain what is left, where no law of angle, rate or time does?
+
+The disturbances that a smoother finds say which inputs are in doubt; then the nominal parameters are fitted
+again with noise on one of these at a time, and the likelihoods compare them. Without that refit they have
+bent to the noise, and a neighbour of the noisy joint looks as noisy.
+
+Source of the smoother: de Jong and Penzer, J. Am. Stat. Assoc. 93 (1998) 796 (disturbances), after Bryson and
+Frazier.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.errors import SmsidError
+from smsid.estimation.kalman import FilterRun
+from smsid.estimation.map_estimate import Fit, continued, fit
+
+LOGGER = logging.getLogger(__name__)
+CHANCE = "chance"
+DOUBTED = 3  # inputs that are tried
+LOUD = 30.0  # variance of the noise tried, over that to which one sample of the input is known by itself
+NEAR = 3.0  # gain of the log-posterior below which a fit is near enough for a likelihood
+
+
+def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
+    """Return the test for noise of the inputs most in doubt, the most significant first.
+
+    ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
+    parameters fitted again.
+    """
+    inputs = _inputs(found)
+    rest = continued(found, iterations=4, enough=NEAR).objective
+    index = list(inputs.values())
+    slope, known = disturbances(found.run)
+    doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)
+    tests = []
+    for i in np.argsort(-doubt)[:DOUBTED]:
+        name, dof = list(inputs.items())[i]
+        level = float(np.sqrt(LOUD / max(float(known[:, dof].mean()), 1e-300)))
+        noise = replace(found.problem.noise, more=((dof, level),))
+        problem = replace(found.problem, noise=noise)
+        try:
+            noisy = fit(found.point, found.unknowns, problem, iterations=4, enough=NEAR)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("noise of %s is not tried: %s", name, error)
+            continue
+        ratio = max(0.0, 2.0 * (rest - noisy.objective))
+        tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs)))
+    return sorted(tests, key=lambda b: b.order)
+
+
+def _inputs(found: Fit) -> dict[str, int]:
+    """Return the velocity coordinate of every input, by the name it has in the generic tests."""
+    model = found.changes.model
+    bus = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
+    out = {name: k for k, name in enumerate(bus)} if model.free else {}
+    for group in (model.arm_joints, model.wheels):
+        for name, v in zip(group.names, group.v, strict=True):
+            if int(v) not in found.problem.locked:
+                out[f"torque of {name}"] = int(v)
+    return out
+
+
+def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slope of the log-likelihood by a generalised force held over an interval, and its variance
+    where nothing disturbs: (N - 1, nv) each.
+    """
+    n, nv = len(run.innovations), run.middle_inverse.shape[1]
+    slope, known = np.zeros((2, n - 1, nv))
+    by_state, information = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
+    one = np.eye(2 * nv)
+    for k in range(n - 1, 0, -1):
+        white = run.whitening[k] @ run.sensitivity[k]
+        kept = one - run.gain[k] @ run.sensitivity[k]
+        by_state = kept.T @ by_state + white.T @ run.innovations[k]
+        information = kept.T @ information @ kept + white.T @ white
+        by_force = run.forcing[k - 1] @ run.middle_inverse[k - 1]
+        slope[k - 1] = by_force.T @ by_state
+        known[k - 1] = np.einsum("ij,ij->j", by_force, information @ by_force)
+        f = run.transition[k - 1]
+        by_state, information = f.T @ by_state, f.T @ information @ f
+    return slope, known

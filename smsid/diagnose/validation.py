@@ -1,0 +1,149 @@
+"""What an extended model gains on data it has not seen."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smsid.diagnose.open_loop import open_loop
+from smsid.diagnose.outliers import outliers
+from smsid.diagnose.sensor_faults import Fault, drop_samples, stuck_channels
+from smsid.errors import SmsidError
+from smsid.estimation.input_hold import locked
+from smsid.estimation.kalman import FilterRun, Problem, run_filter
+from smsid.estimation.measurements import measurements_of
+from smsid.estimation.parameter_vector import Point
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+
+LOGGER = logging.getLogger(__name__)
+SETTLE = 5.0  # [s] of a recording that a plot of an open-loop simulation takes its start from
+
+
+@dataclass(frozen=True)
+class ChannelGain:
+    """One channel open loop: rms of measured minus simulated, as given, extended and refitted; and its noise.
+
+    Each model simulates the recording by itself, from the initial state that it fits there (`open_loop`). Not
+    a number where it loses the motion.
+    """
+
+    channel: str
+    unit: str
+    given: float
+    extended: float
+    noise: float
+    refitted: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Gain:
+    """The model as given, with its nominal parameters refitted, and extended, on a validation recording.
+
+    ``whitened`` are rms of the whitened innovations by model (noise floor: 1), ``excess`` what their sums of
+    squares exceed the expected ones by. ``left_out`` readings of faulty sensors do not count for the extended
+    model; where it simulates alone they count for none.
+    """
+
+    recording: str
+    samples: int
+    whitened_given: float
+    whitened_nominal: float
+    whitened_extended: float
+    excess_given: float
+    excess_nominal: float
+    excess_extended: float
+    channels: tuple[ChannelGain, ...]
+    left_out: int = 0
+
+    @property
+    def explained(self) -> float:
+        """Share of the given model's excess that is gone; not a number where there is no excess."""
+        floor = 3.0 * np.sqrt(2.0 * self.samples)
+        return 1.0 - self.excess_extended / self.excess_given if self.excess_given > floor else np.nan
+
+
+def gain(
+    given: Point,
+    nominal: Point,
+    extended: Point,
+    recording: Recording,
+    like: Problem,
+    rate: float,
+    faults: Sequence[Fault] = (),
+) -> Gain:
+    """Return what the extension gains on a recording, thinned to ``rate`` [Hz].
+
+    Noise levels and timing are those of ``like``. With the extended model, what is stuck or an outlier in
+    components with such ``faults`` is left out, as it was where they were found.
+    """
+    first, second = (read_like(point, recording, like, rate) for point in (given, nominal))
+    stuck, wild = (frozenset(f.component for f in faults if f.kind == kind) for kind in ("stuck", "outliers"))
+    third = second
+    if extended is not nominal or stuck or wild:
+        third = read_like(extended, recording, like, rate, stuck)
+    closed = [run_filter(*first), run_filter(*second)]
+    closed.append(closed[1] if third is second else run_filter(*third))
+    if wild:
+        model, problem = third
+        here = [f for f in outliers(problem.data, closed[2]) if f.component in wild]
+        third = model, replace(problem, data=drop_samples(problem.data, here))
+        closed[2] = run_filter(*third)
+    data = third[1].data
+    opened = [_simulated(*read) for read in (first, second)]
+    opened.append(opened[1] if third is second else _simulated(*third))
+    excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
+    rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
+    channels = []
+    there = np.isfinite(data.values)
+    for block in data.blocks:
+        given_, nominal_, extended_ = (_rms(run, there, block.rows) for run in opened)
+        noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
+        unit = recording.unit(block.channel)
+        channels.append(ChannelGain(block.channel, unit, given_, extended_, noise, nominal_))
+    name, samples = recording.name, closed[0].samples
+    left_out = samples - closed[2].samples
+    return Gain(
+        name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels), left_out
+    )
+
+
+def read_like(
+    point: Point,
+    recording: Recording,
+    like: Problem,
+    rate: float,
+    stuck: frozenset[str] = frozenset(),
+) -> tuple[SpacecraftModel, Problem]:
+    """Return a model and a recording that was not searched as its problem, thinned to ``rate`` [Hz].
+
+    Noise levels are those of another problem, ``like``, where that has the channel. ``stuck`` components
+    are left out where they are.
+    """
+    model = point.model()
+    whole = measurements_of(model, recording, point.description.effective_sensors())
+    if stuck:
+        whole = drop_samples(whole, [f for f in stuck_channels(whole) if f.component in stuck])
+    fresh = whole.thinned(rate).with_blocks(point.sensors())
+    known = dict(zip(like.data.names, like.data.sigma, strict=True))
+    sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
+    data, held = replace(fresh, sigma=sigma), locked(model, recording)
+    return model, replace(like, recording=recording, data=data, locked=held, parts=())
+
+
+def _simulated(model: SpacecraftModel, problem: Problem) -> FilterRun | None:
+    """Return a simulation from the initial state the model fits; nothing where it loses the motion."""
+    try:
+        return open_loop(model, problem)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("open loop is lost: %s", error)
+        return None
+
+
+def _rms(run: FilterRun | None, there: np.ndarray, rows: slice) -> float:
+    if run is None or not there[:, rows].any():
+        return float("nan")
+    return float(np.sqrt(np.mean(run.errors[:, rows][there[:, rows]] ** 2)))

@@ -1,0 +1,80 @@
+"""Readings without the errors that the description knows: bias, scale, misalignment, what is stuck."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+from smsid.sensing.component import place_of
+from smsid.sensing.error_model import ErrorModel
+
+ROUNDS = 20  # of a fixed-point iteration; what a scale that depends on the rate leaves shrinks by its size
+
+
+def correct_readings(recording: Recording, sensors: Sequence[Sensor]) -> Recording:
+    """Return what perfect sensors would have read, but for noise; what is stuck becomes not a number.
+
+    ``sensors`` as `Description.effective_sensors` gives them. Delays and clocks stay: they are in the times
+    (`smsid.identify.clocks.event_times`). A recording whose sensors have no known error comes out as it is.
+    """
+    channels = {}
+    for sensor in sensors:
+        for quantity, name in zip(sensor.quantities, sensor.channels, strict=True):
+            error = sensor.error(quantity)
+            if name in recording and _known(error):
+                times = recording.time(name)
+                channels[name] = (times, _undone(error, times, np.array(recording[name]), quantity))
+    if not channels:
+        return recording
+    rest = {n: (recording.time(n), recording[n]) for n in recording.channels}
+    return Recording.from_arrays(
+        None,
+        rest | channels,
+        labels=recording.labels,
+        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
+        provenance=recording.provenance,
+        role=recording.role,
+        name=recording.name,
+    )
+
+
+def _known(error: ErrorModel) -> bool:
+    parts = [error, *error.components.values()]
+    fixed = any(np.any(p.bias) or np.any(p.scale_error) or p.stuck_from is not None for p in parts)
+    return fixed or any(error.misalignment) or _bent(error)
+
+
+def _bent(error: ErrorModel) -> bool:
+    return any(np.any(p.scale_slope) for p in (error, *error.components.values()))
+
+
+def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: str) -> np.ndarray:
+    """Undo, in reverse order, what `ErrorModel.systematic` does: (N, ...)."""
+    parts = {k: p.model_copy(update={"stuck_from": None}) for k, p in error.components.items()}
+    moving = error.model_copy(update={"stuck_from": None, "components": parts})
+    if quantity == "attitude":
+        unit = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
+        added = moving.systematic(times, unit, True, delayed=True)
+        good = np.flatnonzero(np.isfinite(values).all(axis=1))
+        values[good] = (Rotation.from_quat(values[good]) * Rotation.from_quat(added[good]).inv()).as_quat()
+    else:
+        straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
+        bias = straight.systematic(times, np.zeros(values.shape), delayed=True)
+        factor = straight.systematic(times, np.ones(values.shape), delayed=True) - bias
+        read, values = values, (values - bias) / factor
+        for _ in range(ROUNDS if _bent(error) else 0):
+            again = straight.systematic(times, np.nan_to_num(values), delayed=True)
+            values = values - (again - read) / factor
+        if any(error.misalignment):
+            values = values @ Rotation.from_rotvec(error.misalignment).as_matrix().T
+    if error.stuck_from is not None:
+        values[times >= error.stuck_from] = np.nan
+    for key, part in error.components.items():
+        if part.stuck_from is not None:
+            column = values[place_of(key, values.shape)]
+            column[times >= part.stuck_from] = np.nan
+    return values

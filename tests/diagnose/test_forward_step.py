@@ -1,0 +1,193 @@
+"""The rounds of a search: what is done anew when the noise turns out to be finer than it was taken for."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose import forward_step as rounds
+from smsid.diagnose.forward_step import State
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.noise_covariance import Fitted
+from smsid.diagnose.score_test import Score
+
+FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
+
+
+def candidate(key):
+    return SimpleNamespace(key=key, location=key[1], effect=None, simpler=(), holds=lambda other: False)
+
+
+def score_of(candidate):
+    return Score(candidate, 30.0, 1, np.zeros(1), np.eye(1), 1.0, np.zeros((1, 1)), np.zeros((1, 1)))
+
+
+class Stub(SimpleNamespace):
+    """A score of a candidate in a fit."""
+
+    def odds(self, samples):
+        return self.ratio
+
+    information_gain = odds
+
+
+@pytest.fixture
+def world(monkeypatch):
+    """A state whose fit counts misfit until a cause is taken in, and what was asked for meanwhile.
+
+    Signatures carry the name of the fit that they were taken at; the candidate ``vain`` is no cause.
+    """
+    asked = SimpleNamespace(scored=[], recompute_evidence=[], stepped=[], finer=True, accepted=[])
+
+    def at(name, objective=0.0):
+        changes = SimpleNamespace(by_candidate={})
+        point = SimpleNamespace(description=SimpleNamespace(effect=()))
+        run = SimpleNamespace(samples=100)
+        return SimpleNamespace(name=name, objective=objective, run=run, changes=changes, point=point)
+
+    def signatures(fit, candidates):
+        return {i: fit.name for i in range(len(candidates))}
+
+    def scored(fit, candidates, columns):
+        asked.scored.append(
+            (fit.name, {c.key: column for c, column in zip(candidates, columns, strict=True)})
+        )
+        order = {VAIN: 3.0, FOUND: 2.0, OTHER: 1.0}
+        return [
+            Stub(candidate=c, ratio=20.0 * order[c.key], freedom=1, p_value=1e-12, another=None)
+            for c in candidates
+        ]
+
+    def accept(current, best, rivals, levels, tried):
+        key = best.candidate.key
+        asked.accepted.append(key)
+        if key == VAIN:
+            return None, asked.instead or current
+        return Cause(best, (), 30.0, ()), at(f"with {key[1]}")
+
+    def recompute_evidence(causes, last, nominal):
+        asked.recompute_evidence.append(last.name)
+        return [replace(c, ratio=1e6) for c in causes]
+
+    def refitted(fitted, *, strong=False):
+        return replace(fitted, misfit=fitted.misfit and not asked.finer)
+
+    def finely(fit):
+        asked.stepped.append(fit.name)
+        return fit
+
+    asked.instead = None
+    for name, stub in {
+        "signatures": signatures,
+        "scored": scored,
+        "accept": accept,
+        "weighed": recompute_evidence,
+        "refitted": refitted,
+        "finely_stepped": finely,
+        "normalised_rmse": lambda *_: 1.0,
+        "memory": lambda *_: (),
+        "beginning": lambda *_: [],
+        "poor": lambda fit: False,
+        "settled": lambda fit, score: (score, fit),
+        "with_onset": lambda fit, score, alias: score,
+        "there_always": lambda causes, fit, levels: (list(causes), fit),
+        "sought_again": lambda causes, fit, *_: (list(causes), fit),
+        "freed_instead": lambda *_: None,
+    }.items():
+        monkeypatch.setattr(rounds, name, stub)
+    fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
+    asked.at = at
+    return State(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
+
+
+def test_with_finer_noise_a_cause_is_weighed_and_all_is_scored_and_tried_anew(world):
+    state, asked = world
+    assert state.forward_step() and not state.causes  # in vain
+    assert {s.candidate.key for s in state.scores} == {FOUND, OTHER}
+    assert state.forward_step()
+    assert [c.score.candidate.key for c in state.causes] == [FOUND]
+    assert asked.recompute_evidence == ["with found"] and state.causes[0].ratio == 1e6
+    assert asked.stepped == ["with found"]  # weak as it seemed, it is strong
+    assert asked.scored[-1] == ("with found", {OTHER: "with found", VAIN: "with found"})
+
+
+def test_while_misfit_is_counted_nothing_is_weighed_and_what_was_in_vain_stays_out(world):
+    state, asked = world
+    asked.finer = False
+    assert state.forward_step() and state.forward_step()
+    assert asked.recompute_evidence == [] and asked.stepped == [] and state.causes[0].ratio == 30.0
+    assert asked.scored[-1] == ("with found", {OTHER: "with found"})
+
+
+@pytest.mark.parametrize("finer", [True, False])
+def test_a_better_fit_may_show_the_noise_as_well(world, finer):
+    """Not only a cause does."""
+    state, asked = world
+    asked.finer = False
+    state.forward_step()  # in vain
+    state.forward_step()
+    asked.finer, asked.instead = finer, asked.at("better", objective=-1e4)
+    state.causes[0] = replace(state.causes[0], ratio=1.0)
+    state._out.clear()
+    state._score_anew()
+    assert state.forward_step() and state.current.name == "better"
+    assert asked.recompute_evidence == (["better"] if finer else [])
+    assert asked.scored[-1] == ("better", {OTHER: "better", VAIN: "better"})
+
+
+@pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
+def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypatch, finer, judged):
+    state, asked = world
+    asked.finer = finer
+    calls = []
+
+    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too):
+        calls.append(last_too and exchange)
+        return list(causes), last
+
+    monkeypatch.setattr(rounds, "judged_again", exchange_step)
+    state.close()
+    assert calls == []  # no cause yet
+    state.forward_step()
+    state.forward_step()
+    state.close()
+    assert calls == judged
+
+
+def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, monkeypatch):
+    state, asked = world
+    state.forward_step()
+    state.forward_step()
+
+    def exchange_step(causes, *_, **__):
+        (other,) = (s for s in state.scores if s.candidate.key == OTHER)
+        return [replace(causes[0], score=other)], asked.at("exchanged")
+
+    monkeypatch.setattr(rounds, "judged_again", exchange_step)
+    state.close()
+    assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
+    assert asked.scored[-1][0] == "exchanged"
+
+
+def test_causes_that_share_an_effect_begin_together(known, plain):
+    """One that is found as a part of another's effect has its start, wherever that goes."""
+    state = State.__new__(State)
+    state.nominal = plain
+    tried = propose(plain.point, plain.problem, known.unknowns)
+    by_shape = {c.shape: c for c in tried if c.location == "joint2"}
+    first, second = by_shape["coulomb"], by_shape["stribeck"]
+    begun = replace(first, effect=first.effect.model_copy(update={"start": 3.0}))
+    causes = [Cause(score_of(c), (), 30.0, ()) for c in (begun, second)]
+    for start in (3.0, 2.5, None):
+        found = replace(
+            plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": start}))
+        )
+        one, two = (c.score.candidate for c in state._as_begun(causes, found))
+        assert one.effect.start == two.effect.start == start
+        assert two.holds(one)
+    state.nominal = found = replace(
+        plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": 20.0}))
+    )
+    assert state._as_begun(causes[1:], found)[0].score.candidate.effect.start is None

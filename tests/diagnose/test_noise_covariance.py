@@ -1,0 +1,109 @@
+"""Noise levels from prediction errors: white ones, slow ones, and outliers."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from smsid.diagnose.noise_covariance import (
+    Fitted,
+    first_fit,
+    misfit_factors,
+    noise_factors,
+    normalised_rmse,
+    refit_noise,
+    with_levels,
+)
+from smsid.errors import SimulationError
+from smsid.estimation.map_estimate import fit
+
+N = 20000
+
+
+def channels(*columns):
+    """Prediction errors in stated noise, one channel of one row a column, all used."""
+    x = np.column_stack(columns)
+    blocks = tuple(SimpleNamespace(rows=slice(i, i + 1), channel=f"c{i}") for i in range(x.shape[1]))
+    data = SimpleNamespace(rows=x.shape[1], blocks=blocks, coarse=None)
+    return data, SimpleNamespace(normalised=x, used=np.ones(x.shape, dtype=bool))
+
+
+def slow(rng, memory, n=N):
+    """An error that remembers: autoregressive of order one, variance one."""
+    return lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(n))
+
+
+def test_white_noise_is_measured_as_it_is():
+    rng = np.random.default_rng(1)
+    data, run = channels(0.7 * rng.standard_normal(N), 1.3 * rng.standard_normal(N))
+    assert noise_factors(data, run) == pytest.approx([0.7, 1.3], rel=0.03)
+
+
+def test_what_varies_slowly_and_what_is_far_off_is_no_noise():
+    rng = np.random.default_rng(2)
+    drifting = rng.standard_normal(N) + 20.0 * np.sin(np.linspace(0.0, 9.0, N))
+    with_error = rng.standard_normal(N)
+    with_error[::100] += 50.0
+    assert noise_factors(*channels(drifting, with_error)) == pytest.approx([1.0, 1.0], rel=0.1)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
+def test_counted_misfit_covers_the_spread_of_a_mean_under_such_errors(memory):
+    """White noise of the level found gives a mean at least the spread it has, by drawing it many times."""
+    rng = np.random.default_rng(3)
+    means = [slow(rng, memory, 2000).mean() for _ in range(400)]
+    level = misfit_factors(*channels(slow(rng, memory)))[0]
+    said = level / np.sqrt(2000)
+    assert np.std(means) < 1.1 * said
+    assert said < 2.5 * np.std(means)
+
+
+def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
+    rng = np.random.default_rng(4)
+    factors = np.array([3.0, 3.0])
+    _, run = channels(rng.standard_normal(N), rng.standard_normal(N))
+    assert normalised_rmse(run, factors) == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
+    """The parameters are those of the others, and the jump is left whole for a candidate to explain."""
+    data = problem.data
+    row = data.names.index("tachometer.wheel_rate[wheel_y]")
+    values = data.values.copy()
+    values[data.times > 3.0, row] += 3.0
+    unknowns = known.unknowns[:10]
+    found = with_levels(first_fit(known.point, replace(problem, data=replace(data, values=values)), unknowns))
+    sound = with_levels(first_fit(known.point, problem, unknowns))
+    assert not found.misfit
+    assert normalised_rmse(found.fit.run) > 100.0
+    for u in unknowns:
+        off = found.fit.point.value(u) - sound.fit.point.value(u)
+        assert abs(off) < 0.5 * sound.fit.sigma(u.name)
+
+
+def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
+    wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
+    assert with_levels(first_fit(known.point, wrong, known.unknowns[:1])).misfit
+
+
+def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, problem, monkeypatch):
+    """The last step of a fit is taken on trust; where it led must not cost the diagnosis."""
+    before = fit(known.point, known.unknowns[:1], problem)
+    astray = before.point.moved(before.unknowns, np.array([1e-3]))
+    found = Fitted(replace(before, point=astray), np.ones(problem.data.rows))
+    started = []
+
+    def filtered(point, unknowns, problem, **options):
+        started.append(point)
+        if point is astray:
+            raise SimulationError("lost")
+        return fit(point, unknowns, problem, **options)
+
+    monkeypatch.setattr("smsid.diagnose.noise_covariance.fit", filtered)
+    monkeypatch.setattr(
+        "smsid.diagnose.noise_covariance.noise_factors", lambda *_: np.full(problem.data.rows, 2.0)
+    )
+    assert refit_noise(found, strong=True).factors == pytest.approx(2.0 * 2.0)
+    assert started[:2] == [astray, before.changes.point]

@@ -1,0 +1,70 @@
+"""What speaks against a cause: a value that cannot be, or its own channel left wrong."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from smsid.diagnose.plausibility import doubts, impossible
+from smsid.diagnose.result import FoundCause, Value
+from smsid.diagnose.verdict import describe, verdict
+
+
+def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=None):
+    values = (Value(name, value, sigma, unit, nominal),)
+    return FoundCause(effect, location, family, "shape", values, (), {})
+
+
+GYRO = ("sensor_scale", "sensor", "imu.angular_rate", "scale.error.z")
+SEAL = ("joint_friction", "friction", "joint2")
+MOTOR = ("torque_gain", "actuator", "joint2", "gain.error")
+
+
+@pytest.mark.parametrize(
+    ("one", "cannot_be"),
+    [
+        (cause(*GYRO, -1.0001), True),
+        (cause(*GYRO, -2.0), False),  # a reversed axis
+        (cause(*GYRO, 0.03), False),
+        (cause(*MOTOR, -1.0), False),  # a motor that does not turn
+        (cause("body_error", "inertia", "link1", "body.density", -1.2), True),
+        (cause("body_error", "inertia", "link1", "body.density", 1.0), False),
+        (cause("slosh", "slosh", "tank", "tank.mass", -3.0, unit="kg", nominal=20.0), True),
+        (cause(*MOTOR, float("nan")), True),
+        (cause(*SEAL, "seal.quadratic", -0.4), True),  # a drag that pushes
+        (cause(*SEAL, "seal.coulomb_direction", -0.4), False),
+    ],
+)
+def test_an_absurd_value_is_never_explained(one, cannot_be):
+    assert bool(impossible(one)) is cannot_be
+    followed = SimpleNamespace(left=(), misfit=False)
+    said, sentence = verdict(followed, (one,))
+    assert (said == "unexplained") is cannot_be
+    assert cannot_be == ("is not believed" in sentence)
+
+
+@pytest.mark.parametrize(
+    ("one", "channel", "stands"),
+    [
+        (cause(*GYRO, 0.03), "imu.angular_rate", False),
+        (cause(*GYRO, 0.03), "panel.acceleration", True),
+        (cause(*MOTOR, 0.1), "encoder.joint_velocity", False),
+        (cause(*MOTOR, 0.1), "tachometer.wheel_rate", True),
+        (cause("joint_friction", "friction", "wheel_z", "f.viscous", 0.1), "tachometer.wheel_rate", False),
+    ],
+)
+def test_its_own_channel_is_explained(one, channel, stands):
+    groups = SimpleNamespace(
+        arm_joints=SimpleNamespace(names=("joint1", "joint2")), wheels=SimpleNamespace(names=("wheel_z",))
+    )
+    last = SimpleNamespace(point=SimpleNamespace(base=groups))
+    found = SimpleNamespace(left=(), misfit=True, followed=0.99, noise={channel: 20.0}, last=last)
+    assert (doubts(found, one) == "") is stands
+    assert (verdict(found, (one,))[0] == "explained") is stands
+
+
+def test_what_a_gain_means_is_said_and_no_sentence_has_a_nan():
+    assert "its sign is reversed" in describe(cause(*MOTOR, -2.0))
+    assert "it does nothing" in describe(cause(*MOTOR, -1.0))
+    assert "reversed" not in describe(cause(*MOTOR, -0.1))
+    unknown = describe(cause(*MOTOR, 0.1, sigma=float("nan")))
+    assert "nan" not in unknown and "not known" in unknown

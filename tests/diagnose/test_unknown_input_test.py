@@ -1,0 +1,43 @@
+"""Noise on an input: the smoother against the forward derivatives, and that the noisy joint is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.specification_tests import force_on
+from smsid.diagnose.unknown_input_test import CHANCE, disturbances, unknown_input_tests
+from smsid.estimation.map_estimate import evaluate, fit
+from smsid.estimation.sensitivities import propagate
+
+
+@pytest.fixture(scope="module")
+def found(known, problem):
+    return evaluate(known.point, known.unknowns, problem)
+
+
+def test_the_smoother_agrees_with_forces_propagated_one_by_one(found):
+    run = found.run
+    slope, known = disturbances(run)
+    for k in (0, 31, len(slope) - 1):
+        for dof in (1, 4, int(found.changes.model.arm_joints.v[2])):
+            middle = np.zeros(len(slope))
+            middle[k] = 1.0
+            column = propagate(run, force_on(found, dof, [np.zeros(len(slope) + 1)], [middle]))[:, :, 0]
+            assert slope[k, dof] == pytest.approx((column * run.innovations).sum(), rel=1e-6)
+            assert known[k, dof] == pytest.approx((column**2).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("joint", ["joint1", "joint3"])
+def test_the_noisy_joint_is_named(known, problem, recording, joint):
+    """What was commanded is told with an error that the joint did not get."""
+    model = known.point.base
+    column = list(model.arm_joints.names).index(joint)
+    told = np.array(recording["command.joint_torque"])
+    told[:, column] += 0.2 * np.random.default_rng(5).standard_normal(len(told))
+    noisy = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
+    tests = unknown_input_tests(fit(known.point, known.unknowns, noisy, iterations=3))
+    assert tests[0].where == f"torque of {joint}"
+    assert tests[0].dependence == CHANCE
+    assert tests[0].p_value < 1e-6
+    assert tests[0].ratio > 1.02 * tests[1].ratio
