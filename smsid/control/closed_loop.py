@@ -9,7 +9,6 @@ import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
 
 import joblib
 import numpy as np
@@ -165,20 +164,22 @@ def track_many(
     model: SpacecraftModel,
     controllers: Sequence[ModelBasedController],
     *,
+    rate: float = 100.0,
+    delay: int = 0,
+    sensors: Sequence[Sensor] | None = None,
     generators: Sequence[np.random.Generator] | None = None,
     workers: int | None = None,
-    **options: Any,
 ) -> list[Tracking]:
     """Fly the complete spacecraft under each controller, as `track` does, several at a time.
 
     Compiled flights run in ``workers`` threads, by default one per core; others take turns. ``generators``
-    draw the errors of sensors, one per flight; ``options`` are those of `track`. No controller stands twice.
-    Raises what `track` raises.
+    draw the errors of sensors, one per flight; ``rate``, ``delay`` and ``sensors`` are those of `track`. No
+    controller stands twice. Raises what `track` raises.
     """
     draws = [None] * len(controllers) if generators is None else generators
     with ThreadPoolExecutor(workers or joblib.cpu_count()) as pool:
         flights = [
-            pool.submit(track, model, controller, rng=rng, **options)
+            pool.submit(track, model, controller, rate=rate, delay=delay, sensors=sensors, rng=rng)
             for controller, rng in zip(controllers, draws, strict=True)
         ]
         return [flight.result() for flight in flights]

@@ -253,10 +253,10 @@ class Oscillating(Searched):
     def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one, axis by axis."""
         coarse = super().scored(found, own)
-        if coarse.log_posterior_odds(found.run.samples) <= 0.0:
+        if coarse.odds(found.run.samples) <= 0.0:
             return coarse
         fine = self._finer(found, coarse)
-        if fine.log_posterior_odds(found.run.samples) <= coarse.log_posterior_odds(found.run.samples):
+        if fine.odds(found.run.samples) <= coarse.odds(found.run.samples):
             return coarse
         return replace(fine, another=coarse)  # as fine as that, it may follow what only looks like a mass
 
@@ -287,7 +287,7 @@ class Oscillating(Searched):
             shapes = (Shape((0,), (omega, zeta, place)), Shape(tuple(range(parts)), (omega, zeta, place)))
             tried += len(self.frequencies) * len(grid) ** axes
             score = best_shape(self, found, beside, shapes, tried)
-            best_score = max(best_score, score, key=lambda s: s.log_posterior_odds(found.run.samples))
+            best_score = max(best_score, score, key=lambda s: s.odds(found.run.samples))
             omega, zeta, place = self._label(score)
         return best_score
 

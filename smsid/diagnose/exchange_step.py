@@ -66,7 +66,7 @@ def exchange_step(
         paid = replace(own, ratio=own.ratio - _more(less, own, last))
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not is_distinguishable(paid, s, samples, levels)]
-        near.sort(key=lambda s: -s.log_posterior_odds(samples))
+        near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
         if better is not None:
             beside = tuple(u.name for u in less.unknowns)

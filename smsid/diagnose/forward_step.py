@@ -102,7 +102,7 @@ class State:
         if not leading:
             return False
         counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
-        best = max(counting, key=lambda s: s.log_posterior_odds(self.samples))
+        best = max(counting, key=lambda s: s.odds(self.samples))
         best = simplest_law(best, [*counting, *self.scores], self.samples, self._asked)
         if not self.fitted.misfit:  # else the tests do not decide
             self.held = self._memory(best)
@@ -116,7 +116,7 @@ class State:
             return True
         own = {s.candidate.key: s for s in leading[1:]}
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
-        rivals.sort(key=lambda s: -s.log_posterior_odds(self.samples))
+        rivals.sort(key=lambda s: -s.odds(self.samples))
         cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates))
         if cause is not None:
             self._add(cause, found)
@@ -294,7 +294,7 @@ class State:
         seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
-        return sorted(scores, key=lambda s: -s.log_posterior_odds(self.samples))
+        return sorted(scores, key=lambda s: -s.odds(self.samples))
 
 
 def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:

@@ -172,11 +172,11 @@ def aliases_of(
     """
     alike = [(s, correlation(winner, s)) for s in near if s is not winner]
     alike = [a for a in alike if a[1] > NEAR]
-    refitted, best = reached or {}, winner.log_posterior_odds(samples)
+    refitted, best = reached or {}, winner.odds(samples)
 
     def chance(s: Score) -> float:
         both = id(s) in refitted and id(winner) in refitted
-        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.log_posterior_odds(samples)
+        lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.odds(samples)
         return float(np.exp(-0.5 * max(lead, 0.0)))
 
     left = REST * (1.0 + sum(chance(s) for s, _ in alike))
@@ -220,8 +220,8 @@ def is_distinguishable(winner: Score, rival: Score, samples: int, levels: Detect
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
         alike = correlation(winner, rival)
         if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
-            return winner.log_posterior_odds(samples) - best_subset_odds(rival, samples) >= levels.alias
-    return winner.log_posterior_odds(samples) - rival.log_posterior_odds(samples) >= levels.alias
+            return winner.odds(samples) - best_subset_odds(rival, samples) >= levels.alias
+    return winner.odds(samples) - rival.odds(samples) >= levels.alias
 
 
 def _open(winner: Score, rival: Score) -> bool:
@@ -237,11 +237,11 @@ def best_subset_odds(s: Score, samples: int) -> float:
     paid for nothing. How many sets there are of as many is paid for.
     """
     if isinstance(s.candidate, Resolved):  # where it is was searched for: it has all it was found with
-        return s.log_posterior_odds(samples)
+        return s.odds(samples)
     gram, count = s.columns.T @ s.columns, len(s.estimate)
     size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     gram, slope = gram / np.outer(size, size), gram @ s.estimate / size
-    best = s.log_posterior_odds(samples)
+    best = s.odds(samples)
     for few in range(1, min(count, s.freedom)):
         for some in combinations(range(count), few):
             index = np.array(some)

@@ -26,7 +26,7 @@ def free_nested_before_adding(
     when it was found, its place may not have paid for itself. Weighed by their odds alike, what is there
     already comes first.
     """
-    return free_nested(current, causes, best.log_posterior_odds(current.run.samples) - levels.alias)
+    return free_nested(current, causes, best.odds(current.run.samples) - levels.alias)
 
 
 def free_nested(current: Fit, causes: Sequence[Cause], least: float = 0.0) -> Fit | None:

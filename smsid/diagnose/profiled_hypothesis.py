@@ -53,10 +53,22 @@ class Resolved(Candidate):
         )
 
 
-def resolved_as(candidate: Candidate, effect: Effect, **more: Any) -> Resolved:
-    """Return what a search of a candidate settled on."""
-    c, own = candidate, {"free": candidate.free, "steps": candidate.steps, "also": candidate.also} | more
-    return Resolved(c.kind, c.location, c.family, c.shape, effect, **own)
+def resolved_as(
+    candidate: Candidate,
+    effect: Effect,
+    *,
+    free: tuple[str, ...] | None = None,
+    steps: tuple[float, ...] | None = None,
+    grid: int = 1,
+    simpler: tuple[str, ...] = (),
+    means: tuple[tuple[str, float], ...] = (),
+) -> Resolved:
+    """Return what a search of a candidate settled on; what it frees is free by default."""
+    c = candidate
+    free, steps = c.free if free is None else free, c.steps if steps is None else steps
+    return Resolved(
+        c.kind, c.location, c.family, c.shape, effect, free, steps, c.also, grid, simpler, means=means
+    )
 
 
 @dataclass(frozen=True)

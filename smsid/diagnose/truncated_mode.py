@@ -138,7 +138,7 @@ class HigherMode(Searched):
         best = best_shape(here, found, own, here.shapes())
         tried = len(OFF)
         for offs, dampings in FINE:
-            if best.log_posterior_odds(samples) <= 0.0:
+            if best.odds(samples) <= 0.0:
                 break
             effect = best.candidate.effect
             assert isinstance(effect, BeamMode) and effect.damping is not None
@@ -148,7 +148,7 @@ class HigherMode(Searched):
             tried += len(grid)
             finer = best_shape(here, found, beside, [Shape((i,), label) for i, label in enumerate(grid)])
             finer, best = (replace(s, candidate=replace(s.candidate, grid=tried)) for s in (finer, best))
-            if finer.log_posterior_odds(samples) <= best.log_posterior_odds(samples):
+            if finer.odds(samples) <= best.odds(samples):
                 break
             best = finer
         return best

@@ -45,7 +45,7 @@ def functions() -> list[tuple[str, Callable[..., Any]]]:
 
 def parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     found = inspect.signature(function, eval_str=True).parameters
-    return {k: p for k, p in found.items() if k not in ("as_json", "quiet")}
+    return {k: p for k, p in found.items() if k not in ("as_json", "quiet", "context")}
 
 
 def is_path(p: inspect.Parameter) -> bool:

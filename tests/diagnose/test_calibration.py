@@ -17,9 +17,9 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction
 from smsid.estimation.sensitivities import Sensitivity
 
-from .test_accept import score
-from .test_candidates import SHIFT, only, stub
-from .test_prune import cause, fitted
+from .test_backward_elimination import cause, fitted
+from .test_model_comparison import score
+from .test_score_test import SHIFT, only, stub
 
 DRAWS = 400
 
@@ -50,11 +50,7 @@ def test_the_searched_pay_for_every_variant_and_those_with_a_sign_half():
     assert searched.p_value == pytest.approx(30 * chi2.sf(12.0, 2))
     assert replace(plain, sides=1).p_value == pytest.approx(0.5 * chi2.sf(12.0, 2))
     paid = plain.information_gain(1000) - searched.information_gain(1000)
-    assert (
-        paid
-        == pytest.approx(2 * np.log(30))
-        == plain.log_posterior_odds(1000) - searched.log_posterior_odds(1000)
-    )
+    assert paid == pytest.approx(2 * np.log(30)) == plain.odds(1000) - searched.odds(1000)
 
 
 def test_a_direction_that_rounding_leaves_is_no_parameter():

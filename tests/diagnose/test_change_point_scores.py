@@ -12,7 +12,7 @@ from smsid.estimation.sensitivities import propagate
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
-from .test_began import begun
+from .test_change_time_posterior import begun
 
 KEY = ("joint_friction", "joint1", "viscous")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.diagnose.test_searched import ROWS, scored, stub
+from tests.diagnose.test_profiled_hypothesis import ROWS, scored, stub
 
 from smsid.diagnose.gravity_gradient_hypothesis import (
     FIELDS,

@@ -317,7 +317,7 @@ def test_what_is_just_found_is_beaten_by_chance_as_seldom_as_the_levels_say(free
 def test_three_components_that_are_just_found_are_not_beaten_by_one_that_looks_like_them():
     """A force at strength 1, in part the scale of an encoder: the criterion prefers the latter by 9."""
     force, scale = score(30.0, 3, "bus"), score(18.5, 1)
-    assert force.log_posterior_odds(10_000) > scale.log_posterior_odds(10_000)
+    assert force.odds(10_000) > scale.odds(10_000)
     assert scale.information_gain(10_000) > force.information_gain(10_000) + 6.6
     assert not is_distinguishable(scale, force, 10_000, DetectionThresholds())
 
@@ -371,14 +371,14 @@ def test_the_odds_of_a_score_are_those_of_the_few_parameters_that_do():
     columns = rng.standard_normal((200, 4)) @ rng.standard_normal((4, 4))
     residual = 3.0 * columns[:, 2] + rng.standard_normal(200)
     s = fitted_to(residual, columns, "link2")
-    expected = s.log_posterior_odds(10_000)
+    expected = s.odds(10_000)
     for few in (1, 2, 3):
         sets = list(combinations(range(4), few))
         for some in sets:
             part = fitted_to(residual, columns[:, list(some)], "link2")
-            expected = max(expected, part.log_posterior_odds(10_000) - 2.0 * np.log(len(sets)))
+            expected = max(expected, part.odds(10_000) - 2.0 * np.log(len(sets)))
     assert best_subset_odds(s, 10_000) == pytest.approx(expected)
-    assert expected > s.log_posterior_odds(10_000)
+    assert expected > s.odds(10_000)
 
 
 def test_a_parameter_with_a_sign_is_tested_on_one_side():

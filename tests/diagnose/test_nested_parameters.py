@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tests.diagnose.test_exchange import paired, with_causes
+from tests.diagnose.test_exchange_step import paired, with_causes
 
 from smsid.diagnose import nested_parameters as further
 from smsid.diagnose.model_comparison import DetectionThresholds

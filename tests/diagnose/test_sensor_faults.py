@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.diagnose.test_rounded_attitude import rounded
+from tests.diagnose.test_attitude_rounding import rounded
 
 from smsid.diagnose.noise_covariance import noise_factors
 from smsid.diagnose.sensor_faults import inflate_for_quantisation, quantised_channels, stuck_channels

@@ -45,9 +45,9 @@ def test_it_scores_best(name, tmp_path):
     columns = signatures(found, every)
     scores = scored(found, [every[i] for i in columns], list(columns.values()))
     samples = found.run.samples
-    scores.sort(key=lambda s: -s.log_posterior_odds(samples))
+    scores.sort(key=lambda s: -s.odds(samples))
     best = simplest_law(scores[0], scores, samples, DetectionThresholds()).candidate
-    told = [(s.candidate.key, round(s.log_posterior_odds(samples), 1)) for s in scores[:4]]
+    told = [(s.candidate.key, round(s.odds(samples), 1)) for s in scores[:4]]
     assert (best.kind, best.location, best.shape) == (case.kind, location, shape), told
 
 

@@ -44,7 +44,7 @@ SETTLED = {"zero": 1e-3, "clock": 1e-4}
 
 @dataclass(frozen=True)
 class TorqueLevels:
-    """Levels of significance over all candidates and all generic tests; ``alias`` as in `DetectionThresholds`."""
+    """Levels over all candidates and over all generic tests; ``alias`` as in `DetectionThresholds`."""
 
     candidate: float = THRESHOLDS.torque_candidate
     block: float = THRESHOLDS.torque_block
