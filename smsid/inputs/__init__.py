@@ -1,1 +1,3 @@
-"""What drives a spacecraft: signals over time, and the inputs that are made of them."""
+"""What drives a spacecraft: signals over time, and the inputs made of them; `smsid.simulate` offers them."""
+
+__all__: tuple[str, ...] = ()
