@@ -174,7 +174,7 @@ def _load(
             if visuals:
                 logger.warning("%s Drawn without meshes.", error.message)
     for what in reading.unused:
-        logger.warning("%s: not used: %s.", reading.source, what)
+        logger.warning("%s: not used: %s.", Path(reading.source).name, what)
     text = normalise_urdf(text)
     mimics = mimics_of(reading)
     empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]

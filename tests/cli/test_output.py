@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -240,7 +241,7 @@ def test_every_command_takes_what_is_meant_for_it_and_refuses_the_rest_in_a_line
             fits(out)
         else:
             assert code == 1 and out == "", (command, name, err)
-            assert err.startswith("error: ") and "fault of smsid" not in err and name in err
+            assert re.search("^error: ", err, re.MULTILINE) and "fault of smsid" not in err and name in err
 
 
 @pytest.mark.parametrize(
