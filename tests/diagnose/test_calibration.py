@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
+from smsid.diagnose import change_time_posterior, verdict
 from smsid.diagnose import specification_tests as blocks
-from smsid.diagnose import verdict
 from smsid.diagnose.backward_elimination import eliminate_backward
 from smsid.diagnose.model_comparison import DetectionThresholds, accept, is_distinguishable, simplest_law
 from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
@@ -198,3 +198,18 @@ def test_the_simplest_law_that_explains_as_much_comes_first():
     assert simplest_law(larger, [larger, plain], 10_000, DetectionThresholds()) is plain
     plain, larger = laws(60.0, 100.0)
     assert simplest_law(larger, [larger, plain], 10_000, DetectionThresholds()) is larger
+
+
+def test_a_beginning_is_not_known_better_than_within_a_sample(monkeypatch):
+    """One that is certain to the sample is uniform within it: 0.29 of its length."""
+    module = "smsid.diagnose.change_time_posterior"
+    times = np.linspace(0.0, 10.0, 101)
+    found = SimpleNamespace(run=SimpleNamespace(states=SimpleNamespace(time=times)), scales=np.ones(1))
+    starts = SimpleNamespace(start=5.0, ratios=lambda t: -1e6 * np.abs(np.array(t) - 5.0))
+    monkeypatch.setattr(f"{module}.Starts", lambda found, mine: starts)
+    monkeypatch.setattr(
+        f"{module}.step_from", lambda found, t: float(times[np.searchsorted(times, t - 1e-9)])
+    )
+    monkeypatch.setattr(f"{module}._over", lambda *_: change_time_posterior.Began(0.0, np.zeros((1, 1))))
+    known = change_time_posterior.start_of(found, SimpleNamespace())
+    assert known.sigma == pytest.approx(0.1 / np.sqrt(12.0))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.diagnose.test_profiled_hypothesis import ROWS, scored, stub
 
 from smsid.diagnose.gravity_gradient_hypothesis import (
     FIELDS,
@@ -13,6 +12,7 @@ from smsid.diagnose.gravity_gradient_hypothesis import (
 )
 from smsid.effects import GravityGradient
 from smsid.estimation.map_estimate import evaluate
+from tests.diagnose.test_profiled_hypothesis import ROWS, scored, stub
 
 FREE = ("g.gradient", "g.turn.x", "g.turn.y", "g.turn.z")
 

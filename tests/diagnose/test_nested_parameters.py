@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import pytest
-from tests.diagnose.test_exchange_step import paired, with_causes
 
 from smsid.diagnose import nested_parameters as further
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.nested_parameters import free_nested, free_nested_before_adding
 from smsid.diagnose.score_test import odds, scored, signatures
 from smsid.effects import Payload
+from tests.diagnose.test_exchange_step import paired, with_causes
 
 LOAD, LINK = ("payload", "tool", "payload"), ("body_error", "link3", "inertia")
 PLACE = (0.1, 0.3, -0.2)  # [m]
