@@ -26,10 +26,11 @@ from smsid.diagnose.noise_covariance import first_fit, with_levels
 from smsid.diagnose.priors import nominal
 from smsid.estimation.input_hold import locked
 from smsid.estimation.input_timing import timing_of
-from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.identify.estimate import Estimate
 from smsid.identify.pipeline import identify
 from smsid.likelihood import refine

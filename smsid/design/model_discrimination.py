@@ -29,9 +29,9 @@ from smsid.diagnose.score_test import Candidate, Score, correlation, scored, sig
 from smsid.diagnose.verdict import POWER
 from smsid.errors import ExperimentError, SmsidError
 from smsid.estimation.input_hold import locked
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import Fit, evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.experiments import Experiment, LimitUse
 from smsid.model import build_model
 from smsid.recording import Recording

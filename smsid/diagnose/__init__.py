@@ -15,7 +15,7 @@ from smsid.diagnose.result import (
 )
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.estimation.kalman import Noise
+from smsid.estimation.problem import Noise
 
 __all__ = [
     "Alias",

@@ -10,8 +10,8 @@ from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, Oscillati
 from smsid.diagnose.truncated_mode import HigherMode
 from smsid.effects.appendage import Appendage, BeamAppendage
 from smsid.effects.beam_mode import BeamMode
-from smsid.estimation.kalman import Problem
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.model.regressor import body_names
 
 SLOSH = (0.03, 1.0)  # [Hz] between which a tank's frequency is looked for

@@ -14,7 +14,7 @@ from smsid.diagnose.score_test import Candidate, Score, changes_of, scored, sign
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
-from smsid.estimation.kalman import FilterRun
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit, continued, evaluate, fit, within_reach
 from smsid.estimation.sensitivities import Sensitivity, propagate
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from smsid.effects.base import Effect, Starting
-from smsid.estimation.kalman import FilterRun
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 

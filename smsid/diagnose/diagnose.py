@@ -48,9 +48,9 @@ from smsid.estimation.joint_problem import (
     timed,
     timed_like,
 )
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording

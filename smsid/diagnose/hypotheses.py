@@ -27,9 +27,8 @@ from smsid.effects.rotor import turns
 from smsid.effects.sensor import VECTORS
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
-from smsid.estimation.joint_problem import recordings_of
-from smsid.estimation.kalman import Problem
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.regressor import INERTIAL_NAMES
 
 LOGGER = logging.getLogger(__name__)

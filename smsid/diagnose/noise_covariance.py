@@ -11,11 +11,12 @@ from scipy.signal import welch
 
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.kalman import FilterRun, Noise, Problem
 from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Noise, Problem
 
 LOGGER = logging.getLogger(__name__)
 SLOW = THRESHOLDS.slow

@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import SimulationError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.kalman import Belief, FilterRun, Noise, Problem, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import Measured
+from smsid.estimation.problem import Belief, Noise, Problem
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)

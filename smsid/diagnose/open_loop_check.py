@@ -6,9 +6,10 @@ import numpy as np
 
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
-from smsid.estimation.joint_problem import at_point, recordings_of
+from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit
+from smsid.estimation.problem import recordings_of
 
 SETTLE = 5.0  # [s] corrected before the model runs by itself
 MOVES = THRESHOLDS.moves

@@ -13,8 +13,9 @@ from scipy.stats import laplace, norm
 
 from smsid.diagnose.sensor_faults import Fault
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.estimation.kalman import FilterRun, Problem
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.measurements import Measured
+from smsid.estimation.problem import Problem
 
 OUTLIER = THRESHOLDS.outlier
 CALM = THRESHOLDS.outlier_calm

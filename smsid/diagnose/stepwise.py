@@ -21,9 +21,9 @@ from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_input_test import unknown_input_tests
 from smsid.errors import RecordingError, SmsidError
-from smsid.estimation.kalman import Problem
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 STRAYS = THRESHOLDS.strays

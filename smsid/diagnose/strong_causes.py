@@ -20,10 +20,11 @@ from smsid.diagnose.score_test import Candidate, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
-from smsid.estimation.kalman import Problem, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import Fit, evaluate, fit
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion

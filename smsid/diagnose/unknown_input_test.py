@@ -17,7 +17,7 @@ import numpy as np
 
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.errors import SmsidError
-from smsid.estimation.kalman import FilterRun
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit, continued, fit
 
 LOGGER = logging.getLogger(__name__)

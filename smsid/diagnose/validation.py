@@ -12,10 +12,12 @@ from smsid.diagnose.open_loop import open_loop
 from smsid.diagnose.outliers import outliers
 from smsid.diagnose.sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.errors import SmsidError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.input_hold import locked
-from smsid.estimation.kalman import FilterRun, Problem, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

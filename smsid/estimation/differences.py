@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
-from smsid.estimation.kalman import FilterRun, KalmanFilter
+from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.normal_equations import (
     BLOCKS,
     CHUNK,

@@ -13,9 +13,9 @@ from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
-from smsid.estimation.kalman import Noise, Problem, Timing, UnknownInput
 from smsid.estimation.measurements import ChannelSlice, Measured, measurements_of
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Noise, Problem, Timing, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel

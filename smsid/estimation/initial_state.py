@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.kalman import Belief
 from smsid.estimation.measurements import Measured, matrix
+from smsid.estimation.problem import Belief
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 
 READ = 5.0  # standard deviations of a sensor's noise by which its first reading may be off

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.estimation.kalman import FilterRun
+from smsid.estimation.filter_run import FilterRun
 
 
 def normalised_rmse(run: FilterRun, factors: np.ndarray | float = 1.0) -> float:

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import SimulationError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
-from smsid.estimation.kalman import FilterRun, Problem, Timing, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem, Timing
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)

@@ -13,15 +13,16 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import RecordingError
+from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
-from smsid.estimation.kalman import Applied, FilterRun, Part, Problem, applied
+from smsid.estimation.kalman import Applied, applied
 from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.simulate.trajectory import States
 
 
 @dataclass(frozen=True)
@@ -107,30 +108,6 @@ def joined_data(parts: Sequence[Measured]) -> Measured:
     return Measured(times, values, attitude, tuple(blocks.values()), sigma)
 
 
-def recordings_of(problem: Problem) -> tuple[Problem, ...]:
-    """Return the problem of every recording by itself, on the common clock; of one, the problem itself."""
-    if not problem.parts:
-        return (problem,)
-    out = []
-    for part, here in zip(problem.parts, _samples(problem), strict=True):
-        data = problem.data
-        attitude = {c: q[here] for c, q in data.attitude.items()}
-        own = replace(data, times=data.times[here], values=data.values[here], attitude=attitude)
-        own = replace(own, blocks=part.blocks or own.blocks)
-        out.append(
-            replace(
-                problem, recording=part.recording, data=own, locked=part.locked, timing=part.timing, parts=()
-            )
-        )
-    return tuple(out)
-
-
-def _samples(problem: Problem) -> list[slice]:
-    """Return which samples are of which recording."""
-    first = [p.first for p in problem.parts]
-    return [slice(a, b) for a, b in zip(first, [*first[1:], len(problem.data.times)], strict=True)]
-
-
 def on_own_clock(problem: Problem, time: float) -> tuple[float, str]:
     """Return a time on the common clock as one on that of the recording it is in [s], and its label.
 
@@ -202,66 +179,9 @@ def _own(point: Point, problem: Problem, number: int) -> Point:
 def samples_in(problem: Problem, label: str) -> np.ndarray:
     """Return which samples (N,) are of one of several recordings."""
     found = np.zeros(len(problem.data.times), dtype=bool)
-    for part, here in zip(problem.parts, _samples(problem), strict=True):
+    for part, here in zip(problem.parts, samples_of_each(problem), strict=True):
         found[here] = part.label == label
     return found
-
-
-def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
-    """Return the runs over several recordings as one, in which nothing passes from one to the next."""
-
-    def whole(name: str) -> np.ndarray:
-        return np.concatenate([getattr(r, name) for r in runs])
-
-    def between(name: str) -> np.ndarray:
-        """Join arrays of one fewer than samples; where recordings meet, what is there is zero."""
-        nothing = np.zeros((1, *getattr(runs[0], name).shape[1:]))
-        parts = [x for r in runs for x in (getattr(r, name), nothing)]
-        return np.concatenate(parts[:-1])
-
-    middles = [r.middle for r in runs]
-    for k in range(len(runs) - 1):  # a state stands where recordings meet, for nothing acts there
-        at = 0.5 * (runs[k].states.time[-1:] + runs[k + 1].states.time[:1])
-        middles[k] = _states([middles[k], replace(_last(runs[k].states), time=at)])
-    return FilterRun(
-        whole("innovations"), sum(r.log_likelihood for r in runs), whole("whitening"), whole("gain"),
-        whole("sensitivity"), whole("by_a"), between("transition"), between("forcing"),
-        _states([r.states for r in runs]), _states(middles), whole("inverse"), between("middle_inverse"),
-        whole("predicted"), whole("errors"), whole("normalised"), whole("used"), whole("edges"),
-        tuple(np.cumsum([0, *(len(r.innovations) for r in runs[:-1])]).tolist()),
-    )  # fmt: skip
-
-
-def run_of_each(run: FilterRun) -> list[FilterRun]:
-    """Return a run over several recordings one by one."""
-    count = len(run.innovations)
-    out = []
-    for a, b in zip(run.begins, [*run.begins[1:], count], strict=True):
-        at, mid = slice(a, b), slice(a, b - 1)
-        parts = {
-            name: getattr(run, name)[at]
-            for name in (
-                "innovations", "whitening", "gain", "sensitivity", "by_a", "inverse", "predicted", "errors",
-                "normalised", "used", "edges",
-            )
-        }  # fmt: skip
-        between = {name: getattr(run, name)[mid] for name in ("transition", "forcing", "middle_inverse")}
-        states, middle = _cut(run.states, at), _cut(run.middle, mid)
-        out.append(replace(run, **parts, **between, states=states, middle=middle, begins=(0,)))
-    return out
-
-
-def _states(parts: Sequence[States]) -> States:
-    names = ("time", "q", "v", "a", "tau", "reaction")
-    return States(*(np.concatenate([getattr(s, n) for s in parts]) for n in names))
-
-
-def _cut(states: States, where: slice) -> States:
-    return States(*(getattr(states, n)[where] for n in ("time", "q", "v", "a", "tau", "reaction")))
-
-
-def _last(states: States) -> States:
-    return _cut(states, slice(len(states.time) - 1, None))
 
 
 class JointSensitivities(Sensitivities):

@@ -2,160 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag, lapack
 
 from smsid.errors import SimulationError
-from smsid.estimation.input_hold import VARYING, Hold, commanded, jumps_in, limits, means, unevenness
+from smsid.estimation.filter_run import FilterRun, joined_runs
+from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import ChannelSlice, Measured
-from smsid.estimation.parameter_vector import JointPrior
+from smsid.estimation.problem import (
+    Problem,
+    recordings_of,
+)
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
-from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
 WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
-SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless the motion needs shorter ones
 AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
-
-
-@dataclass(frozen=True)
-class Timing:
-    """How commands act between samples, and on which side of a jump accelerations are sampled."""
-
-    hold: Hold = "held"
-    side: Literal["left", "right"] = "right"
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Process noise: standard deviations of the inputs' errors, held over a sample, and of the start.
-
-    ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
-    ``hidden`` are those of slosh and modal coordinates at the start [m, m/s]. ``more`` adds noise to single
-    inputs: velocity coordinate and standard deviation [N, N m].
-    """
-
-    force: float = 1e-6
-    torque: float = 1e-6
-    joint: float = 1e-6
-    wheel: float = 1e-7
-    hidden: tuple[float, float] = (1e-2, 1e-2)
-    more: tuple[tuple[int, float], ...] = ()
-
-
-@dataclass(frozen=True)
-class FilterRun:
-    """What a filter made of a recording. First index: sample k = 0 .. N - 1.
-
-    ``innovations`` (N, rows) whitened, zero where nothing was measured; ``whitening`` (N, rows, rows) takes
-    errors of the prediction to them; ``gain`` (N, x, rows), ``sensitivity`` H (N, rows, x) and
-    ``transition`` F (N - 1, x, x), ``forcing`` Psi[:, nv:] (N - 1, x, nv) propagate a small change
-    of the x = 2 nv states and the unknown inputs. ``by_a`` (N, rows, nv): measurement by acceleration.
-    ``states`` are the predictions at the samples, ``middle`` the states between them; ``inverse`` and
-    ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are measured minus
-    ``predicted``; ``normalised`` the same in their own
-    standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
-    samples and, where more follow, of the next one: there are then N transitions. ``begins`` are the samples
-    with which recordings begin, where there are several.
-    """
-
-    innovations: np.ndarray
-    log_likelihood: float
-    whitening: np.ndarray
-    gain: np.ndarray
-    sensitivity: np.ndarray
-    by_a: np.ndarray
-    transition: np.ndarray
-    forcing: np.ndarray
-    states: States
-    middle: States
-    inverse: np.ndarray
-    middle_inverse: np.ndarray
-    predicted: np.ndarray
-    errors: np.ndarray
-    normalised: np.ndarray
-    used: np.ndarray
-    edges: np.ndarray
-    begins: tuple[int, ...] = (0,)
-
-    @property
-    def samples(self) -> int:
-        """Number of innovations that count."""
-        return int(self.used.sum())
-
-
-@dataclass(frozen=True)
-class Belief:
-    """What is known of a state: q (nq,), v (nv,), covariance (2 nv, 2 nv) of the tangent of q and of v."""
-
-    q: np.ndarray
-    v: np.ndarray
-    covariance: np.ndarray
-
-
-@dataclass(frozen=True)
-class UnknownInput:
-    """A generalised force that nobody recorded, estimated with the state: a random walk.
-
-    ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
-    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded.
-    """
-
-    dof: int
-    sigma: float
-    walk: float
-
-
-@dataclass(frozen=True)
-class Part:
-    """One of the recordings of a problem of several: what of it is its own.
-
-    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s]. At a point
-    (`at_point`) it has the ``blocks`` that its sensors are read through, and a ``model`` of its own where an
-    effect is not in every recording.
-    """
-
-    label: str
-    recording: Recording
-    locked: np.ndarray
-    timing: Timing
-    first: int
-    shift: float = 0.0
-    blocks: tuple[ChannelSlice, ...] = ()
-    model: SpacecraftModel | None = None
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A recording to be explained: samples, commands, how they are taken, and what is known together before.
-
-    ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
-    state at the first sample (read from it, with wide standard deviations, when not given).
-    ``unknown_inputs`` are states of the filter, too, after q and v. ``parts`` are the recordings, where there
-    are several (`joint_problem`): ``recording`` and ``timing`` are then the first's.
-    """
-
-    recording: Recording
-    data: Measured
-    locked: np.ndarray
-    timing: Timing
-    noise: Noise
-    joint: JointPrior = field(default_factory=JointPrior)
-    substep: float = SUBSTEP
-    begin: Belief | None = None
-    unknown_inputs: tuple[UnknownInput, ...] = ()
-    parts: tuple[Part, ...] = ()
-
-    def inputs(self, model: SpacecraftModel) -> Inputs:
-        """Return what was commanded."""
-        return commanded(model, self.recording, self.timing.hold, required=self.begin is None)
 
 
 @dataclass(frozen=True)
@@ -205,8 +72,6 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
     Raises `SimulationError` when the state or its covariance is no longer finite.
     """
     if problem.parts:
-        from smsid.estimation.joint_problem import joined_runs, recordings_of  # which needs what is here
-
         own = [part.model or model for part in problem.parts]
         each = zip(own, recordings_of(problem), strict=True)
         return joined_runs([run_filter(m, p, until=until) for m, p in each])

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.estimation.joint_problem import recordings_of
-from smsid.estimation.kalman import Problem
+from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOOSENED = (0.3, 0.03)

@@ -12,9 +12,11 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
 from smsid.errors import SimulationError, SmsidError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point, sensitivities
-from smsid.estimation.kalman import FilterRun, Problem, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
 from smsid.estimation.retraction import retract
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, next_radius, sizes

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.estimation.flight import Flight
-from smsid.estimation.kalman import KalmanFilter, Problem
+from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
 
 CHUNK = 2000  # samples whose derivatives are in memory at once

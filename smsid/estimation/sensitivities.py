@@ -10,10 +10,12 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
-from smsid.estimation.kalman import Applied, FilterRun, Problem, applied
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.kalman import Applied, applied
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import mounting
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.kalman import FilterRun, KalmanFilter, Problem
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.problem import Problem
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 

@@ -8,7 +8,8 @@ from threadpoolctl import threadpool_limits
 
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.validation import SETTLE, read_like
-from smsid.estimation.kalman import FilterRun, run_filter
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.model.column_order import order_columns

@@ -12,8 +12,9 @@ from threadpoolctl import threadpool_limits
 
 from smsid.diagnose.validation import SETTLE, read_like
 from smsid.errors import SmsidError
-from smsid.estimation.kalman import Problem, run_filter
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.recording import Recording
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Grid, Table

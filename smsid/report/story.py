@@ -8,8 +8,8 @@ from collections.abc import Mapping
 
 from smsid.diagnose.validation import Gain
 from smsid.errors import SmsidError
-from smsid.estimation.kalman import Problem
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.recording import Recording
 from smsid.report.model import Figure, Grid, Section, Table, Text
 from smsid.report.numbers import number, share

@@ -10,9 +10,10 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.errors import SimulationError, SmsidError
-from smsid.estimation.kalman import WILD, Applied, Belief, UnknownInput, _lost
+from smsid.estimation.kalman import WILD, Applied, _lost
 from smsid.estimation.measurements import Measured, matrix
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Belief, UnknownInput
 from smsid.tracking.followed_parameters import Followed
 from smsid.tracking.linearisation import Driven, Linearisation, Moment, can_exist
 

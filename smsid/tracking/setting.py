@@ -12,8 +12,8 @@ from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight, longest_step
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
-from smsid.estimation.kalman import Noise, UnknownInput
 from smsid.estimation.measurements import ChannelSlice, Measured, _block, _labels
+from smsid.estimation.problem import Noise, UnknownInput
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 

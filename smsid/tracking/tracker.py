@@ -11,10 +11,11 @@ from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import initial_belief
-from smsid.estimation.kalman import Belief, Problem, Timing, _input_covariance
+from smsid.estimation.kalman import _input_covariance
 from smsid.estimation.measurements import TOGETHER
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Belief, Problem, Timing
 from smsid.identify.estimate import Estimate
 from smsid.likelihood.prior import Cad
 from smsid.recording import Recording

@@ -18,9 +18,9 @@ from smsid._files import atomic_write
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.kalman import Noise, UnknownInput
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Noise, UnknownInput
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
 from smsid.tracking.linearisation import Linearisation

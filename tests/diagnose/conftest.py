@@ -5,9 +5,9 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose.priors import nominal
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder

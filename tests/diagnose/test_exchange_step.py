@@ -10,9 +10,9 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, refit
 from smsid.diagnose.score_test import scored, signatures
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

@@ -10,9 +10,9 @@ from smsid.description import load_description
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import signatures
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder

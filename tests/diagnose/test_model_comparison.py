@@ -26,9 +26,9 @@ from smsid.diagnose.profiled_hypothesis import Resolved
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
 from smsid.diagnose.stepwise import search
 from smsid.effects import JointFriction, Slosh
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

@@ -7,11 +7,12 @@ import pytest
 
 from smsid.diagnose import diagnose
 from smsid.effects import Payload, SensorBias
-from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, recordings_of, samples_in
-from smsid.estimation.kalman import KalmanFilter, Noise, Problem, Timing, run_filter
+from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, samples_in
+from smsid.estimation.kalman import KalmanFilter, run_filter
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

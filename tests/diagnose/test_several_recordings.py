@@ -8,9 +8,10 @@ from smsid.diagnose.priors import nominal
 from smsid.diagnose.stepwise import search
 from smsid.diagnose.verdict import causes
 from smsid.effects import JointFriction
-from smsid.estimation.joint_problem import joint_problem, on_one_clock, recordings_of, thinned
-from smsid.estimation.kalman import KalmanFilter, Noise, Problem, Timing
+from smsid.estimation.joint_problem import joint_problem, on_one_clock, thinned
+from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 

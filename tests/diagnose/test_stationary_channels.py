@@ -13,9 +13,9 @@ from smsid.diagnose.sensor_faults import (
     stuck_channels,
 )
 from smsid.diagnose.stationary_channels import resting_channels
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.inputs.inputs import JointMotion
 from smsid.inputs.signals import Sampled
 from smsid.model import build_model

@@ -13,8 +13,9 @@ from smsid.comparison.explanations import _chance
 from smsid.estimation.contradictions import Part, contradictions_of
 from smsid.estimation.differences import _column
 from smsid.estimation.inertial_combinations import Reported
-from smsid.estimation.kalman import KalmanFilter, UnknownInput
+from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
+from smsid.estimation.problem import UnknownInput
 from smsid.identify.momentum_rows import scaled_tls
 
 

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 
 from smsid.estimation.flight import flight_of
-from smsid.estimation.kalman import KalmanFilter, UnknownInput
+from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.normal_equations import normal_equations, objective_of
+from smsid.estimation.problem import UnknownInput
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording

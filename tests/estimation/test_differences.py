@@ -10,10 +10,10 @@ import pytest
 from smsid.estimation.differences import ALIKE, derivatives_hold, differenced
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.kalman import Timing
 from smsid.estimation.maximum import converged, settled
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Timing
 from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
 

@@ -8,8 +8,8 @@ import pytest
 from smsid.effects import ThrusterGain
 from smsid.estimation.input_hold import curved, locked
 from smsid.estimation.input_timing import timing_of, timings
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.recording import Recording
 
 

@@ -10,17 +10,11 @@ from smsid.diagnose.priors import nominal
 from smsid.effects import ExternalWrench, JointFriction
 from smsid.errors import RecordingError
 from smsid.estimation.input_hold import locked
-from smsid.estimation.joint_problem import (
-    at_point,
-    joint_problem,
-    on_one_clock,
-    on_own_clock,
-    recordings_of,
-    thinned,
-)
-from smsid.estimation.kalman import Noise, Problem, Timing, run_filter
+from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, on_own_clock, thinned
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
 from smsid.estimation.sensitivities import propagate
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model

@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.estimation.kalman import Timing, _delayed, _readable, run_filter
+from smsid.estimation.kalman import _delayed, _readable, run_filter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.problem import Timing
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 

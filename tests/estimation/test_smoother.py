@@ -14,9 +14,9 @@ from smsid.estimation.fit_quality import fit_quality
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.hidden_states import hidden_states
 from smsid.estimation.identify_flights import FlightEstimate
-from smsid.estimation.kalman import Timing
 from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Timing
 from smsid.estimation.smoother import bryson_frazier, smoothed_states
 from smsid.estimation.unknowns import unknowns_of
 from smsid.identify.estimate import Estimate, classify

@@ -11,9 +11,9 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import DetectionThresholds, simplest_law
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import scored, signatures
-from smsid.estimation.kalman import Noise, Problem, Timing
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Noise, Problem, Timing
 from tests.estimation.effect_cases import by_name, fly
 from tests.hidden.description import write_description
 from tests.hidden.experiment import commands

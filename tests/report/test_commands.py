@@ -15,8 +15,8 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.stepwise import search
 from smsid.effects import JointFriction
-from smsid.estimation.kalman import Problem, Timing
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.problem import Problem, Timing
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import save_recording

@@ -1,0 +1,133 @@
+"""A recording, or several, to be explained: samples, commands, how they act, noise, what is known before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from smsid.estimation.input_hold import Hold, commanded
+from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.parameter_vector import JointPrior
+from smsid.model.spacecraft import SpacecraftModel
+from smsid.recording import Recording
+from smsid.simulate import Inputs
+
+SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless the motion needs shorter ones
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How commands act between samples, and on which side of a jump accelerations are sampled."""
+
+    hold: Hold = "held"
+    side: Literal["left", "right"] = "right"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Process noise: standard deviations of the inputs' errors, held over a sample, and of the start.
+
+    ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
+    ``hidden`` are those of slosh and modal coordinates at the start [m, m/s]. ``more`` adds noise to single
+    inputs: velocity coordinate and standard deviation [N, N m].
+    """
+
+    force: float = 1e-6
+    torque: float = 1e-6
+    joint: float = 1e-6
+    wheel: float = 1e-7
+    hidden: tuple[float, float] = (1e-2, 1e-2)
+    more: tuple[tuple[int, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known of a state: q (nq,), v (nv,), covariance (2 nv, 2 nv) of the tangent of q and of v."""
+
+    q: np.ndarray
+    v: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class UnknownInput:
+    """A generalised force that nobody recorded, estimated with the state: a random walk.
+
+    ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
+    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded.
+    """
+
+    dof: int
+    sigma: float
+    walk: float
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of the recordings of a problem of several: what of it is its own.
+
+    ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s]. At a point
+    (`at_point`) it has the ``blocks`` that its sensors are read through, and a ``model`` of its own where an
+    effect is not in every recording.
+    """
+
+    label: str
+    recording: Recording
+    locked: np.ndarray
+    timing: Timing
+    first: int
+    shift: float = 0.0
+    blocks: tuple[ChannelSlice, ...] = ()
+    model: SpacecraftModel | None = None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A recording to be explained: samples, commands, how they are taken, and what is known together before.
+
+    ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
+    state at the first sample (read from it, with wide standard deviations, when not given).
+    ``unknown_inputs`` are states of the filter, too, after q and v. ``parts`` are the recordings, where there
+    are several (`joint_problem`): ``recording`` and ``timing`` are then the first's.
+    """
+
+    recording: Recording
+    data: Measured
+    locked: np.ndarray
+    timing: Timing
+    noise: Noise
+    joint: JointPrior = field(default_factory=JointPrior)
+    substep: float = SUBSTEP
+    begin: Belief | None = None
+    unknown_inputs: tuple[UnknownInput, ...] = ()
+    parts: tuple[Part, ...] = ()
+
+    def inputs(self, model: SpacecraftModel) -> Inputs:
+        """Return what was commanded."""
+        return commanded(model, self.recording, self.timing.hold, required=self.begin is None)
+
+
+def recordings_of(problem: Problem) -> tuple[Problem, ...]:
+    """Return the problem of every recording by itself, on the common clock; of one, the problem itself."""
+    if not problem.parts:
+        return (problem,)
+    out = []
+    for part, here in zip(problem.parts, samples_of_each(problem), strict=True):
+        data = problem.data
+        attitude = {c: q[here] for c, q in data.attitude.items()}
+        own = replace(data, times=data.times[here], values=data.values[here], attitude=attitude)
+        own = replace(own, blocks=part.blocks or own.blocks)
+        out.append(
+            replace(
+                problem, recording=part.recording, data=own, locked=part.locked, timing=part.timing, parts=()
+            )
+        )
+    return tuple(out)
+
+
+def samples_of_each(problem: Problem) -> list[slice]:
+    """Return which samples are of which recording."""
+    first = [p.first for p in problem.parts]
+    return [slice(a, b) for a, b in zip(first, [*first[1:], len(problem.data.times)], strict=True)]
