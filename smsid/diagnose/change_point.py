@@ -47,7 +47,8 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     if not _may_begin(s.candidate):
         return s
     times, loud = current.run.states.time, largest_innovation_time(current.run)
-    begins = replace(s.candidate, recording="").apart({e.name for e in current.point.description.effect})
+    everywhere = replace(s.candidate, recording="") if s.candidate.recording else s.candidate
+    begins = everywhere.apart({e.name for e in current.point.description.effect})
     try:
         own = changes_of(current, begins) if _may_be_cut(begins) else None
     except SmsidError as error:

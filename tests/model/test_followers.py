@@ -159,7 +159,8 @@ def test_columns_of_followers_are_made_of_their_leaders(tmp_path):
     assert followed(model, log["encoder.joint_position"]) < 1e-15
     assert log["encoder.joint_velocity"][:, place["j4"]] == pytest.approx(-np.cos(t))
     assert not log["command.joint_torque"][:, place["j4"]].any()
-    matrix, offset = column_map({"joint": ["j2", "j1"]}, "encoder.joint_position", 2, model)
+    # by itself: a source that the description knows, or of the spacecraft itself
+    matrix, offset = column_map({"joint": ["j2", "j1"]}, "truth.joint_position", 2, model)
     np.testing.assert_allclose(q @ matrix.T + offset, log["encoder.joint_position"], atol=1e-15)
     without = Recording.from_arrays(t, {"truth.joint_position": q[:, :1]}, labels={"joint": ["j2"]})
     with pytest.raises(RecordingError, match="missing 'j1', 'j3', 'j4'"):
