@@ -83,18 +83,19 @@ def world(monkeypatch):
         "signatures": signatures,
         "scored": scored,
         "accept": accept,
-        "weighed": recompute_evidence,
-        "refitted": refitted,
+        "recompute_evidence": recompute_evidence,
+        "refit_noise": refitted,
         "finely_stepped": finely,
         "normalised_rmse": lambda *_: 1.0,
         "memory": lambda *_: (),
-        "beginning": lambda *_: [],
-        "poor": lambda fit: False,
-        "settled": lambda fit, score: (score, fit),
+        "best_onsets": lambda *_: [],
+        "is_poor_fit": lambda fit: False,
+        "refine_onset": lambda fit, score: (score, fit),
         "with_onset": lambda fit, score, alias: score,
-        "there_always": lambda causes, fit, levels: (list(causes), fit),
-        "sought_again": lambda causes, fit, *_: (list(causes), fit),
-        "freed_instead": lambda *_: None,
+        "in_one_recording": lambda fit, scores, *_: scores,
+        "drop_onset": lambda causes, fit, levels: (list(causes), fit),
+        "reprofile_selected": lambda causes, fit, *_: (list(causes), fit),
+        "free_nested_before_adding": lambda *_: None,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
     fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
@@ -147,7 +148,7 @@ def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypa
         calls.append(last_too and exchange)
         return list(causes), last
 
-    monkeypatch.setattr(rounds, "judged_again", exchange_step)
+    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
     state.close()
     assert calls == []  # no cause yet
     state.forward_step()
@@ -165,7 +166,7 @@ def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, m
         (other,) = (s for s in state.scores if s.candidate.key == OTHER)
         return [replace(causes[0], score=other)], asked.at("exchanged")
 
-    monkeypatch.setattr(rounds, "judged_again", exchange_step)
+    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
     state.close()
     assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
     assert asked.scored[-1][0] == "exchanged"
