@@ -62,13 +62,16 @@ class Resolution:
 def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit, bool]:
     """Return the maximum with knots enough; and whether they are: not where there may be no more of them.
 
+    As in a record with gaps between the readings of its joints: what a spline does there, no reading says.
+
     Raises `NotIdentifiableError` when a search does not come to rest.
     """
     model, changed = found.point.parameters.layout.model, False
     while True:
         pieces, locals_ = refined_motion(found.pieces, found.point)
         if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
-            return found, not changed
+            limited = any(_has_gaps(p) and not resolves_ringing(p, model) for p in found.pieces)
+            return found, not (changed or limited)
         seen = Evaluation.at(pieces, Point(found.point.parameters, locals_))
         change = resolution(found.normal, normal_at(pieces, seen, prior), gradients(found.seen, found.pieces))
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
@@ -132,7 +135,7 @@ def _refined(
     piece: RecordingTerm, local: NuisanceValues, model: SpacecraftModel
 ) -> tuple[RecordingTerm, NuisanceValues]:
     joints = piece.drive.joints
-    if joints is None or not piece.follows:
+    if joints is None or not piece.follows or _has_gaps(piece):
         return piece, local
     wanted = min(0.5 * joints.spacing, _period(piece, model) / KNOTS_PER_PERIOD)
     size, width = joints.coefficients.shape
@@ -143,6 +146,15 @@ def _refined(
     finer = joints.with_coefficients(local.motion).divided(factor)
     piece = piece.with_joints(joints.refitted(factor * joints.intervals))
     return piece, replace(local, motion=finer.coefficients)
+
+
+def _has_gaps(piece: RecordingTerm) -> bool:
+    """Return whether the joints' readings leave out as much as lies between two knots."""
+    joints = piece.drive.joints
+    if joints is None:
+        return False
+    longest = [float(np.diff(s.times).max(initial=0.0)) for s in joints.samples if s.derivative == 0]
+    return max(longest, default=0.0) > joints.spacing
 
 
 def _period(piece: RecordingTerm, model: SpacecraftModel) -> float:

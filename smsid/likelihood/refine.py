@@ -44,8 +44,8 @@ from smsid.model import build_model
 from smsid.recording import Recording
 
 UNRESOLVED = (
-    "the joints move faster than their motion can be told: standard deviations may be too small; record the "
-    "encoders faster, or a shorter flight"
+    "the joints' motion cannot be told as fast as the craft may ring: standard deviations may be too small; "
+    "record the encoders faster and without gaps, or a shorter flight"
 )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -11,7 +13,7 @@ from smsid.description.draft import Draft, draft_arm
 from smsid.estimation.batch_check import batch_contradictions
 from smsid.experiments import fly, named_experiment
 from smsid.likelihood import Refinement, fisher_information, refine
-from smsid.likelihood.knots import resolution
+from smsid.likelihood.knots import _has_gaps, resolution
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.spline import Samples, fit_motion
 from smsid.model import build_model
@@ -94,3 +96,13 @@ def test_what_a_finer_motion_changes():
     assert change.growth == pytest.approx(2.0) and change.shift == pytest.approx(1.0)
     assert not change.is_enough
     assert resolution(before, before, np.eye(2)).is_enough
+
+
+def test_a_gap_between_readings_forbids_finer_knots():
+    """Two seconds without a reading: a finer spline there took the search minutes, and meant nothing."""
+    times = np.arange(0.0, 20.0, 0.01)
+    for missing, gaps in ((0.0, False), (2.0, True)):
+        own = times[(times < 8.0) | (times >= 8.0 + missing)]
+        samples = (SimpleNamespace(derivative=0, times=own),)
+        piece = SimpleNamespace(drive=SimpleNamespace(joints=SimpleNamespace(samples=samples, spacing=0.5)))
+        assert _has_gaps(piece) is gaps
