@@ -146,8 +146,8 @@ def _refine(
     if not enough:
         notes.append(UNRESOLVED)
     if sought.clocks:
-        names = ", ".join(sorted(sought.clocks))
-        notes.append(f"clocks that do not agree with the rest, estimated too: {names}")
+        off = ", ".join(sorted(sought.clocks))
+        notes.append(f"clocks that do not agree with the rest, estimated too: {off}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
     seen = jacobian @ covariance

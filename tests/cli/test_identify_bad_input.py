@@ -95,6 +95,7 @@ def test_exp1_is_inside_its_intervals(identify, change: Change, said: str):
     code, text, estimate = identify(changed(exp1(), change))
     assert code == 0, text
     assert said in text
+    assert len(estimate.recordings) == 1 and estimate.recordings[0] not in "panel"
     inside(estimate, OF_EXP1)
 
 
