@@ -36,13 +36,7 @@ AXES = ("x", "y", "z")
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
 CARRIED = 0.5  # how far its rotor turns with the link before it, none to fully: standard deviation
-CROSSED = (
-    0.7,
-    0.2,
-    0.06,
-    0.015,
-    0.003,
-)  # of a joint's torque: with more, play is as a soft gear
+CROSSED = (0.7, 0.2, 0.06, 0.015, 0.003)  # of a joint's torque: with more, play is as a soft gear
 STICKS = (0.3, 0.1, 0.03, 0.01)  # of a wheel's rate, below which it may stick: above, Coulomb's is as good
 ROOM = (0.6, 1.0, 1.4, 1.8, 2.2)  # of how far a slosh mass moves (rms): where the wall of its tank may be
 ABOUT = 1.0  # [m] how far a sensor may be from where it is said to be: standard deviation
