@@ -150,6 +150,32 @@ class ParameterFilter:
             share *= 0.5
         return False
 
+    def predicted(
+        self, driven: Driven, k: int, before: np.ndarray | None
+    ) -> tuple[Moment, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return moment, readings (m,), rates by accelerations (m, nv) and state (m, x), offset (x,).
+
+        The offset is how far the state is off the moment, about which readings are linear. ``driven`` holds
+        the forces at it as number ``k``; ``before`` (nv,) are those just before the first.
+        """
+        base, nv, acts = self.at.base, self.nv, self._acts
+        off, q, v, driving = self._reference()
+        tau = driven.base.at[k] + driving
+        lin = base.plant.linear(self.time, q, v, tau)
+        moment = Moment(self.time, q, v, tau, lin.a, lin.by_tau)
+        forces = _about(driven.base, k, before, driving)
+        h, cq, cv, ca = base.predict(moment, forces, base.plant)
+        pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
+        big = np.empty((len(h), self.covariance.shape[0]))
+        big[:, :nv] = ca @ lin.by_q + cq
+        big[:, nv : 2 * nv] = ca @ lin.by_v + cv
+        big[:, 2 * nv : 2 * nv + len(acts)] = ca @ lin.by_tau[:, acts]
+        by_theta = self.at.readings(moment, forces)
+        if ca.any():
+            by_theta += ca @ self.at.accelerations(moment, pairs)
+        big[:, self.parameters] = by_theta
+        return moment, h, ca, big, off
+
     def correct(
         self,
         values: np.ndarray,
@@ -167,24 +193,9 @@ class ParameterFilter:
         there = np.flatnonzero(np.isfinite(values))
         if not len(there):
             return None
-        base, nv, acts = self.at.base, self.nv, self._acts
-        off, q, v, driving = self._reference()
-        tau = driven.base.at[k] + driving
-        lin = base.plant.linear(self.time, q, v, tau)
-        moment = Moment(self.time, q, v, tau, lin.a, lin.by_tau)
-        forces = _about(driven.base, k, before, driving)
-        h, cq, cv, ca = base.predict(moment, forces, base.plant)
-        pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
-        big = np.empty((len(h), self.covariance.shape[0]))
-        big[:, :nv] = ca @ lin.by_q + cq
-        big[:, nv : 2 * nv] = ca @ lin.by_v + cv
-        big[:, 2 * nv : 2 * nv + len(acts)] = ca @ lin.by_tau[:, acts]
-        by_theta = self.at.readings(moment, forces)
-        if ca.any():
-            by_theta += ca @ self.at.accelerations(moment, pairs)
-        big[:, self.parameters] = by_theta
+        moment, h, ca, big, off = self.predicted(driven, k, before)
         hk = big[there]
-        residual = self._residual(values, attitudes, h, q)[there] - hk @ off
+        residual = self._residual(values, attitudes, h, moment.q)[there] - hk @ off
         p = self.covariance
         ph = p @ hk.T
         s = hk @ ph

@@ -10,8 +10,8 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.simulate import Inputs
-from smsid.tracking.linearisation import Driven, Moment
-from smsid.tracking.parameter_filter import ParameterFilter, _about
+from smsid.tracking.linearisation import Driven
+from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.setting import Setting
 
 
@@ -61,17 +61,7 @@ def _readings(
     f: ParameterFilter, driven: Driven, k: int
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return what sensors read and with what standard deviations, by channel, under forces number k."""
-    base = f.at.base
-    off, q, v, driving = f._reference()
-    tau = driven.base.at[k] + driving
-    lin = base.plant.linear(f.time, q, v, tau)
-    moment = Moment(f.time, q, v, tau, lin.a, lin.by_tau)
-    forces = _about(driven.base, k, None, driving)
-    h, cq, cv, ca = base.predict(moment, forces, base.plant)
-    pairs = {i: (a.at[k] + driving, b.at[k] + driving) for i, (a, b) in driven.pairs.items()}
-    by_theta = f.at.readings(moment, forces) + ca @ f.at.accelerations(moment, pairs)
-    unknown = ca @ lin.by_tau[:, [u.dof for u in f.unknown_inputs]]
-    big = np.hstack([ca @ lin.by_q + cq, ca @ lin.by_v + cv, unknown, by_theta])
+    _, h, _, big, off = f.predicted(driven, k, None)
     h = h + big @ off
     variance = np.einsum("ij,jk,ik->i", big, f.covariance, big) + f.layout.sigma**2
     readings = {b.channel: h[b.rows] for b in f.layout.blocks}
