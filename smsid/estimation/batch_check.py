@@ -38,7 +38,7 @@ def batch_quality(refinement: Refinement) -> FitQuality:
             worst = float(ratio[k])
             judgement = "not explained" if worst > WRONG else "roughly" if worst > LOUD else "explained"
             name = f"{channel.name}[{AXES[k] if r.shape[1] == 3 else k}]"
-            channels.append(ChannelFit(piece.name, channel.name, name, worst, 0.0, 1.0, judgement))
+            channels.append(ChannelFit(piece.name, channel.name, name, worst, np.nan, np.nan, judgement))
     return FitQuality(tuple(channels), 1.0, batch_conflict(refinement))
 
 

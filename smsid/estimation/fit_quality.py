@@ -26,7 +26,7 @@ class ChannelFit:
 
     ``ratio`` is the root mean square of its innovations over their predicted size (of the worst component,
     ``component``), ``p_white`` the Ljung-Box probability of their correlation, ``correlation`` the largest of
-    their autocorrelations. ``judgement`` is about the channel.
+    their autocorrelations (both NaN where it was not tested). ``judgement`` is about the channel.
     """
 
     recording: str
@@ -85,7 +85,8 @@ class FitQuality:
             return f"The model explains the recordings roughly: {spread}."
         bad = sorted((c for c in self.channels if c.judgement != "explained"), key=lambda c: -c.ratio)
         if not bad:
-            return "The model explains the recordings: what is left is the sensors' noise, and white."
+            white = ", and white" if all(np.isfinite(c.p_white) for c in self.channels) else ""
+            return f"The model explains the recordings: what is left is the sensors' noise{white}."
         c = bad[0]
         more = f", and {len(bad) - 1} more channels" if len(bad) > 1 else ""
         left = f"{c.component} in '{c.recording}' is left at {c.ratio:.3g} times its stated noise"
