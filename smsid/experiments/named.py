@@ -9,6 +9,7 @@ import numpy as np
 
 from smsid.errors import ExperimentError
 from smsid.experiments.excitation import fourier_experiment, thrust_experiment
+from smsid.experiments.remembered import remembered
 from smsid.experiments.scaling import thrust_strength
 from smsid.experiments.schema import Experiment, load_experiment
 from smsid.model.spacecraft import SpacecraftModel
@@ -21,7 +22,8 @@ def named_experiment(name: str, model: SpacecraftModel) -> Experiment:
 
     Their strength fits the craft: thrust keeps to its limit and to an acceleration of 0.02 m/s^2, wheels keep
     to their limits and the bus to 0.2 rad/s, the arm to its limits about home; the note says what limits.
-    ``exp2`` and ``exp2val`` draw their Fourier series for this spacecraft from fixed, different seeds.
+    ``exp2`` and ``exp2val`` draw their Fourier series for this spacecraft from fixed, different seeds; what
+    is found is kept in the user's cache (`SMSID_CACHE` names another folder, empty none).
     Raises `ExperimentError` for any other name.
     """
     if name == "exp1":
@@ -30,7 +32,7 @@ def named_experiment(name: str, model: SpacecraftModel) -> Experiment:
         return _thrust(match[1], model)
     if name in ("exp2", "exp2val"):
         rng = np.random.default_rng(EXCITATION_SEED + (name == "exp2val"))
-        return fourier_experiment(model, rng, name=name).experiment
+        return remembered(model, name, lambda: fourier_experiment(model, rng, name=name).experiment)
     path = Path(name)
     if path.suffix == ".toml" or path.exists():
         return load_experiment(path)

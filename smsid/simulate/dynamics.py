@@ -30,6 +30,9 @@ class Dynamics:
         self.breakpoints = tuple(sorted({*driven.breakpoints, *model.breakpoints}))
         self.prescribed = Prescribed.of(model, inputs)
         self._hybrid_needed = bool(self.prescribed)
+        free, given = self.prescribed.free, self.prescribed.index
+        self._free, self._given_free = np.ix_(free, free), np.ix_(given, free)
+        self._above = np.triu(np.ones((model.nv, model.nv)), 1)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return vdot (nv,). q and v must already satisfy what is prescribed."""
@@ -84,23 +87,25 @@ class Dynamics:
     ) -> tuple[np.ndarray, np.ndarray]:
         m, free, given = self.model, self.prescribed.free, self.prescribed.index
         mass = pin.crba(m.pin, m.data, q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
+        above = mass * self._above  # Pinocchio fills no more than the upper triangle
+        mass = above + above.T + np.diag(mass.diagonal())
         bias = pin.nonLinearEffects(m.pin, m.data, q, v)
         if m.inertial is not None:
             more, extra = m.inertial.mass_and_bias(t, q, v)
             mass, bias = mass + more, bias + extra
         a = self.prescribed.acceleration(t, m.nv)
         rhs = tau - bias - mass[:, given] @ a[given]
-        _, x, info = lapack.dposv(mass[np.ix_(free, free)], rhs[free])
+        moved = mass[self._free]
+        _, x, info = lapack.dposv(moved, rhs[free])
         if info != 0:
-            x = np.linalg.solve(mass[np.ix_(free, free)], rhs[free])
+            x = np.linalg.solve(moved, rhs[free])
         if m.followers is not None:
             rows = m.followers.rows[~np.isin(m.followers.v, given)][:, free]
-            held = np.linalg.solve(mass[np.ix_(free, free)], rows.T)
+            held = np.linalg.solve(moved, rows.T)
             x -= held @ np.linalg.solve(rows @ held, rows @ x)
         a[free] = x
         reaction = np.zeros(m.nv)
-        reaction[given] = mass[np.ix_(given, free)] @ x - rhs[given]
+        reaction[given] = mass[self._given_free] @ x - rhs[given]
         return a, reaction
 
     def enforce(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
