@@ -3,10 +3,9 @@
 from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
 from smsid.effects.appendage_drift import FrequencyDrift
+from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
-    ForceTerm,
-    InertiaTerm,
     Starting,
     Vector3,
     Vector6,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Name, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
     from smsid.inputs.inputs import Inputs
     from smsid.inputs.signals import Signal
     from smsid.model.spacecraft import SpacecraftModel
@@ -25,7 +25,7 @@ THRUSTER = "thruster"
 class ActuatorEffect(Starting):
     """An effect between command and actuator, on one of the inputs."""
 
-    family: ClassVar[str] = "actuator"
+    family = "actuator"
 
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
@@ -123,14 +123,10 @@ class ThrusterGain(ThrustEffect):
     Of a single ``thruster`` the gain is one number.
     """
 
-    summary: ClassVar[str] = (
-        "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
-    )
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_misalignment", "body_error", "sensor_scale")
-    strength: ClassVar[tuple[str, ...]] = ("gain",)
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "gain": ("the thrust has grown", "the thrust has fallen")
-    }
+    summary = "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
+    aliases = ("thruster_misalignment", "body_error", "sensor_scale")
+    strength = ("gain",)
+    changes = {"gain": ("the thrust has grown", "the thrust has fallen")}
     kind: Literal["thruster_gain"] = "thruster_gain"
     gain: Vector3 | float = physical(
         "1",
@@ -165,9 +161,9 @@ class ThrusterMisalignment(ThrustEffect):
     Of a single thruster the part along its own direction does nothing: give ``angles`` a prior there.
     """
 
-    summary: ClassVar[str] = "thrust that points elsewhere than commanded"
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "external_wrench", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("angles",)
+    summary = "thrust that points elsewhere than commanded"
+    aliases = ("thruster_gain", "external_wrench", "sensor_misalignment")
+    strength = ("angles",)
     kind: Literal["thruster_misalignment"] = "thruster_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -189,12 +185,10 @@ class TorqueGain(ActuatorEffect):
     -1: it does not turn; -2: the sign is reversed.
     """
 
-    summary: ClassVar[str] = "wrong torque constant of a motor"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "body_error")
-    strength: ClassVar[tuple[str, ...]] = ("error",)
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "error": ("its motor gives more torque", "its motor gives less torque")
-    }
+    summary = "wrong torque constant of a motor"
+    aliases = ("joint_friction", "body_error")
+    strength = ("error",)
+    changes = {"error": ("its motor gives more torque", "its motor gives less torque")}
     kind: Literal["torque_gain"] = "torque_gain"
     joint: str = Field(description="joint of an arm, or wheel")
     error: float = physical("1", default=0.0, description="relative error of the torque; -2: its sign")
@@ -218,9 +212,9 @@ class TorqueGain(ActuatorEffect):
 class ActuatorDelay(ActuatorEffect):
     """What is commanded at t acts at ``t + delay``; before the first command nothing acts."""
 
-    summary: ClassVar[str] = "commands that act late"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "time_offset", "sensor_delay")
-    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    summary = "commands that act late"
+    aliases = ("joint_friction", "time_offset", "sensor_delay")
+    strength = ("delay",)
     kind: Literal["actuator_delay"] = "actuator_delay"
     actuator: str = Field(
         default=THRUSTER, description="`thruster`, a single thruster, a joint of an arm, or a wheel"

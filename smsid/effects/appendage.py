@@ -11,20 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.beam import Cantilever
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 class Mode(Table):
@@ -46,8 +44,8 @@ class Mode(Table):
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
-    family: ClassVar[str] = "appendage"
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    family = "appendage"
+    changes = {
         "frequency": ("it has stiffened", "it has softened"),
         "youngs_modulus": ("it has stiffened", "it has softened"),
         "damping": ("its bending is damped more", "its bending is damped less"),
@@ -166,8 +164,8 @@ class BeamAppendage(Appendage):
     ``stations`` are distances from the clamp where sensors sit [m].
     """
 
-    summary: ClassVar[str] = "flexible panel: Euler-Bernoulli cantilever plate"
-    geometry: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
+    summary = "flexible panel: Euler-Bernoulli cantilever plate"
+    geometry = ("length", "width", "thickness")
     kind: Literal["beam_appendage"] = "beam_appendage"
     length: float = physical("m", lower=0.0, gt=0.0, description="along x, from the clamp")
     width: float = physical("m", lower=0.0, gt=0.0, description="along y")
@@ -252,9 +250,9 @@ class ModalAppendage(Appendage):
     axes; ``stations`` are sensor positions in appendage axes [m], at which every mode gives its shape.
     """
 
-    summary: ClassVar[str] = "flexible appendage from finite-element modal data"
+    summary = "flexible appendage from finite-element modal data"
     kind: Literal["modal_appendage"] = "modal_appendage"
-    geometry: ClassVar[tuple[str, ...]] = ("mass", "participation_factor")
+    geometry = ("mass", "participation_factor")
     mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage, as a rigid body")
     participation_factor: float = physical(
         "1", lower=0.0, gt=0.0, default=1.0, description="modal masses over those of the modes given"

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Starting, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.appendage import Mode
-    from smsid.effects.assembly import AppendageJoints, Assembly
 
 
 @register
@@ -22,11 +22,11 @@ class FrequencyDrift(Starting):
     Its stiffness goes with the square; the damper stays what it is.
     """
 
-    summary: ClassVar[str] = "bending frequency that drifts"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("geometric_stiffness",)
-    grows: ClassVar[bool] = True
-    strength: ClassVar[tuple[str, ...]] = ("rate",)
+    summary = "bending frequency that drifts"
+    family = "appendage"
+    aliases = ("geometric_stiffness",)
+    grows = True
+    strength = ("rate",)
     kind: Literal["frequency_drift"] = "frequency_drift"
     appendage: str = Field(description="name of the appendage, which stands before this effect")
     mode: int = Field(default=1, ge=1, description="number of the mode, from 1")

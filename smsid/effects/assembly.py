@@ -3,22 +3,54 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import Depends, ForceTerm, InertiaTerm, Twist
 from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.appendage import Appendage
+    from smsid.effects.base import Effect
     from smsid.effects.slosh import Slosh
 
 CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
+
+
+Depends = tuple[Sequence[int], Sequence[int]]
+"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
+
+ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
+"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
+
+tau holds the applied forces and what terms before it added."""
+
+InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Inertia that no body of the model has: called with (t, q, v), returns what it adds to the mass matrix
+(nv, nv) and to the nonlinear effects (nv,) (Coriolis, centrifugal, weight)."""
+
+
+@dataclass(frozen=True)
+class Twist:
+    """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
+
+    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
+    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
+    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
+    on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
+    """
+
+    gear: Effect
+    angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
+    inertia: float
+    turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
+        default=None, compare=False
+    )
+    read: bool = True
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
@@ -349,35 +348,3 @@ def _flatten(value: Any) -> list[tuple[str, float]]:
     if isinstance(value, tuple):
         return [(f".{axis}", float(x)) for axis, x in zip(AXES[len(value)], value, strict=True)]
     return [("", float(np.float64(value)))]
-
-
-@dataclass(frozen=True)
-class Twist:
-    """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
-
-    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
-    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
-    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
-    on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
-    """
-
-    gear: Effect
-    angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
-    inertia: float
-    turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
-        default=None, compare=False
-    )
-    read: bool = True
-
-
-Depends = tuple[Sequence[int], Sequence[int]]
-"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
-
-ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
-"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
-
-tau holds the applied forces and what terms before it added."""
-
-InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Inertia that no body of the model has: called with (t, q, v), returns what it adds to the mass matrix
-(nv, nv) and to the nonlinear effects (nv,) (Coriolis, centrifugal, weight)."""

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.appendage import BeamAppendage, Mode, mode_joint
 from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import AppendageJoints, Assembly
 
 
 @register
@@ -25,10 +23,10 @@ class BeamMode(Effect):
     nothing else given this is the beam with one mode more.
     """
 
-    summary: ClassVar[str] = "a higher bending mode of a beam appendage, which its stations see"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("extra_mode", "slosh", "frequency_drift")
-    strength: ClassVar[tuple[str, ...]] = ("factor",)
+    summary = "a higher bending mode of a beam appendage, which its stations see"
+    family = "appendage"
+    aliases = ("extra_mode", "slosh", "frequency_drift")
+    strength = ("factor",)
     kind: Literal["beam_mode"] = "beam_mode"
     appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     mode: int = Field(ge=2, le=20, description="number of the mode, from 1; more than the beam has")

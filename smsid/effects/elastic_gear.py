@@ -17,24 +17,22 @@ it, as Spong does; in a direct drive c is 1.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.base import Effect, Twist, physical, register
+from smsid.effects.assembly import Assembly, Twist
+from smsid.effects.base import Effect, physical, register
 from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 class ElasticGear(Effect):
     """What compliance and backlash share."""
 
-    family: ClassVar[str] = "drivetrain"
+    family = "drivetrain"
     joint: str = Field(description="joint of the model that the motor drives")
     motor_inertia: float = physical(
         "kg m^2", lower=0.0, default=0.0, description="of the rotor at the joint: ratio squared times its own"
@@ -119,9 +117,9 @@ class ElasticGear(Effect):
 class GearCompliance(ElasticGear):
     """A spring and damper between motor and link; at zero compliance the gear is rigid."""
 
-    summary: ClassVar[str] = "elastic gear of a joint"
-    aliases: ClassVar[tuple[str, ...]] = ("backlash", "motor_inertia", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("compliance", "motor_inertia")
+    summary = "elastic gear of a joint"
+    aliases = ("backlash", "motor_inertia", "actuator_delay")
+    strength = ("compliance", "motor_inertia")
     kind: Literal["gear_compliance"] = "gear_compliance"
     compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
     damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
@@ -148,9 +146,9 @@ class Backlash(ElasticGear):
     ``gap`` is the whole play. At zero gap the gear is rigid.
     """
 
-    summary: ClassVar[str] = "play in the gear of a joint"
-    aliases: ClassVar[tuple[str, ...]] = ("gear_compliance", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("gap", "motor_inertia")
+    summary = "play in the gear of a joint"
+    aliases = ("gear_compliance", "joint_friction")
+    strength = ("gap", "motor_inertia")
     kind: Literal["backlash"] = "backlash"
     gap: float = physical("rad", lower=0.0, default=0.0, description="play, from one side to the other")
     contact_stiffness: float = physical(

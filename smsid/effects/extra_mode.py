@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.payload import point_parameters
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -25,10 +23,10 @@ class ExtraMode(Effect):
     not known there.
     """
 
-    summary: ClassVar[str] = "one more bending mode of an appendage, as a mass on a spring"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh", "frequency_drift")
-    strength: ClassVar[tuple[str, ...]] = ("mass",)
+    summary = "one more bending mode of an appendage, as a mass on a spring"
+    family = "appendage"
+    aliases = ("slosh", "frequency_drift")
+    strength = ("mass",)
     kind: Literal["extra_mode"] = "extra_mode"
     appendage: str = Field(description="name of the appendage, which stands before this effect")
     mass: float = physical("kg", lower=0.0, default=0.0, description="modal mass, the square of L_t")

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding_state
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
@@ -38,18 +35,18 @@ class JointFriction(Starting):
     Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134 (2012) 051013.
     """
 
-    summary: ClassVar[str] = (
+    summary = (
         "friction of one joint: viscous, Coulomb, quadratic, Stribeck, by direction, load, angle and "
         "temperature; the Coulomb torque as `tanh(rate / smoothing)`"
     )
-    family: ClassVar[str] = "friction"
-    aliases: ClassVar[tuple[str, ...]] = ("actuator_delay", "torque_gain", "torque_offset")
-    strength: ClassVar[tuple[str, ...]] = tuple(
+    family = "friction"
+    aliases = ("actuator_delay", "torque_gain", "torque_offset")
+    strength = tuple(
         t.field
         for t in TERMS
         if t.law != "temperature"  # nothing at the reference temperature
     )
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    changes = {
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),
     }

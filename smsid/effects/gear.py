@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -24,9 +22,9 @@ class Gear(Effect):
     changes what is measured, not the motion.
     """
 
-    summary: ClassVar[str] = "gear of a motor: from what the motor measures to joint angle and torque"
-    family: ClassVar[str] = "drivetrain"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    summary = "gear of a motor: from what the motor measures to joint angle and torque"
+    family = "drivetrain"
+    not_estimated = dict.fromkeys(
         ("ratio", "torque_gain"),
         "a spacecraft's recordings are of joints, not of motors; see laboratory",
     )

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -35,13 +35,11 @@ from pydantic import Field
 
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.beam import Cantilever
 from smsid.effects.spatial import Motion, skew
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import AppendageJoints, Assembly
 
 AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
@@ -53,12 +51,10 @@ class GeometricStiffness(Effect):
     Accelerometers on it see that bending draws them in.
     """
 
-    summary: ClassVar[str] = (
-        "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
-    )
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("frequency_drift",)
-    strength: ClassVar[tuple[str, ...]] = ("factor",)
+    summary = "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
+    family = "appendage"
+    aliases = ("frequency_drift",)
+    strength = ("factor",)
     kind: Literal["geometric_stiffness"] = "geometric_stiffness"
     appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     factor: float = physical("1", default=1.0, description="share of it: 1 by theory, 0 for the linear beam")

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.sensor import joint_names
 from smsid.sensing.component import ComponentError
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
-    from smsid.effects.assembly import Assembly
     from smsid.sensing.sensor import Sensor
 
 
@@ -23,10 +23,10 @@ class JointOffset(Effect):
     motion.
     """
 
-    summary: ClassVar[str] = "zero of a joint's encoder: joint angle minus reading"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias",)
-    strength: ClassVar[tuple[str, ...]] = ("angle",)
+    summary = "zero of a joint's encoder: joint angle minus reading"
+    family = "drivetrain"
+    aliases = ("sensor_bias",)
+    strength = ("angle",)
     kind: Literal["joint_offset"] = "joint_offset"
     joint: str = Field(description="joint of the model")
     angle: float = physical("rad", description="added to the reading")
@@ -70,10 +70,10 @@ class TorqueOffset(Effect):
     ``(F+ - F-) / 2``.
     """
 
-    summary: ClassVar[str] = "constant torque at a joint: current bias, or friction that differs by direction"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction",)
-    strength: ClassVar[tuple[str, ...]] = ("torque",)
+    summary = "constant torque at a joint: current bias, or friction that differs by direction"
+    family = "drivetrain"
+    aliases = ("joint_friction",)
+    strength = ("torque",)
     kind: Literal["torque_offset"] = "torque_offset"
     joint: str = Field(description="joint of the model")
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")

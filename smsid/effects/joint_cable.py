@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
 class JointCable(Starting):
     """A cable across a joint of an arm: a spring with an angle of rest, ``-stiffness (q - rest)``."""
 
-    summary: ClassVar[str] = "a cable or hose across a joint: a spring with an angle of rest"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("torque_offset", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("stiffness",)
+    summary = "a cable or hose across a joint: a spring with an angle of rest"
+    family = "drivetrain"
+    aliases = ("torque_offset", "joint_friction")
+    strength = ("stiffness",)
     kind: Literal["joint_cable"] = "joint_cable"
     joint: str = Field(description="joint of the model: `joint2`, or `left/joint2` of a mounted arm")
     stiffness: float = physical("N m/rad", lower=0.0, default=0.0, description="torque per angle from rest")

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.appendage_drift import attached_mode
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -20,10 +18,10 @@ class ModeError(Effect):
     ``damping``. A beam's own parameters move all its modes together; this moves one.
     """
 
-    summary: ClassVar[str] = "frequency and damping of one mode, apart from the appendage's others"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("frequency_drift", "geometric_stiffness")
-    strength: ClassVar[tuple[str, ...]] = ("frequency", "damping")
+    summary = "frequency and damping of one mode, apart from the appendage's others"
+    family = "appendage"
+    aliases = ("frequency_drift", "geometric_stiffness")
+    strength = ("frequency", "damping")
     kind: Literal["mode_error"] = "mode_error"
     appendage: str = Field(description="name of the appendage, which stands before this effect")
     mode: int = Field(default=1, ge=1, description="number of the mode, from 1")

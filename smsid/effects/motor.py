@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.spatial import ConstantInertia
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -21,10 +19,10 @@ class MotorInertia(Effect):
     Gyroscopic torques of the spinning rotor are left out, as usual for geared arms.
     """
 
-    summary: ClassVar[str] = "inertia of a motor's rotor, seen at its joint"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("inertia",)
+    summary = "inertia of a motor's rotor, seen at its joint"
+    family = "drivetrain"
+    aliases = ("body_error", "joint_friction")
+    strength = ("inertia",)
     kind: Literal["motor_inertia"] = "motor_inertia"
     joint: str = Field(description="joint of the model that the motor drives")
     inertia: float = physical(
@@ -50,10 +48,10 @@ class MotorCoupling(Effect):
     `MotorInertia` of the single joints stay beside it.
     """
 
-    summary: ClassVar[str] = "a motor that turns with a sum of joints: its inertia and friction"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "motor_inertia")
-    strength: ClassVar[tuple[str, ...]] = ("inertia", "viscous", "coulomb")
+    summary = "a motor that turns with a sum of joints: its inertia and friction"
+    family = "drivetrain"
+    aliases = ("joint_friction", "motor_inertia")
+    strength = ("inertia", "viscous", "coulomb")
     kind: Literal["motor_coupling"] = "motor_coupling"
     joints: tuple[str, ...] = Field(min_length=2, description="joints that turn the motor")
     ratios: tuple[float, ...] = Field(

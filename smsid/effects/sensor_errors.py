@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,10 +28,10 @@ _ZERO = (0.0, 0.0, 0.0)
 class SensorBias(VectorEffect, Starting):
     """A constant added to what a sensor reads, along its own axes; of an attitude, a rotation vector."""
 
-    summary: ClassVar[str] = "constant bias of a sensor, perhaps from some time on"
-    aliases: ClassVar[tuple[str, ...]] = ("external_wrench", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("bias",)
-    value_field: ClassVar[str] = "bias"
+    summary = "constant bias of a sensor, perhaps from some time on"
+    aliases = ("external_wrench", "sensor_misalignment")
+    strength = ("bias",)
+    value_field = "bias"
     kind: Literal["sensor_bias"] = "sensor_bias"
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
@@ -68,11 +68,11 @@ class SensorBias(VectorEffect, Starting):
 class SensorScale(VectorEffect):
     """A reading of ``1 + error`` times the true one, along the sensor's own axes."""
 
-    summary: ClassVar[str] = "wrong scale of a sensor"
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "torque_gain", "body_error")
-    strength: ClassVar[tuple[str, ...]] = ("error",)
-    quantities: ClassVar[tuple[str, ...]] = tuple(q for q in UNITS if q != "attitude")
-    value_field: ClassVar[str] = "error"
+    summary = "wrong scale of a sensor"
+    aliases = ("thruster_gain", "torque_gain", "body_error")
+    strength = ("error",)
+    quantities = tuple(q for q in UNITS if q != "attitude")
+    value_field = "error"
     kind: Literal["sensor_scale"] = "sensor_scale"
     error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
 
@@ -93,11 +93,11 @@ class ScaleByRate(VectorEffect):
     scale factor (IEEE Std 952), of the second order and odd.
     """
 
-    summary: ClassVar[str] = "scale of a rate sensor that depends on the rate"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_scale",)
-    strength: ClassVar[tuple[str, ...]] = ("slope",)
-    quantities: ClassVar[tuple[str, ...]] = ("angular_rate", "joint_velocity", "wheel_rate")
-    value_field: ClassVar[str] = "slope"
+    summary = "scale of a rate sensor that depends on the rate"
+    aliases = ("sensor_scale",)
+    strength = ("slope",)
+    quantities = ("angular_rate", "joint_velocity", "wheel_rate")
+    value_field = "slope"
     kind: Literal["scale_by_rate"] = "scale_by_rate"
     slope: Value = physical(
         "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
@@ -118,10 +118,10 @@ class ScaleByRate(VectorEffect):
 class SensorMisalignment(QuantityEffect):
     """Axes turned by a rotation vector, in sensor axes, from where the description has them."""
 
-    summary: ClassVar[str] = "axes of a sensor that point elsewhere than stated"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias", "thruster_misalignment", "sensor_scale")
-    strength: ClassVar[tuple[str, ...]] = ("angles",)
-    quantities: ClassVar[tuple[str, ...]] = VECTORS
+    summary = "axes of a sensor that point elsewhere than stated"
+    aliases = ("sensor_bias", "thruster_misalignment", "sensor_scale")
+    strength = ("angles",)
+    quantities = VECTORS
     kind: Literal["sensor_misalignment"] = "sensor_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -146,9 +146,9 @@ class SensorMisalignment(QuantityEffect):
 class LeverArm(SensorEffect):
     """A pose sensor or IMU that sits ``offset`` from where the description has it."""
 
-    summary: ClassVar[str] = "sensor that sits elsewhere than stated"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    summary = "sensor that sits elsewhere than stated"
+    aliases = ("body_error", "sensor_misalignment")
+    strength = ("offset",)
     kind: Literal["lever_arm"] = "lever_arm"
     offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
 
@@ -169,9 +169,9 @@ class LeverArm(SensorEffect):
 class SensorDelay(QuantityEffect):
     """One quantity of a sensor that is older than stated."""
 
-    summary: ClassVar[str] = "one quantity of a sensor that comes late"
-    aliases: ClassVar[tuple[str, ...]] = ("time_offset", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    summary = "one quantity of a sensor that comes late"
+    aliases = ("time_offset", "actuator_delay")
+    strength = ("delay",)
     kind: Literal["sensor_delay"] = "sensor_delay"
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
 
@@ -184,9 +184,9 @@ class SensorDelay(QuantityEffect):
 class TimeOffset(SensorEffect):
     """A sensor's clock that is off: what is stamped t happened at ``t - offset``, for all its quantities."""
 
-    summary: ClassVar[str] = "clock of a sensor that is off"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_delay", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    summary = "clock of a sensor that is off"
+    aliases = ("sensor_delay", "actuator_delay")
+    strength = ("offset",)
     kind: Literal["time_offset"] = "time_offset"
     offset: float = physical("s", default=0.0, description="positive when it reports late")
 

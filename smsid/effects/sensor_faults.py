@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -23,9 +22,9 @@ OF_NOISE = "a property of the readings that no motion depends on; `smsid diagnos
 class Quantisation(ComponentEffect):
     """Readings rounded to a step coarser than stated; an attitude's is of its quaternion's components."""
 
-    summary: ClassVar[str] = "readings rounded to coarser steps than stated"
-    strength: ClassVar[tuple[str, ...]] = ("step",)
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("step",), OF_NOISE)
+    summary = "readings rounded to coarser steps than stated"
+    strength = ("step",)
+    not_estimated = dict.fromkeys(("step",), OF_NOISE)
     kind: Literal["quantisation"] = "quantisation"
     step: float = physical(
         OF_QUANTITY,
@@ -60,9 +59,9 @@ class Quantisation(ComponentEffect):
 class Outliers(ComponentEffect):
     """A share of samples with a large error on top, drawn for every component apart."""
 
-    summary: ClassVar[str] = "single samples far off"
-    strength: ClassVar[tuple[str, ...]] = ("share", "size")
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("share", "size"), OF_NOISE)
+    summary = "single samples far off"
+    strength = ("share", "size")
+    not_estimated = dict.fromkeys(("share", "size"), OF_NOISE)
     kind: Literal["outliers"] = "outliers"
     share: float = physical("1", lower=0.0, upper=1.0, default=0.0, description="of the samples")
     size: float = physical(
@@ -87,8 +86,8 @@ class Outliers(ComponentEffect):
 class Stuck(ComponentEffect):
     """A channel that repeats its last value from ``start`` on; it never sticks when that is not given."""
 
-    summary: ClassVar[str] = "channel that repeats its last value from some time on"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("start",), OF_NOISE)
+    summary = "channel that repeats its last value from some time on"
+    not_estimated = dict.fromkeys(("start",), OF_NOISE)
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -23,9 +20,9 @@ class Servo(Effect):
     unless it is known and given, it is part of ``viscous``.
     """
 
-    summary: ClassVar[str] = "servo of a joint: from commanded position to torque"
-    family: ClassVar[str] = "drivetrain"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    summary = "servo of a joint: from commanded position to torque"
+    family = "drivetrain"
+    not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
     kind: Literal["servo"] = "servo"

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -24,11 +21,11 @@ class Slosh(Effect):
     ``position`` is its equilibrium c_s in ``frame`` (default: the bus frame) [m].
     """
 
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error",)
-    strength: ClassVar[tuple[str, ...]] = ()
-    summary: ClassVar[str] = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    family = "slosh"
+    aliases = ("body_error",)
+    strength = ()
+    summary = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
+    changes = {
         "mass": ("more propellant sloshes in it", "less propellant sloshes in it"),
         "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
         "damping": ("its slosh is damped more", "its slosh is damped less"),
@@ -76,10 +73,10 @@ class SloshNonlinearity(Starting):
     ``law = "per_axis"`` each axis of the tank's frame has the force by itself, ``-cubic x^3`` along x.
     """
 
-    summary: ClassVar[str] = "spring and damping of a slosh mass that depend on amplitude"
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh",)
-    strength: ClassVar[tuple[str, ...]] = ("cubic", "quadratic_damping")
+    summary = "spring and damping of a slosh mass that depend on amplitude"
+    family = "slosh"
+    aliases = ("slosh",)
+    strength = ("cubic", "quadratic_damping")
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
     tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     law: Literal["radial", "per_axis"] = Field(
@@ -113,10 +110,10 @@ class SloshWall(Starting):
     Source: Abramson, NASA SP-106 (1966), chapter 3, on motion that the walls limit; the contact as a spring.
     """
 
-    summary: ClassVar[str] = "wall of a tank, which limits how far its slosh mass moves"
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh_nonlinearity", "slosh")
-    strength: ClassVar[tuple[str, ...]] = ("stiffness",)
+    summary = "wall of a tank, which limits how far its slosh mass moves"
+    family = "slosh"
+    aliases = ("slosh_nonlinearity", "slosh")
+    strength = ("stiffness",)
     kind: Literal["slosh_wall"] = "slosh_wall"
     tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     gap: float = physical("m", lower=0.0, default=0.1, description="room about c_s before the wall")

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -27,10 +25,10 @@ class ThermalSnap(Starting):
     J. Guidance 16 (1993) 1103.
     """
 
-    summary: ClassVar[str] = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("external_wrench",)
-    strength: ClassVar[tuple[str, ...]] = ("deflection",)
+    summary = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
+    family = "appendage"
+    aliases = ("external_wrench",)
+    strength = ("deflection",)
     kind: Literal["thermal_snap"] = "thermal_snap"
     appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     deflection: float = physical("m", default=0.0, description="of the tip at rest, along its z axis")
