@@ -2,7 +2,6 @@
 
 from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
-from smsid.effects.appendage_drift import FrequencyDrift
 from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
@@ -26,7 +25,7 @@ from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
 from smsid.effects.joint_cable import JointCable
 from smsid.effects.mass_loss import MassLoss
-from smsid.effects.mode_error import ModeError
+from smsid.effects.mode_error import FrequencyDrift, ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, Payload
 from smsid.effects.sensor_errors import (

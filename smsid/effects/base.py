@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from smsid.effects.counterpart import Counterpart
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
+    from smsid.effects.appendage import Appendage
     from smsid.effects.assembly import Assembly
     from smsid.inputs.inputs import Inputs
     from smsid.model.spacecraft import SpacecraftModel
@@ -61,7 +63,9 @@ class Effect(Table):
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
     why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
     these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
-    value is larger, and when it is smaller, than before.
+    value is larger, and when it is smaller, than before. ``by_batch`` is ``True`` where the batch likelihood
+    knows all its parameters. ``needs_beam`` says what of a `beam_appendage` the effect takes; such a panel is
+    identified as a beam.
     """
 
     summary: ClassVar[str] = ""
@@ -74,6 +78,8 @@ class Effect(Table):
     not_estimated: ClassVar[Mapping[str, str]] = {}
     shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    needs_beam: ClassVar[str] = ""
+    by_batch: ClassVar[bool] = False
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -222,6 +228,11 @@ class Effect(Table):
             update[entry] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
         return self._replaced(update)
 
+    @property
+    def onset(self) -> float | None:
+        """The time before which its forces do not act [s]; ``None``: it is there always."""
+        return None
+
     def attach(self, assembly: Assembly) -> None:
         """Add the effect to the model being assembled."""
 
@@ -232,6 +243,43 @@ class Effect(Table):
     def adjust(self, sensor: Sensor) -> Sensor:
         """Return what the effect makes of a sensor."""
         return sensor
+
+    def urdf_dynamics(self) -> Mapping[str, tuple[float, float]]:
+        """Return viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] by joint that always act.
+
+        It is what a URDF can say in ``<dynamics>``, and it stands instead of what the URDF says of the joint.
+        """
+        return {}
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart | str:
+        """Return what other simulators have of its forces, or why there is nothing: exporters then refuse it.
+
+        ``limits``: largest rates [rad/s | m/s] by joint, not finite where there is none.
+        """
+        return "its forces follow a law of their own"
+
+    def part_of(self) -> str | None:
+        """Return the name of the effect before it that it says more of, if there is one."""
+        return None
+
+    def estimated_as(self, effects: Sequence[Effect]) -> Effect | None:
+        """Return it in the parameters that a likelihood takes, among the effects of its description.
+
+        ``None``: another of them takes it in.
+        """
+        return self
+
+    def described_as(self) -> Effect:
+        """Return it as a description has it, where it is what `estimated_as` made."""
+        return self
+
+    def reported_as(self) -> Mapping[str, tuple[str, float]]:
+        """Return name and size of the physical parameter that another, by name, is a factor on."""
+        return {}
+
+    def as_appendage(self) -> Appendage | None:
+        """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""
+        return None
 
     def propellant_at(self) -> tuple[str | None, np.ndarray] | None:
         """Return frame and place (3,) [m] of propellant that it stands for, or ``None``."""
@@ -253,14 +301,10 @@ class Starting(Effect):
         default=None, description="time from which it acts [s]; always when not given"
     )
 
-    def active(self, t: float) -> bool:
-        """Whether it acts at t [s]."""
-        return self.start is None or t >= self.start
-
     @property
-    def onset(self) -> tuple[float, ...]:
-        """The time at which it begins, if it does."""
-        return () if self.start is None else (self.start,)
+    def onset(self) -> float | None:
+        """The time at which it begins [s], if it does."""
+        return self.start
 
 
 E = TypeVar("E", bound=type[Effect])

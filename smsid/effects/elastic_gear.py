@@ -24,16 +24,15 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.base import physical, register
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
 
 
-class ElasticGear(Effect):
+class ElasticGear(JointEffect):
     """What compliance and backlash share."""
 
-    family = "drivetrain"
-    joint: str = Field(description="joint of the model that the motor drives")
     motor_inertia: float = physical(
         "kg m^2", lower=0.0, default=0.0, description="of the rotor at the joint: ratio squared times its own"
     )
@@ -53,10 +52,6 @@ class ElasticGear(Effect):
     quasistatic: bool = Field(
         default=False, description="whether the twist follows the torque at once, without a joint of its own"
     )
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
@@ -102,7 +97,7 @@ class ElasticGear(Effect):
         assembly.add_inertia_term(
             self._rotor(assembly, number, gear) if self.carried else ConstantInertia(coupling)
         )
-        assembly.add_load_force(motor, (), ((), ()), first=True)
+        assembly.add_load_force(motor, ((), ()), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint
@@ -189,4 +184,4 @@ class Backlash(ElasticGear):
             if depth > 0.0:
                 tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
 
-        assembly.add_force(teeth, (), ((index,), (index,)))
+        assembly.add_force(teeth, ((index,), (index,)))

@@ -45,11 +45,9 @@ class ExternalWrench(Starting):
         force, torque, point = (np.asarray(x) for x in (self.force, self.torque, self.point))
         if not (force.any() or torque.any()):
             return
-        active, turning = self.active, self.frame == "inertial"
+        turning = self.frame == "inertial"
 
         def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if not active(t):
-                return
             f, n = force, torque
             if turning:
                 to_body = pin.Quaternion(q[3:7]).toRotationMatrix().T
@@ -57,7 +55,7 @@ class ExternalWrench(Starting):
             tau[:3] += f
             tau[3:6] += n + pin.skew(point) @ f
 
-        assembly.add_force(term, self.onset, ((3, 4, 5) if turning else (), ()))
+        assembly.add_force(term, ((3, 4, 5) if turning else (), ()))
 
 
 @register

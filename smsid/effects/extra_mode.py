@@ -8,14 +8,14 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.appendage_effect import AppendageEffect
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, Vector3, physical, register
+from smsid.effects.base import Vector3, physical, register
 from smsid.effects.payload import point_parameters
 
 
 @register
-class ExtraMode(Effect):
+class ExtraMode(AppendageEffect):
     """One more mode of an appendage: ``mass`` of it slides on a spring at ``position`` along ``direction``.
 
     With n the unit vector of the direction its participation factors are ``L_t = sqrt(mass) n`` and ``L_r =
@@ -24,11 +24,9 @@ class ExtraMode(Effect):
     """
 
     summary = "one more bending mode of an appendage, as a mass on a spring"
-    family = "appendage"
     aliases = ("slosh", "frequency_drift")
     strength = ("mass",)
     kind: Literal["extra_mode"] = "extra_mode"
-    appendage: str = Field(description="name of the appendage, which stands before this effect")
     mass: float = physical("kg", lower=0.0, default=0.0, description="modal mass, the square of L_t")
     position: Vector3 = physical("m", description="where it sits, appendage axes")
     direction: Vector3 = Field(default=(0.0, 0.0, 1.0), description="along which it moves, appendage axes")
@@ -43,7 +41,7 @@ class ExtraMode(Effect):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the mass on its spring, and take it from the body that carries the appendage."""
-        panel = attached_appendage(assembly, self.appendage).appendage
+        panel = self.panel(assembly).appendage
         if self.mass == 0.0:
             return
         axis = np.asarray(self.direction) / np.linalg.norm(self.direction)

@@ -45,4 +45,4 @@ class MassLoss(Starting):
         def parameters(t: float) -> np.ndarray | None:
             return unit * (t - start) if t > start else None
 
-        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters), (start,))
+        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters))

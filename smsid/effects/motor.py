@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -9,34 +10,29 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.counterpart import Counterpart
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.spatial import ConstantInertia
 
 
 @register
-class MotorInertia(Effect):
+class MotorInertia(JointEffect):
     """The rotor's spin inertia seen at the joint, ratio squared times its own: torque ``inertia * qdd``.
 
     Gyroscopic torques of the spinning rotor are left out, as usual for geared arms.
     """
 
     summary = "inertia of a motor's rotor, seen at its joint"
-    family = "drivetrain"
     aliases = ("body_error", "joint_friction")
     strength = ("inertia",)
     kind: Literal["motor_inertia"] = "motor_inertia"
-    joint: str = Field(description="joint of the model that the motor drives")
     inertia: float = physical(
         "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
     )
 
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia to the joint's armature."""
-        index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
-        assembly.model.armature[index] += self.inertia
+        assembly.model.armature[assembly.joint(self.joint).idx_v] += self.inertia
 
 
 @register
@@ -85,7 +81,7 @@ class MotorCoupling(Effect):
         """Add the friction of s as a generalised force, and the rotor's inertia ``inertia w w'`` on the
         joints' rates.
         """
-        index = np.array([assembly.model.joints[assembly.joint_id(name)].idx_v for name in self.joints])
+        index = np.array([assembly.joint(name).idx_v for name in self.joints])
         weights = np.asarray(self.weights)
         viscous, coulomb, smoothing = self.viscous, self.coulomb, self.smoothing
 
@@ -94,7 +90,7 @@ class MotorCoupling(Effect):
             tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
 
         if viscous or coulomb:
-            assembly.add_force(force, (), ((), index.tolist()))
+            assembly.add_force(force, ((), index.tolist()))
         if self.inertia > 0.0:
             shared = np.outer(weights, weights) * self.inertia
             assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself
@@ -104,3 +100,8 @@ class MotorCoupling(Effect):
                 mass[np.ix_(index, index)] = shared
 
             assembly.add_inertia_term(ConstantInertia(rotor))
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
+        """Return its damper, dry friction and rotor."""
+        weights = dict(zip(self.joints, self.weights, strict=True))
+        return Counterpart(weights, damping=self.viscous, dry=self.coulomb, inertia=self.inertia)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,6 +19,7 @@ from smsid.effects.sensor import (
     VectorEffect,
 )
 from smsid.errors import DescriptionError
+from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.sensor import Sensor
 
@@ -31,7 +33,7 @@ class SensorBias(VectorEffect, Starting):
     summary = "constant bias of a sensor, perhaps from some time on"
     aliases = ("external_wrench", "sensor_misalignment")
     strength = ("bias",)
-    value_field = "bias"
+    value_field = term = "bias"
     kind: Literal["sensor_bias"] = "sensor_bias"
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
@@ -41,27 +43,23 @@ class SensorBias(VectorEffect, Starting):
         return (f"{self.sensor}.{self.quantity}",) if whole else ()
 
     def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the bias; raises `DescriptionError` for a second, later one."""
-        if not np.any(self.bias):
-            return error
-        if self.key is None:
-            both = np.asarray(error.bias) + np.asarray(self.bias)
-            if not np.any(error.bias) or error.bias_from == self.start:
-                bias = tuple(float(x) for x in both)
-                return error.model_copy(update={"bias": bias, "bias_from": self.start})
+        """Return the error model with the bias; beside one of another time, every component has its own."""
+        if self.key is None and np.any(error.bias) and np.any(self.bias) and error.bias_from != self.start:
             for axis, value in enumerate(np.asarray(self.bias)):
                 one = self.model_copy(update={"component": axis, "bias": float(value)})
                 error = one.with_error(error)
             return error
-        part = error.components.get(self.key)
-        before = part.bias if part else 0.0
-        if before and part is not None and part.bias_from != self.start:
+        return super().with_error(error)
+
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return bias and beginning; raises `DescriptionError` beside a bias of another time."""
+        if np.any(self.bias) and np.any(error.bias) and error.bias_from != self.start:
             raise DescriptionError(
                 f"[[effect]] '{self.name}': component {self.key} of {self.sensor}.{self.quantity} has "
                 "another bias, that begins at another time.",
                 advice="Keep one of the two effects.",
             )
-        return self.part(error, {"bias": before + self.bias, "bias_from": self.start})  # type: ignore[operator]
+        return {**super().update(error), "bias_from": self.start} if np.any(self.bias) else {}
 
 
 @register
@@ -72,19 +70,9 @@ class SensorScale(VectorEffect):
     aliases = ("thruster_gain", "torque_gain", "body_error")
     strength = ("error",)
     quantities = tuple(q for q in UNITS if q != "attitude")
-    value_field = "error"
+    value_field, term = "error", "scale_error"
     kind: Literal["sensor_scale"] = "sensor_scale"
     error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
-
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the scale."""
-        if not np.any(self.error):
-            return error
-        if self.key is None:
-            both = np.asarray(error.scale_error) + np.asarray(self.error)
-            return error.model_copy(update={"scale_error": tuple(float(x) for x in both)})
-        part = error.components.get(self.key)
-        return self.part(error, {"scale_error": (part.scale_error if part else 0.0) + self.error})  # type: ignore[operator]
 
 
 @register
@@ -97,21 +85,11 @@ class ScaleByRate(VectorEffect):
     aliases = ("sensor_scale",)
     strength = ("slope",)
     quantities = ("angular_rate", "joint_velocity", "wheel_rate")
-    value_field = "slope"
+    value_field, term = "slope", "scale_slope"
     kind: Literal["scale_by_rate"] = "scale_by_rate"
     slope: Value = physical(
         "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
     )
-
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the slope of its scale."""
-        if not np.any(self.slope):
-            return error
-        if self.key is None:
-            both = np.asarray(error.scale_slope) + np.asarray(self.slope)
-            return error.model_copy(update={"scale_slope": tuple(float(x) for x in both)})
-        part = error.components.get(self.key)
-        return self.part(error, {"scale_slope": (part.scale_slope if part else 0.0) + self.slope})  # type: ignore[operator]
 
 
 @register

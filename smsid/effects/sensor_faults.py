@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from smsid.effects.base import physical, register
@@ -48,11 +48,9 @@ class Quantisation(ComponentEffect):
         found = super().parameters()
         return tuple(replace(p, unit="1") for p in found) if self.quantity == "attitude" else found
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the coarser step."""
-        if self.key is None:
-            return error.model_copy(update={"quantisation": max(error.quantisation, self.step)})
-        return self.part(error, {"quantisation": self.step}) if self.step else error
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the coarser step."""
+        return {"quantisation": self.step} if self.step > error.quantisation else {}
 
 
 @register
@@ -68,18 +66,16 @@ class Outliers(ComponentEffect):
         OF_QUANTITY, lower=0.0, default=0.0, description="standard deviation of what is added to them"
     )
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the outliers; raises `DescriptionError` when it has some."""
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the outliers; raises `DescriptionError` when there are some."""
         if not (self.share and self.size):
-            return error
-        own = error if self.key is None else error.components.get(self.key, ComponentError())
-        if own.outlier_rate and own.outlier_size:
+            return {}
+        if error.outlier_rate and error.outlier_size:
             raise DescriptionError(
                 f"[[effect]] '{self.name}': {self.sensor}.{self.quantity} has outliers already.",
                 advice="Describe them once.",
             )
-        update = {"outlier_rate": self.share, "outlier_size": self.size}
-        return error.model_copy(update=update) if self.key is None else self.part(error, update)
+        return {"outlier_rate": self.share, "outlier_size": self.size}
 
 
 @register
@@ -91,11 +87,8 @@ class Stuck(ComponentEffect):
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the channel stuck."""
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the time from which it is stuck; the earliest counts."""
         if self.start is None:
-            return error
-        if self.key is None:
-            earliest = min(self.start, np.inf if error.stuck_from is None else error.stuck_from)
-            return error.model_copy(update={"stuck_from": float(earliest)})
-        return self.part(error, {"stuck_from": self.start})
+            return {}
+        return {"stuck_from": self.start if error.stuck_from is None else min(self.start, error.stuck_from)}

@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.base import physical, register
+from smsid.effects.joint_effect import JointEffect
 
 
 @register
-class Servo(Effect):
+class Servo(JointEffect):
     """The motor of a joint gives ``stiffness (commanded - q) - damping qd``, at most ``limit``.
 
     Back-EMF is damping. With ``damps = "error"`` the damping takes the commanded rate less qd. It says what a
@@ -21,12 +21,10 @@ class Servo(Effect):
     """
 
     summary = "servo of a joint: from commanded position to torque"
-    family = "drivetrain"
     not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
     kind: Literal["servo"] = "servo"
-    joint: str = Field(description="joint that it turns")
     stiffness: float = physical(
         "N m/rad", lower=0.0, default=1.0, description="torque per position error; a guess unless `known`"
     )
@@ -37,11 +35,3 @@ class Servo(Effect):
     limit: float | None = physical(
         "N m", lower=0.0, default=None, description="largest torque, as of a limit of current"
     )
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
-    def attach(self, assembly: Assembly) -> None:
-        """Check that the joint is there; nothing acts on the motion."""
-        assembly.joint_id(self.joint)

@@ -22,6 +22,7 @@ class Slosh(Effect):
     """
 
     family = "slosh"
+    by_batch = True
     aliases = ("body_error",)
     strength = ()
     summary = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
@@ -88,18 +89,17 @@ class SloshNonlinearity(Starting):
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
         place, rate = _coordinates(assembly, self.tank)
-        cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
+        cubic, quadratic = self.cubic, self.quadratic_damping
         radial = self.law == "radial"
         if not (cubic or quadratic):
             return
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                r, dr = q[place], v[rate]
-                stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
-                tau[rate] -= cubic * stretch * r + quadratic * speed * dr
+            r, dr = q[place], v[rate]
+            stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
+            tau[rate] -= cubic * stretch * r + quadratic * speed * dr
 
-        assembly.add_force(force, self.onset, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
+        assembly.add_force(force, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
 
 
 @register
@@ -122,16 +122,16 @@ class SloshWall(Starting):
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
         place, rate = _coordinates(assembly, self.tank)
-        gap, stiffness, active = self.gap, self.stiffness, self.active
+        gap, stiffness = self.gap, self.stiffness
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             r = q[place]
             far = float(np.sqrt(r @ r))
-            if far > gap and active(t):
+            if far > gap:
                 tau[rate] -= stiffness * (1.0 - gap / far) * r
 
         if stiffness:
-            assembly.add_force(force, self.onset, (range(rate.start, rate.stop), ()))
+            assembly.add_force(force, (range(rate.start, rate.stop), ()))
 
 
 def _coordinates(assembly: Assembly, tank: str) -> tuple[slice, slice]:

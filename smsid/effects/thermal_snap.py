@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
-from smsid.effects.appendage import BeamAppendage
-from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.appendage_effect import AppendageEffect
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
-from smsid.errors import DescriptionError
 
 
 @register
-class ThermalSnap(Starting):
+class ThermalSnap(AppendageEffect, Starting):
     """From ``start`` on, a `beam_appendage` rests bent, its tip by ``deflection`` along its z axis.
 
     A difference of temperature across a uniform beam bends it by the same curvature ``kappa`` all along,
@@ -26,22 +23,15 @@ class ThermalSnap(Starting):
     """
 
     summary = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
-    family = "appendage"
+    needs_beam = "how it bends at rest is"
     aliases = ("external_wrench",)
     strength = ("deflection",)
     kind: Literal["thermal_snap"] = "thermal_snap"
-    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     deflection: float = physical("m", default=0.0, description="of the tip at rest, along its z axis")
 
     def attach(self, assembly: Assembly) -> None:
         """Add the forces on the modes; raises `DescriptionError` unless it is a beam."""
-        panel = attached_appendage(assembly, self.appendage)
-        beam = panel.appendage
-        if not isinstance(beam, BeamAppendage):
-            raise DescriptionError(
-                f"'{self.appendage}' is no beam_appendage, so how it bends at rest is not known.",
-                advice="Leave the effect out, or describe the appendage as a beam.",
-            )
+        panel, beam = self.beam(assembly)
         if self.deflection == 0.0:
             return
         length, shapes = beam.length, beam.cantilever
@@ -50,10 +40,8 @@ class ThermalSnap(Starting):
         curvature = 2.0 * self.deflection / length**2
         forces = bending * curvature * shapes.slope(length) / np.sqrt(beam.mass) * panel.scale
         index = [assembly.model.joints[j].idx_v for j in panel.joints]
-        active = self.active
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                tau[index] += forces
+            tau[index] += forces
 
-        assembly.add_force(force, self.onset, ((), ()))
+        assembly.add_force(force, ((), ()))
