@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal, cast
@@ -70,6 +71,10 @@ class Appendage(Effect):
         coordinates moves it along z by (S, modes) [kg^-.5]. ``None``: that is known at the stations alone.
         """
         return None
+
+    def identified_as(self, modal: ModalAppendage, effects: Sequence[Effect]) -> Sequence[Effect]:
+        """Return it among effects with the modes and the mass that modal data of it have."""
+        return (modal,)
 
     def as_appendage(self) -> Appendage:
         """Return itself."""
@@ -188,7 +193,7 @@ class BeamAppendage(Appendage):
 
         What corrects single modes goes into them. One that another effect needs as a beam stays a beam.
         """
-        if any(e.needs_beam and e.part_of() == self.name for e in effects):
+        if self._needed(effects):
             return self
         panel = self.as_modal(modes=self.described_modes(effects))
         numbered = [(f"mode{k}", mode) for k, mode in enumerate(panel.mode, start=1)]
@@ -206,6 +211,41 @@ class BeamAppendage(Appendage):
         known = ["all"] if "all" in self.known else known
         own = {**dict(panel), "prior": prior, "known": tuple(known), "linear_density": self.linear_density}
         return BeamModes.model_construct(**own)
+
+    def identified_as(self, modal: ModalAppendage, effects: Sequence[Effect]) -> Sequence[Effect]:
+        """Return it as a beam where another effect needs one, else as modal data."""
+        return self.bent_as(modal) if self._needed(effects) else (modal,)
+
+    def _needed(self, effects: Sequence[Effect]) -> bool:
+        return any(e.needs_beam and e.part_of() == self.name for e in effects)
+
+    def bent_as(self, identified: Appendage) -> list[Effect]:
+        """Return a beam that bends as an identified appendage does: the beam, and the errors of its modes.
+
+        It has the identified density, Young's modulus from the first mode's frequency and that mode's
+        damping; what the other modes are off by then are `mode_error` effects.
+        """
+        modes = identified.modal_data()
+        factor = identified.rigid_inertia().mass / self.mass
+        stiffer = factor * (modes[0].frequency / self.modal_data()[0].frequency) ** 2
+        own = self.model_copy(
+            update={
+                "density": self.density * factor,
+                "youngs_modulus": self.youngs_modulus * stiffer,
+                "damping": modes[0].damping,
+            }
+        )
+        out: list[Effect] = [own]
+        for k, (mode, plain) in enumerate(zip(modes, own.modal_data(), strict=True), start=1):
+            off = mode.frequency / plain.frequency - 1.0, mode.damping - plain.damping
+            if k > 1 and any(off):
+                name = re.sub(
+                    r"\W+", "_", f"mode_error_{self.name}_{k}"
+                )  # that of a diagnosis, which goes on
+                out.append(
+                    ModeError(name=name, appendage=self.name, mode=k, frequency=off[0], damping=off[1])
+                )
+        return out
 
     def plate(self) -> tuple[tuple[float, float, float], Callable[[np.ndarray], np.ndarray]]:
         """Return the plate and the cantilever's shapes."""

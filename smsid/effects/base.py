@@ -65,7 +65,7 @@ class Effect(Table):
     these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
     value is larger, and when it is smaller, than before. ``by_batch`` is ``True`` where the batch likelihood
     knows all its parameters. ``needs_beam`` says what of a `beam_appendage` the effect takes; such a panel is
-    identified as a beam.
+    identified as a beam. ``in_modes`` is ``True`` for one that `Appendage.described_modes` holds whole.
     """
 
     summary: ClassVar[str] = ""
@@ -79,6 +79,7 @@ class Effect(Table):
     shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
     needs_beam: ClassVar[str] = ""
+    in_modes: ClassVar[bool] = False
     by_batch: ClassVar[bool] = False
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
@@ -276,6 +277,10 @@ class Effect(Table):
     def reported_as(self) -> Mapping[str, tuple[str, float]]:
         """Return name and size of the physical parameter that another, by name, is a factor on."""
         return {}
+
+    def moved_with(self, old: Effect, new: Effect) -> Effect:
+        """Return it as it is said of the effect it is part of, where that has changed from old to new."""
+        return self
 
     def as_appendage(self) -> Appendage | None:
         """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""

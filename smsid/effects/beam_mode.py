@@ -10,7 +10,7 @@ from pydantic import Field
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.appendage_effect import AppendageEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
-from smsid.effects.base import physical, register
+from smsid.effects.base import Effect, physical, register
 from smsid.effects.mode import Mode, mode_joint
 from smsid.errors import DescriptionError
 
@@ -39,6 +39,13 @@ class BeamMode(AppendageEffect):
     damping: float | None = physical(
         "1", default=None, lower=0.0, description="damping ratio; that of the beam when not given"
     )
+
+    def moved_with(self, old: Effect, new: Effect) -> BeamMode:
+        """Return it with the frequency and damping it had: they are relative to the beam's."""
+        plain, moved = (b.model_copy(update={"modes": self.mode}).modal_data()[-1] for b in (old, new))
+        frequency = (1.0 + self.frequency) * plain.frequency / moved.frequency - 1.0
+        damping = plain.damping if self.damping is None else self.damping
+        return self.model_copy(update={"frequency": frequency, "damping": damping})
 
     def attach(self, assembly: Assembly) -> None:
         """Add the mode's joint and take its mass from the rigid rest.

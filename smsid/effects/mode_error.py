@@ -26,7 +26,7 @@ class ModeError(ModeEffect):
         "1", default=0.0, lower=-0.9, gt=-1.0, description="relative error of its frequency"
     )
     damping: float = physical("1", default=0.0, description="error of its damping ratio")
-    by_batch = True
+    by_batch = in_modes = True
 
     def estimated_as(self, effects: Sequence[Effect]) -> Effect | None:
         """Return nothing where the appendage is estimated by its modes, and so is the error."""
