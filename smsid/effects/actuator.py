@@ -53,39 +53,49 @@ class ActuatorEffect(Starting):
         assembly.joint_id(target)
 
     def _changed(
-        self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, int], Signal]
+        self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, np.ndarray], Signal]
     ) -> Inputs:
-        """Return inputs with ``change(signal, column)`` made of the actuator's own, from the onset on."""
-        field, column = locate(model, self.target(), self.name)
+        """Return inputs with ``change(signal, own)`` made of the actuator's signal, from the onset on.
+
+        ``own`` are the actuator's components of the signal, one row each (k, size).
+        """
+        field, columns = locate(model, self.target(), self.name)
         signal: Signal | None = getattr(inputs, field)
         if signal is None:
             return inputs
-        after = change(signal, column)
+        after = change(signal, np.eye(signal.size)[columns])
         if self.start is not None:
             from smsid.inputs.changed import Switched  # simulation needs effects, hence here
 
             after = Switched(signal, after, self.start)
         return replace(inputs, **{field: after})
 
+    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
+        """Return inputs with the actuator's force (3,) in bus axes, or torque (1,), mapped by a matrix."""
+        more = matrix - np.eye(len(matrix))
+        return self._changed(
+            inputs, model, lambda signal, own: signal.mapped(np.eye(signal.size) + own.T @ more @ own)
+        )
 
-def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, int]:
-    """Return which input drives an actuator, and its column there.
+
+def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, slice]:
+    """Return which input drives an actuator, and its components there.
 
     Raises `DescriptionError` for a joint that no motor drives.
     """
-    if actuator == THRUSTER:
-        return "force", 0
-    thrusters = [t.name for t in model.description.thruster]
-    if actuator in thrusters:
-        return "thrusts", 3 * thrusters.index(actuator)
-    for field, names in (("joint_torque", model.arm_joints.names), ("wheel_torque", model.wheels.names)):
+    inputs = (
+        ("force", (THRUSTER,), 3),
+        ("thrusts", tuple(t.name for t in model.description.thruster), 3),
+        ("joint_torque", model.arm_joints.names, 1),
+        ("wheel_torque", model.wheels.names, 1),
+    )
+    for field, names, size in inputs:
         if actuator in names:
-            return field, names.index(actuator)
+            first = size * names.index(actuator)
+            return field, slice(first, first + size)
     raise DescriptionError(
         f"[[effect]] '{effect}': '{actuator}' is not an actuator.",
-        advice="Actuators: "
-        + ", ".join((THRUSTER, *thrusters, *model.arm_joints.names, *model.wheels.names))
-        + ".",
+        advice=f"Actuators: {', '.join(name for _, names, _ in inputs for name in names)}.",
         actuator=actuator,
     )
 
@@ -104,16 +114,6 @@ class ThrustEffect(ActuatorEffect):
     def pushes(self) -> bool:
         """Return that it does."""
         return True
-
-    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
-        """Return inputs with the force (3,) of the thruster mapped by a matrix (3, 3), bus axes."""
-
-        def change(signal: Signal, column: int) -> Signal:
-            whole = np.eye(signal.size)
-            whole[column : column + 3, column : column + 3] = matrix
-            return signal.mapped(whole)
-
-        return self._changed(inputs, model, change)
 
 
 @register
@@ -199,13 +199,7 @@ class TorqueGain(ActuatorEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Scale the torque."""
-
-        def change(signal: Signal, column: int) -> Signal:
-            matrix = np.eye(signal.size)
-            matrix[column, column] += self.error
-            return signal.mapped(matrix)
-
-        return self._changed(inputs, model, change)
+        return self._mapped(inputs, model, np.array([[1.0 + self.error]]))
 
 
 @register
@@ -232,12 +226,11 @@ class ActuatorDelay(ActuatorEffect):
         from smsid.inputs.changed import Delayed  # simulation needs effects, hence here
         from smsid.inputs.signals import Sum
 
-        def change(signal: Signal, column: int) -> Signal:
-            if self.actuator == THRUSTER:
+        def change(signal: Signal, own: np.ndarray) -> Signal:
+            if len(own) == signal.size:
                 return Delayed.of(signal, self.delay)
-            own = np.zeros((signal.size, signal.size))
-            last = column + (3 if signal is inputs.thrusts else 1)
-            own[column:last, column:last] = np.eye(last - column)
-            return Sum((signal.mapped(np.eye(signal.size) - own), Delayed.of(signal.mapped(own), self.delay)))
+            part = own.T @ own
+            late = Delayed.of(signal.mapped(part), self.delay)
+            return Sum((signal.mapped(np.eye(signal.size) - part), late))
 
         return self._changed(inputs, model, change)

@@ -36,6 +36,12 @@ class AppendageEffect(Effect):
             appendage=self.appendage,
         )
 
+
+class BeamEffect(AppendageEffect):
+    """An effect that only a beam can have."""
+
+    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
+
     def beam(self, assembly: Assembly) -> tuple[AppendageJoints, BeamAppendage]:
         """Return it where it is a beam; raises `DescriptionError` of any other."""
         from smsid.effects.appendage import BeamAppendage

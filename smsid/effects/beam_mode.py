@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.appendage import BeamAppendage
-from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.mode import Mode, mode_joint
@@ -16,7 +16,7 @@ from smsid.errors import DescriptionError
 
 
 @register
-class BeamMode(AppendageEffect):
+class BeamMode(BeamEffect):
     """Mode ``mode`` of a `beam_appendage` that has fewer: ``factor`` 1 is that of the uniform beam.
 
     With factor f its participation factors and its shape at the stations are sqrt(f) times the beam's, its

@@ -33,7 +33,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.effects.appendage import BeamAppendage
-from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import physical, register
 from smsid.effects.beam import Cantilever
@@ -43,7 +43,7 @@ AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
 
 @register
-class GeometricStiffness(AppendageEffect):
+class GeometricStiffness(BeamEffect):
     """What a `beam_appendage` gains when it does not stretch; ``factor`` 1 is the inextensible beam.
 
     Accelerometers on it see that bending draws them in.

@@ -66,8 +66,30 @@ class Slosh(Effect):
             assembly.add_remainder(self.frame, point_parameters(-self.mass, np.zeros(3)), placement)
 
 
+class TankEffect(Starting):
+    """An effect on the slosh mass of a tank that stands before it."""
+
+    family = "slosh"
+    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
+
+    def part_of(self) -> str:
+        """Return the tank."""
+        return self.tank
+
+    def coordinates(self, assembly: Assembly) -> tuple[slice, slice]:
+        """Return where the slosh mass is in q and in v; raises `DescriptionError` without the tank."""
+        if self.tank not in assembly.slosh:
+            raise DescriptionError(
+                f"There is no tank '{self.tank}' before this effect.",
+                advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
+                tank=self.tank,
+            )
+        joint = assembly.model.joints[assembly.slosh[self.tank][1]]
+        return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+
+
 @register
-class SloshNonlinearity(Starting):
+class SloshNonlinearity(TankEffect):
     """What a tank's slosh does at large amplitude: force ``-cubic |r|^2 r - quadratic_damping |r'| r'``.
 
     r is the displacement of the slosh mass from c_s. ``cubic`` is positive for a spring that hardens. With
@@ -75,11 +97,9 @@ class SloshNonlinearity(Starting):
     """
 
     summary = "spring and damping of a slosh mass that depend on amplitude"
-    family = "slosh"
     aliases = ("slosh",)
     strength = ("cubic", "quadratic_damping")
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
-    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     law: Literal["radial", "per_axis"] = Field(
         default="radial", description="by the distance from c_s, or every axis by itself"
     )
@@ -88,7 +108,7 @@ class SloshNonlinearity(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
-        place, rate = _coordinates(assembly, self.tank)
+        place, rate = self.coordinates(assembly)
         cubic, quadratic = self.cubic, self.quadratic_damping
         radial = self.law == "radial"
         if not (cubic or quadratic):
@@ -103,7 +123,7 @@ class SloshNonlinearity(Starting):
 
 
 @register
-class SloshWall(Starting):
+class SloshWall(TankEffect):
     """The wall of a tank: beyond ``gap`` from c_s the slosh mass is pushed back, ``-stiffness (|r| - gap)``
     along r, its displacement.
 
@@ -111,17 +131,15 @@ class SloshWall(Starting):
     """
 
     summary = "wall of a tank, which limits how far its slosh mass moves"
-    family = "slosh"
     aliases = ("slosh_nonlinearity", "slosh")
     strength = ("stiffness",)
     kind: Literal["slosh_wall"] = "slosh_wall"
-    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     gap: float = physical("m", lower=0.0, default=0.1, description="room about c_s before the wall")
     stiffness: float = physical("N/m", lower=0.0, default=0.0, description="of the contact")
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
-        place, rate = _coordinates(assembly, self.tank)
+        place, rate = self.coordinates(assembly)
         gap, stiffness = self.gap, self.stiffness
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
@@ -132,15 +150,3 @@ class SloshWall(Starting):
 
         if stiffness:
             assembly.add_force(force, (range(rate.start, rate.stop), ()))
-
-
-def _coordinates(assembly: Assembly, tank: str) -> tuple[slice, slice]:
-    """Return where a tank's slosh mass is in q and in v; raises `DescriptionError` without the tank."""
-    if tank not in assembly.slosh:
-        raise DescriptionError(
-            f"There is no tank '{tank}' before this effect.",
-            advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
-            tank=tank,
-        )
-    joint = assembly.model.joints[assembly.slosh[tank][1]]
-    return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)

@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
 
 
 @register
-class ThermalSnap(AppendageEffect, Starting):
+class ThermalSnap(BeamEffect, Starting):
     """From ``start`` on, a `beam_appendage` rests bent, its tip by ``deflection`` along its z axis.
 
     A difference of temperature across a uniform beam bends it by the same curvature ``kappa`` all along,

@@ -239,57 +239,47 @@ class ErrorModel(BaseModel):
             return x
         return resample(t, x, np.clip(t - self.lag, t[0], t[-1]), attitude=attitude)
 
+    def _parts(
+        self, shape: tuple[int, ...]
+    ) -> list[tuple[tuple[slice | int, ...], ErrorModel | ComponentError]]:
+        """Return where errors of the whole quantity and of single components are, and these errors."""
+        whole = tuple(slice(None) for _ in shape)
+        return [(whole, self), *((place_of(key, shape), part) for key, part in self.components.items())]
+
     def _scale(self, x: FloatArray, rng: np.random.Generator | None) -> FloatArray:
-        parts = {k: p for k, p in self.components.items() if p.scale_error or p.scale_slope}
-        if not (self.scaled or parts):
-            return x
-        factor = np.zeros(x.shape) + (1.0 + fixed_errors(self.scale_error, self.scale_sigma, x.shape, rng))
-        factor += np.asarray(self.scale_slope) * np.abs(x)
-        for key, part in parts.items():
-            place = place_of(key, x.shape)
-            factor[place] += part.scale_error + part.scale_slope * np.abs(x[place])
+        factor = np.zeros(x.shape) + (1.0 + fixed_errors(0.0, self.scale_sigma, x.shape, rng))
+        for place, part in self._parts(x.shape):
+            factor[place] += np.asarray(part.scale_error) + np.asarray(part.scale_slope) * np.abs(x[place])
         return x * factor
 
     def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator | None) -> FloatArray:
-        drawn = fixed_errors(0.0, self.bias_sigma, shape, rng)
-        error = np.zeros(shape) + drawn
-        late = slice(None) if self.bias_from is None else t >= self.bias_from
-        error[late] += fixed_errors(self.bias, 0.0, shape, rng)
-        for key, part in self.components.items():
-            if part.bias:
-                on = np.zeros(shape)
-                on[place_of(key, shape)] = part.bias
-                error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
+        error = np.zeros(shape) + fixed_errors(0.0, self.bias_sigma, shape, rng)
+        for place, part in self._parts(shape):
+            on = np.zeros(shape)
+            on[place] = part.bias
+            error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
-        parts = {k: p for k, p in self.components.items() if p.outlier_rate > 0.0}
-        if not (self.outlier_rate > 0.0 or parts):
-            return
-        chance, draw = which.random(error.shape), size.standard_normal(error.shape)
-        error += np.where(chance < self.outlier_rate, self.outlier_size * draw, 0.0)
-        for key, part in parts.items():
-            place = place_of(key, error.shape)
-            again = which.random(error[place].shape) < part.outlier_rate
-            error[place] += np.where(again, part.outlier_size * size.standard_normal(again.shape), 0.0)
+        parts = self._parts(error.shape)
+        any_there = any(part.outlier_rate > 0.0 for _, part in parts)
+        for place, part in parts:
+            if any_there and (part is self or part.outlier_rate > 0.0):  # the whole always takes its draws
+                chance = which.random(error[place].shape) < part.outlier_rate
+                draw = size.standard_normal(chance.shape)
+                error[place] += np.where(chance, part.outlier_size * draw, 0.0)
 
     def _quantise(self, y: FloatArray) -> FloatArray:
-        if self.quantisation > 0.0:
-            y = np.round(y / self.quantisation) * self.quantisation
-        for key, part in self.components.items():
-            if part.quantisation > self.quantisation:
-                place = place_of(key, y.shape)
-                y = y.copy()
+        y = y.copy()
+        for place, part in self._parts(y.shape):
+            if part.quantisation > (0.0 if part is self else self.quantisation):
                 y[place] = np.round(y[place] / part.quantisation) * part.quantisation
         return y
 
     def _stick(self, t: FloatArray, y: FloatArray) -> FloatArray:
-        if self.stuck_from is not None:
-            y = held(t, y, self.stuck_from)
-        for key, part in self.components.items():
+        y = y.copy()
+        for place, part in self._parts(y.shape):
             if part.stuck_from is not None:
-                place = place_of(key, y.shape)
-                y = y.copy()
                 y[place] = held(t, y[place], part.stuck_from)
         return y
 
