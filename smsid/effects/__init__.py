@@ -2,6 +2,7 @@
 
 from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
+from smsid.effects.appendage_effect import AppendageEffect
 from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
@@ -15,6 +16,7 @@ from smsid.effects.base import (
 )
 from smsid.effects.base_tilt import BaseTilt
 from smsid.effects.beam_mode import BeamMode
+from smsid.effects.counterpart import Counterpart
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
 from smsid.effects.extra_mode import ExtraMode
@@ -24,6 +26,7 @@ from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
 from smsid.effects.joint_cable import JointCable
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.mass_loss import MassLoss
 from smsid.effects.mode_error import FrequencyDrift, ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
@@ -47,11 +50,13 @@ from smsid.effects.wheel_imbalance import WheelImbalance
 __all__ = [
     "ActuatorDelay",
     "Appendage",
+    "AppendageEffect",
     "Backlash",
     "BaseTilt",
     "BeamAppendage",
     "BeamMode",
     "BodyError",
+    "Counterpart",
     "Effect",
     "ExternalWrench",
     "ExtraMode",
@@ -64,6 +69,7 @@ __all__ = [
     "GravityGradient",
     "InertiaTerm",
     "JointCable",
+    "JointEffect",
     "JointFriction",
     "JointOffset",
     "LeverArm",
