@@ -127,6 +127,7 @@ class ThrusterGain(ThrustEffect):
     aliases = ("thruster_misalignment", "body_error", "sensor_scale")
     strength = ("gain",)
     changes = {"gain": ("the thrust has grown", "the thrust has fallen")}
+    in_words = "the thrust is not what is commanded"
     kind: Literal["thruster_gain"] = "thruster_gain"
     gain: Vector3 | float = physical(
         "1",
@@ -164,6 +165,7 @@ class ThrusterMisalignment(ThrustEffect):
     summary = "thrust that points elsewhere than commanded"
     aliases = ("thruster_gain", "external_wrench", "sensor_misalignment")
     strength = ("angles",)
+    in_words = "the thrust points elsewhere than commanded"
     kind: Literal["thruster_misalignment"] = "thruster_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -189,6 +191,7 @@ class TorqueGain(ActuatorEffect):
     aliases = ("joint_friction", "body_error")
     strength = ("error",)
     changes = {"error": ("its motor gives more torque", "its motor gives less torque")}
+    in_words = "the torque of {place} is not what is commanded, by a factor"
     kind: Literal["torque_gain"] = "torque_gain"
     joint: str = Field(description="joint of an arm, or wheel")
     error: float = physical("1", default=0.0, description="relative error of the torque; -2: its sign")
@@ -209,6 +212,7 @@ class ActuatorDelay(ActuatorEffect):
     summary = "commands that act late"
     aliases = ("joint_friction", "time_offset", "sensor_delay")
     strength = ("delay",)
+    in_words = "{place} acts later than it is commanded"
     kind: Literal["actuator_delay"] = "actuator_delay"
     actuator: str = Field(
         default=THRUSTER, description="`thruster`, a single thruster, a joint of an arm, or a wheel"

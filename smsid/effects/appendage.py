@@ -149,6 +149,7 @@ class BeamAppendage(Appendage):
 
     summary = "flexible panel: Euler-Bernoulli cantilever plate"
     geometry = ("length", "width", "thickness")
+    in_words = "{place} bends otherwise than described"
     kind: Literal["beam_appendage"] = "beam_appendage"
     length: float = physical("m", lower=0.0, gt=0.0, description="along x, from the clamp")
     width: float = physical("m", lower=0.0, gt=0.0, description="along y")
@@ -298,6 +299,7 @@ class ModalAppendage(Appendage):
     """
 
     summary = "flexible appendage from finite-element modal data"
+    in_words = "{place} bends otherwise than described"
     kind: Literal["modal_appendage"] = "modal_appendage"
     geometry = ("mass", "participation_factor")
     mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage, as a rigid body")

@@ -50,37 +50,30 @@ class Effect(Table):
     - `drive` changes what the plant gets of what is commanded,
     - `adjust` changes a sensor: where it sits, and its errors.
 
-    ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
-    this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
-    changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
-    for an effect that is no more than that. ``polar`` names fields of amplitudes and the field of the angle
-    [rad] that they share: a fit takes an amplitude and the angle as two components, either of any sign.
-
     ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
-    of those that are not to be estimated (``["all"]``: none of it is).
-
-    Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
-    a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
-    why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
-    these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
-    value is larger, and when it is smaller, than before. ``by_batch`` is ``True`` where the batch likelihood
-    knows all its parameters. ``needs_beam`` says what of a `beam_appendage` the effect takes; such a panel is
-    identified as a beam. ``in_modes`` is ``True`` for one that `Appendage.described_modes` holds whole.
+    of those that are not to be estimated (``["all"]``: none of it is). Identification estimates what
+    `unknowns` returns.
     """
 
-    summary: ClassVar[str] = ""
-    family: ClassVar[str] = "other"
-    aliases: ClassVar[tuple[str, ...]] = ()
+    summary: ClassVar[str] = ""  # for the reference
+    in_words: ClassVar[str] = "{place} has an effect that the description lacks ({kind})"  # of a diagnosis
+    family: ClassVar[str] = "other"  # groups effects that are alike
+    aliases: ClassVar[tuple[str, ...]] = ()  # kinds that some experiments cannot tell from it
+    # fields that are zero when it is not there: with these at zero it changes nothing at all
     strength: ClassVar[tuple[str, ...]] = ()
+    # fields of a mass (or what it grows by) and of its place, of an effect that is no more than that
     point_mass: ClassVar[tuple[str, str] | None] = None
+    # fields of amplitudes, and of the angle [rad] they share: a fit takes one and the angle as two components
     polar: ClassVar[tuple[tuple[str, ...], str] | None] = None
-    geometry: ClassVar[tuple[str, ...]] = ()
-    not_estimated: ClassVar[Mapping[str, str]] = {}
+    geometry: ClassVar[tuple[str, ...]] = ()  # fields taken as known unless a prior is given for them
+    not_estimated: ClassVar[Mapping[str, str]] = {}  # fields the likelihood has no derivative by, and why
+    # field of the body whose inertial parameters are all that it changes: where these are estimated, its own
+    # are only with a prior
     shifted_body: ClassVar[str | None] = None
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    needs_beam: ClassVar[str] = ""
-    in_modes: ClassVar[bool] = False
-    by_batch: ClassVar[bool] = False
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {}  # what a larger, a smaller value of a field means
+    needs_beam: ClassVar[str] = ""  # what it takes of a `beam_appendage`; the panel is identified as a beam
+    in_modes: ClassVar[bool] = False  # whether `Appendage.described_modes` holds all that it does
+    by_batch: ClassVar[bool] = False  # whether the batch likelihood knows all its parameters
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(

@@ -24,6 +24,7 @@ class BaseTilt(Effect):
     not_estimated = dict.fromkeys(
         ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
     )
+    in_words = "the base under {place} is not level"
     kind: Literal["base_tilt"] = "base_tilt"
     x: float = physical(
         "rad", lower=-1.6, upper=1.6, default=0.0, description="by which gravity leans to the base's x axis"

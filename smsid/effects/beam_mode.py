@@ -28,6 +28,7 @@ class BeamMode(BeamEffect):
     needs_beam = "its higher modes are"
     aliases = ("extra_mode", "slosh", "frequency_drift")
     strength = ("factor",)
+    in_words = "{place} has a mode that the description lacks"
     kind: Literal["beam_mode"] = "beam_mode"
     mode: int = Field(ge=2, le=20, description="number of the mode, from 1; more than the beam has")
     factor: float = physical(

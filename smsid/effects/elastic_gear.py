@@ -115,6 +115,7 @@ class GearCompliance(ElasticGear):
     summary = "elastic gear of a joint"
     aliases = ("backlash", "motor_inertia", "actuator_delay")
     strength = ("compliance", "motor_inertia")
+    in_words = "the gear of {place} is elastic"
     kind: Literal["gear_compliance"] = "gear_compliance"
     compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
     damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
@@ -144,6 +145,7 @@ class Backlash(ElasticGear):
     summary = "play in the gear of a joint"
     aliases = ("gear_compliance", "joint_friction")
     strength = ("gap", "motor_inertia")
+    in_words = "the gear of {place} has play"
     kind: Literal["backlash"] = "backlash"
     gap: float = physical("rad", lower=0.0, default=0.0, description="play, from one side to the other")
     contact_stiffness: float = physical(

@@ -33,6 +33,7 @@ class ExternalWrench(Starting):
     family = "external"
     aliases = ("sensor_bias", "gravity_gradient")
     strength = ("force", "torque")
+    in_words = "something outside pushes or turns {place}: a {shape}"
     kind: Literal["external_wrench"] = "external_wrench"
     force: Vector3 = physical("N", default=(0.0, 0.0, 0.0), description="along the axes of `frame`")
     torque: Vector3 = physical("N m", default=(0.0, 0.0, 0.0), description="along the axes of `frame`")
@@ -75,6 +76,7 @@ class GravityGradient(Effect):
     family = "external"
     aliases = ("external_wrench",)
     strength = ("gradient",)
+    in_words = "the gravity gradient turns {place}"
     kind: Literal["gravity_gradient"] = "gravity_gradient"
     gradient: float = physical(
         "1/s^2", lower=0.0, description="square of the orbital rate; `rate` [rad/s] may be given instead"

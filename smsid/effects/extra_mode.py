@@ -26,6 +26,7 @@ class ExtraMode(AppendageEffect):
     summary = "one more bending mode of an appendage, as a mass on a spring"
     aliases = ("slosh", "frequency_drift")
     strength = ("mass",)
+    in_words = "{place} has a mode that the description lacks"
     kind: Literal["extra_mode"] = "extra_mode"
     mass: float = physical("kg", lower=0.0, default=0.0, description="modal mass, the square of L_t")
     position: Vector3 = physical("m", description="where it sits, appendage axes")

@@ -53,6 +53,7 @@ class JointFriction(JointEffect, Starting):
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),
     }
+    in_words = "{place} has {shape} friction that the description lacks"
     kind: Literal["joint_friction"] = "joint_friction"
     viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
     coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")

@@ -28,6 +28,7 @@ class Gear(JointEffect):
         ("ratio", "torque_gain"),
         "a spacecraft's recordings are of joints, not of motors; see laboratory",
     )
+    in_words = "the gear of {place} turns by another ratio than described"
     kind: Literal["gear"] = "gear"
     ratio: float = physical(
         "1", description="turns of the motor per turn of the joint; negative when it reverses"

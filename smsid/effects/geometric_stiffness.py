@@ -53,6 +53,7 @@ class GeometricStiffness(BeamEffect):
     needs_beam = "its slopes are"
     aliases = ("frequency_drift",)
     strength = ("factor",)
+    in_words = "{place} grows stiffer or softer as the craft moves"
     kind: Literal["geometric_stiffness"] = "geometric_stiffness"
     factor: float = physical("1", default=1.0, description="share of it: 1 by theory, 0 for the linear beam")
 

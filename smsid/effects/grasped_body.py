@@ -34,6 +34,7 @@ class GraspedBody(Effect):
     aliases = ("payload", "body_error")
     strength = ("mass", "first_moment", "inertia")
     changes = {"mass": ("the grasped body is heavier", "the grasped body is lighter")}
+    in_words = "{place} has grasped a body that the description lacks"
     kind: Literal["grasped_body"] = "grasped_body"
     frame: str | None = Field(
         default=None, description="link, tool or frame that carries it; the bus frame when not given"

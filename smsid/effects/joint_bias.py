@@ -28,6 +28,7 @@ class JointOffset(JointEffect):
     summary = "zero of a joint's encoder: joint angle minus reading"
     aliases = ("sensor_bias",)
     strength = ("angle",)
+    in_words = "the angle of {place} has an offset"
     kind: Literal["joint_offset"] = "joint_offset"
     angle: float = physical("rad", description="added to the reading")
 
@@ -70,6 +71,7 @@ class TorqueOffset(JointEffect):
     summary = "constant torque at a joint: current bias, or friction that differs by direction"
     aliases = ("joint_friction",)
     strength = ("torque",)
+    in_words = "a constant torque acts at {place}"
     kind: Literal["torque_offset"] = "torque_offset"
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")
 

@@ -19,6 +19,7 @@ class JointCable(JointEffect, Starting):
     summary = "a cable or hose across a joint: a spring with an angle of rest"
     aliases = ("torque_offset", "joint_friction")
     strength = ("stiffness",)
+    in_words = "a cable or hose across {place} pulls it back"
     kind: Literal["joint_cable"] = "joint_cable"
     stiffness: float = physical("N m/rad", lower=0.0, default=0.0, description="torque per angle from rest")
     rest: float = physical("rad", default=0.0, description="angle at which it does not pull")

@@ -29,6 +29,7 @@ class MassLoss(Starting):
     grows = True
     strength = ("rate",)
     point_mass = ("rate", "position")
+    in_words = "{place} loses mass"
     kind: Literal["mass_loss"] = "mass_loss"
     frame: str | None = Field(default=None, description="frame it leaves from; the bus frame when not given")
     position: Vector3 = physical("m", default=(0.0, 0.0, 0.0), description="where it leaves, in `frame`")

@@ -21,6 +21,7 @@ class ModeError(ModeEffect):
     summary = "frequency and damping of one mode, apart from the appendage's others"
     aliases = ("frequency_drift", "geometric_stiffness")
     strength = ("frequency", "damping")
+    in_words = "{place} bends at another frequency or damping than described"
     kind: Literal["mode_error"] = "mode_error"
     frequency: float = physical(
         "1", default=0.0, lower=-0.9, gt=-1.0, description="relative error of its frequency"
@@ -55,6 +56,7 @@ class FrequencyDrift(ModeEffect, Starting):
     aliases = ("geometric_stiffness",)
     grows = True
     strength = ("rate",)
+    in_words = "the frequency of {place} drifts"
     kind: Literal["frequency_drift"] = "frequency_drift"
     rate: float = physical("1/s", default=0.0, description="relative change of the frequency per time")
 

@@ -25,6 +25,7 @@ class MotorInertia(JointEffect):
     summary = "inertia of a motor's rotor, seen at its joint"
     aliases = ("body_error", "joint_friction")
     strength = ("inertia",)
+    in_words = "the motor of {place} adds inertia that the description lacks"
     kind: Literal["motor_inertia"] = "motor_inertia"
     inertia: float = physical(
         "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
@@ -48,6 +49,7 @@ class MotorCoupling(Effect):
     family = "drivetrain"
     aliases = ("joint_friction", "motor_inertia")
     strength = ("inertia", "viscous", "coulomb")
+    in_words = "the motors of {place} are coupled"
     kind: Literal["motor_coupling"] = "motor_coupling"
     joints: tuple[str, ...] = Field(min_length=2, description="joints that turn the motor")
     ratios: tuple[float, ...] = Field(

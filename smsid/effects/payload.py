@@ -21,6 +21,7 @@ class Payload(Effect):
     aliases = ("body_error",)
     strength = ("mass",)
     changes = {"mass": ("the payload is heavier", "the payload is lighter")}
+    in_words = "{place} carries a mass that the description lacks"
     kind: Literal["payload"] = "payload"
     frame: str | None = Field(default=None, description="frame that carries it; the bus frame when not given")
     mass: float = physical("kg", lower=0.0, description="of the payload")
@@ -47,6 +48,7 @@ class BodyError(Effect):
     aliases = ("payload",)
     strength = ("mass", "first_moment", "inertia", "density")
     shifted_body = "body"
+    in_words = "the {shape} of {place} is not what the description says"
     kind: Literal["body_error"] = "body_error"
     body: str | None = Field(
         default=None, description="link, joint or frame of the body; the bus when not given"

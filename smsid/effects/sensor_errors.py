@@ -34,6 +34,7 @@ class SensorBias(VectorEffect, Starting):
     aliases = ("external_wrench", "sensor_misalignment")
     strength = ("bias",)
     value_field = term = "bias"
+    in_words = "{place} has a bias"
     kind: Literal["sensor_bias"] = "sensor_bias"
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
@@ -71,6 +72,7 @@ class SensorScale(VectorEffect):
     strength = ("error",)
     quantities = tuple(q for q in UNITS if q != "attitude")
     value_field, term = "error", "scale_error"
+    in_words = "{place} reads on another scale"
     kind: Literal["sensor_scale"] = "sensor_scale"
     error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
 
@@ -86,6 +88,7 @@ class ScaleByRate(VectorEffect):
     strength = ("slope",)
     quantities = ("angular_rate", "joint_velocity", "wheel_rate")
     value_field, term = "slope", "scale_slope"
+    in_words = "{place} reads on a scale that depends on the rate"
     kind: Literal["scale_by_rate"] = "scale_by_rate"
     slope: Value = physical(
         "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
@@ -100,6 +103,7 @@ class SensorMisalignment(QuantityEffect):
     aliases = ("sensor_bias", "thruster_misalignment", "sensor_scale")
     strength = ("angles",)
     quantities = VECTORS
+    in_words = "{place} is turned against where the description has it"
     kind: Literal["sensor_misalignment"] = "sensor_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -127,6 +131,7 @@ class LeverArm(SensorEffect):
     summary = "sensor that sits elsewhere than stated"
     aliases = ("body_error", "sensor_misalignment")
     strength = ("offset",)
+    in_words = "{place} sits elsewhere than the description says"
     kind: Literal["lever_arm"] = "lever_arm"
     offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
 
@@ -150,6 +155,7 @@ class SensorDelay(QuantityEffect):
     summary = "one quantity of a sensor that comes late"
     aliases = ("time_offset", "actuator_delay")
     strength = ("delay",)
+    in_words = "{place} reports late"
     kind: Literal["sensor_delay"] = "sensor_delay"
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
 
@@ -165,6 +171,7 @@ class TimeOffset(SensorEffect):
     summary = "clock of a sensor that is off"
     aliases = ("sensor_delay", "actuator_delay")
     strength = ("offset",)
+    in_words = "the clock of {place} is off"
     kind: Literal["time_offset"] = "time_offset"
     offset: float = physical("s", default=0.0, description="positive when it reports late")
 

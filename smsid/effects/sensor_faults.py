@@ -25,6 +25,7 @@ class Quantisation(ComponentEffect):
     summary = "readings rounded to coarser steps than stated"
     strength = ("step",)
     not_estimated = dict.fromkeys(("step",), OF_NOISE)
+    in_words = "{place} is read in coarse steps"
     kind: Literal["quantisation"] = "quantisation"
     step: float = physical(
         OF_QUANTITY,
@@ -60,6 +61,7 @@ class Outliers(ComponentEffect):
     summary = "single samples far off"
     strength = ("share", "size")
     not_estimated = dict.fromkeys(("share", "size"), OF_NOISE)
+    in_words = "{place} has outliers"
     kind: Literal["outliers"] = "outliers"
     share: float = physical("1", lower=0.0, upper=1.0, default=0.0, description="of the samples")
     size: float = physical(
@@ -84,6 +86,7 @@ class Stuck(ComponentEffect):
 
     summary = "channel that repeats its last value from some time on"
     not_estimated = dict.fromkeys(("start",), OF_NOISE)
+    in_words = "{place} is stuck for a while"
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 

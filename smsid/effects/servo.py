@@ -24,6 +24,7 @@ class Servo(JointEffect):
     not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
+    in_words = "the servo of {place} has another gain than described"
     kind: Literal["servo"] = "servo"
     stiffness: float = physical(
         "N m/rad", lower=0.0, default=1.0, description="torque per position error; a guess unless `known`"

@@ -31,6 +31,7 @@ class Slosh(Effect):
         "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
         "damping": ("its slosh is damped more", "its slosh is damped less"),
     }
+    in_words = "the fuel in {place} moves otherwise than described: {shape}"
     kind: Literal["slosh"] = "slosh"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     position: Vector3 = Field(description="equilibrium c_s of the mass in `frame` [m]")
@@ -99,6 +100,7 @@ class SloshNonlinearity(TankEffect):
     summary = "spring and damping of a slosh mass that depend on amplitude"
     aliases = ("slosh",)
     strength = ("cubic", "quadratic_damping")
+    in_words = "the fuel in {place} moves non-linearly: {shape}"
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
     law: Literal["radial", "per_axis"] = Field(
         default="radial", description="by the distance from c_s, or every axis by itself"
@@ -133,6 +135,7 @@ class SloshWall(TankEffect):
     summary = "wall of a tank, which limits how far its slosh mass moves"
     aliases = ("slosh_nonlinearity", "slosh")
     strength = ("stiffness",)
+    in_words = "the fuel in {place} reaches the wall of its tank"
     kind: Literal["slosh_wall"] = "slosh_wall"
     gap: float = physical("m", lower=0.0, default=0.1, description="room about c_s before the wall")
     stiffness: float = physical("N/m", lower=0.0, default=0.0, description="of the contact")

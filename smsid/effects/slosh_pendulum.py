@@ -34,6 +34,7 @@ class SloshPendulum(Effect):
         "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
         "damping": ("its slosh is damped more", "its slosh is damped less"),
     }
+    in_words = "the fuel in {place} swings otherwise than described: {shape}"
     kind: Literal["slosh_pendulum"] = "slosh_pendulum"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     pivot: Vector3 = Field(description="point about which it swings, in `frame` [m]")

@@ -26,6 +26,7 @@ class ThermalSnap(BeamEffect, Starting):
     needs_beam = "how it bends at rest is"
     aliases = ("external_wrench",)
     strength = ("deflection",)
+    in_words = "{place} comes to rest bent, as by heat on one side"
     kind: Literal["thermal_snap"] = "thermal_snap"
     deflection: float = physical("m", default=0.0, description="of the tip at rest, along its z axis")
 

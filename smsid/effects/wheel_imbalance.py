@@ -28,6 +28,7 @@ class WheelImbalance(Effect):
     aliases = ()
     strength = ("static", "dynamic")
     polar = (("static", "dynamic"), "phase")
+    in_words = "{place} is out of balance"
     kind: Literal["wheel_imbalance"] = "wheel_imbalance"
     wheel: str = Field(description="wheel, or the joint that is the wheel")
     static: float = physical("kg m", default=0.0, lower=0.0, description="mass times distance from the axis")
