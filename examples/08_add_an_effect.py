@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import matplotlib
 import numpy as np
 
 from smsid.description import load_description
 from smsid.diagnose import Candidate
-from smsid.effects import Starting, physical, register
+from smsid.effects import JointEffect, Starting, physical, register
 from smsid.model import build_model
 from smsid.simulate import Inputs, simulate
 
@@ -28,26 +28,24 @@ URDF = Path(__file__).resolve().parent.parent / "urdf"
 
 
 @register
-class CableDrag(Starting):
+class CableDrag(JointEffect, Starting):
     """A cable that pulls a joint back to ``rest``, the more the further it is bent."""
 
-    summary: ClassVar[str] = "a cable across a joint"
-    family: ClassVar[str] = "friction"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction",)
-    strength: ClassVar[tuple[str, ...]] = ("pull",)
+    summary = "a cable across a joint"
+    family = "friction"
+    aliases = ("joint_friction",)
+    strength = ("pull",)
     kind: Literal["cable_drag"] = "cable_drag"
-    joint: str
     pull: float = physical("N m/rad^3", lower=0.0, default=0.0, description="torque per cube of the bend")
     rest: float = physical("rad", default=0.0, description="angle at which it does not pull")
 
     def attach(self, assembly):
-        joint = assembly.model.joints[assembly.joint_id(self.joint)]
+        joint, pull, rest = assembly.joint(self.joint), self.pull, self.rest
 
         def force(t, q, v, tau):
-            if self.active(t):
-                tau[joint.idx_v] -= self.pull * (q[joint.idx_q] - self.rest) ** 3
+            tau[joint.idx_v] -= pull * (q[joint.idx_q] - rest) ** 3
 
-        assembly.add_force(force, self.onset)
+        assembly.add_force(force)
 
     @classmethod
     def candidates(cls, model):

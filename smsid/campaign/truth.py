@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from smsid.campaign.case import Case
 from smsid.effects.appendage import Appendage
-from smsid.identify.appendages import described_modes
 from smsid.identify.momentum import Regression, carried_by_bus
 from smsid.identify.pipeline import Identification
 from smsid.model import SpacecraftModel, build_model
@@ -24,8 +23,9 @@ def true_values(case: Case, found: Identification) -> dict[str, float]:
     out = {"total.mass": truth.mass}
     for effect in case.truth.effect:
         out.update({p.name: p.value for p in effect.parameters()})
-        if isinstance(effect, Appendage):
-            out.update(_appendage(effect, case))
+        panel = effect.as_appendage()
+        if panel is not None:
+            out.update(_appendage(panel, case))
     if found.momentum is not None:
         floating = [e for e in case.experiments if e.force is None]
         if floating:
@@ -43,7 +43,7 @@ def _appendage(effect: Appendage, case: Case) -> dict[str, float]:
     heavy = effect.mass_parameter()
     if heavy.unit != "1" or effect == case.guess.get_effect(effect.name):  # a factor is relative to the guess
         out[heavy.name] = heavy.value
-    for k, mode in enumerate(described_modes(case.truth, effect), start=1):
+    for k, mode in enumerate(effect.described_modes(case.truth.effect), start=1):
         out[f"{effect.name}.mode{k}.frequency"] = mode.frequency
         out[f"{effect.name}.mode{k}.damping"] = mode.damping
     return out

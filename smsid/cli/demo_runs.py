@@ -163,7 +163,7 @@ def write_extended(
         text = Path(identified.folder, identified.urdf).read_text(encoding="utf-8")
         atomic_write(folder / "extended.urdf", text)
         known = {e.name for e in description.effect}
-        more = [e for e in found.extended.effect if e.name not in known and e.kind != "body_error"]
+        more = [e for e in found.extended.effect if e.name not in known and e.shifted_body is None]
         moved = identified.model_copy(update={"urdf": "extended.urdf", "folder": folder.resolve()})
         save_description(moved.with_effects(*more), folder / "extended.toml")
     finally:

@@ -2,11 +2,10 @@
 
 from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
-from smsid.effects.appendage_drift import FrequencyDrift
+from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
-    ForceTerm,
-    InertiaTerm,
     Starting,
     Vector3,
     Vector6,
@@ -17,6 +16,7 @@ from smsid.effects.base import (
 )
 from smsid.effects.base_tilt import BaseTilt
 from smsid.effects.beam_mode import BeamMode
+from smsid.effects.counterpart import Counterpart
 from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import ExternalWrench, GravityGradient
 from smsid.effects.extra_mode import ExtraMode
@@ -26,8 +26,9 @@ from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.grasped_body import GraspedBody
 from smsid.effects.joint_bias import JointOffset, TorqueOffset
 from smsid.effects.joint_cable import JointCable
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.mass_loss import MassLoss
-from smsid.effects.mode_error import ModeError
+from smsid.effects.mode_error import FrequencyDrift, ModeError
 from smsid.effects.motor import MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, Payload
 from smsid.effects.sensor_errors import (
@@ -49,11 +50,13 @@ from smsid.effects.wheel_imbalance import WheelImbalance
 __all__ = [
     "ActuatorDelay",
     "Appendage",
+    "AppendageEffect",
     "Backlash",
     "BaseTilt",
     "BeamAppendage",
     "BeamMode",
     "BodyError",
+    "Counterpart",
     "Effect",
     "ExternalWrench",
     "ExtraMode",
@@ -66,6 +69,7 @@ __all__ = [
     "GravityGradient",
     "InertiaTerm",
     "JointCable",
+    "JointEffect",
     "JointFriction",
     "JointOffset",
     "LeverArm",

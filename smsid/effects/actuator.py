@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Name, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
     from smsid.inputs.inputs import Inputs
     from smsid.inputs.signals import Signal
     from smsid.model.spacecraft import SpacecraftModel
@@ -25,7 +25,7 @@ THRUSTER = "thruster"
 class ActuatorEffect(Starting):
     """An effect between command and actuator, on one of the inputs."""
 
-    family: ClassVar[str] = "actuator"
+    family = "actuator"
 
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
@@ -53,39 +53,49 @@ class ActuatorEffect(Starting):
         assembly.joint_id(target)
 
     def _changed(
-        self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, int], Signal]
+        self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, np.ndarray], Signal]
     ) -> Inputs:
-        """Return inputs with ``change(signal, column)`` made of the actuator's own, from the onset on."""
-        field, column = locate(model, self.target(), self.name)
+        """Return inputs with ``change(signal, own)`` made of the actuator's signal, from the onset on.
+
+        ``own`` are the actuator's components of the signal, one row each (k, size).
+        """
+        field, columns = locate(model, self.target(), self.name)
         signal: Signal | None = getattr(inputs, field)
         if signal is None:
             return inputs
-        after = change(signal, column)
+        after = change(signal, np.eye(signal.size)[columns])
         if self.start is not None:
             from smsid.inputs.changed import Switched  # simulation needs effects, hence here
 
             after = Switched(signal, after, self.start)
         return replace(inputs, **{field: after})
 
+    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
+        """Return inputs with the actuator's force (3,) in bus axes, or torque (1,), mapped by a matrix."""
+        more = matrix - np.eye(len(matrix))
+        return self._changed(
+            inputs, model, lambda signal, own: signal.mapped(np.eye(signal.size) + own.T @ more @ own)
+        )
 
-def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, int]:
-    """Return which input drives an actuator, and its column there.
+
+def locate(model: SpacecraftModel, actuator: str, effect: str) -> tuple[str, slice]:
+    """Return which input drives an actuator, and its components there.
 
     Raises `DescriptionError` for a joint that no motor drives.
     """
-    if actuator == THRUSTER:
-        return "force", 0
-    thrusters = [t.name for t in model.description.thruster]
-    if actuator in thrusters:
-        return "thrusts", 3 * thrusters.index(actuator)
-    for field, names in (("joint_torque", model.arm_joints.names), ("wheel_torque", model.wheels.names)):
+    inputs = (
+        ("force", (THRUSTER,), 3),
+        ("thrusts", tuple(t.name for t in model.description.thruster), 3),
+        ("joint_torque", model.arm_joints.names, 1),
+        ("wheel_torque", model.wheels.names, 1),
+    )
+    for field, names, size in inputs:
         if actuator in names:
-            return field, names.index(actuator)
+            first = size * names.index(actuator)
+            return field, slice(first, first + size)
     raise DescriptionError(
         f"[[effect]] '{effect}': '{actuator}' is not an actuator.",
-        advice="Actuators: "
-        + ", ".join((THRUSTER, *thrusters, *model.arm_joints.names, *model.wheels.names))
-        + ".",
+        advice=f"Actuators: {', '.join(name for _, names, _ in inputs for name in names)}.",
         actuator=actuator,
     )
 
@@ -105,16 +115,6 @@ class ThrustEffect(ActuatorEffect):
         """Return that it does."""
         return True
 
-    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
-        """Return inputs with the force (3,) of the thruster mapped by a matrix (3, 3), bus axes."""
-
-        def change(signal: Signal, column: int) -> Signal:
-            whole = np.eye(signal.size)
-            whole[column : column + 3, column : column + 3] = matrix
-            return signal.mapped(whole)
-
-        return self._changed(inputs, model, change)
-
 
 @register
 class ThrusterGain(ThrustEffect):
@@ -123,14 +123,11 @@ class ThrusterGain(ThrustEffect):
     Of a single ``thruster`` the gain is one number.
     """
 
-    summary: ClassVar[str] = (
-        "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
-    )
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_misalignment", "body_error", "sensor_scale")
-    strength: ClassVar[tuple[str, ...]] = ("gain",)
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "gain": ("the thrust has grown", "the thrust has fallen")
-    }
+    summary = "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
+    aliases = ("thruster_misalignment", "body_error", "sensor_scale")
+    strength = ("gain",)
+    changes = {"gain": ("the thrust has grown", "the thrust has fallen")}
+    in_words = "the thrust is not what is commanded"
     kind: Literal["thruster_gain"] = "thruster_gain"
     gain: Vector3 | float = physical(
         "1",
@@ -165,9 +162,10 @@ class ThrusterMisalignment(ThrustEffect):
     Of a single thruster the part along its own direction does nothing: give ``angles`` a prior there.
     """
 
-    summary: ClassVar[str] = "thrust that points elsewhere than commanded"
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "external_wrench", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("angles",)
+    summary = "thrust that points elsewhere than commanded"
+    aliases = ("thruster_gain", "external_wrench", "sensor_misalignment")
+    strength = ("angles",)
+    in_words = "the thrust points elsewhere than commanded"
     kind: Literal["thruster_misalignment"] = "thruster_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -189,12 +187,11 @@ class TorqueGain(ActuatorEffect):
     -1: it does not turn; -2: the sign is reversed.
     """
 
-    summary: ClassVar[str] = "wrong torque constant of a motor"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "body_error")
-    strength: ClassVar[tuple[str, ...]] = ("error",)
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "error": ("its motor gives more torque", "its motor gives less torque")
-    }
+    summary = "wrong torque constant of a motor"
+    aliases = ("joint_friction", "body_error")
+    strength = ("error",)
+    changes = {"error": ("its motor gives more torque", "its motor gives less torque")}
+    in_words = "the torque of {place} is not what is commanded, by a factor"
     kind: Literal["torque_gain"] = "torque_gain"
     joint: str = Field(description="joint of an arm, or wheel")
     error: float = physical("1", default=0.0, description="relative error of the torque; -2: its sign")
@@ -205,22 +202,17 @@ class TorqueGain(ActuatorEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Scale the torque."""
-
-        def change(signal: Signal, column: int) -> Signal:
-            matrix = np.eye(signal.size)
-            matrix[column, column] += self.error
-            return signal.mapped(matrix)
-
-        return self._changed(inputs, model, change)
+        return self._mapped(inputs, model, np.array([[1.0 + self.error]]))
 
 
 @register
 class ActuatorDelay(ActuatorEffect):
     """What is commanded at t acts at ``t + delay``; before the first command nothing acts."""
 
-    summary: ClassVar[str] = "commands that act late"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "time_offset", "sensor_delay")
-    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    summary = "commands that act late"
+    aliases = ("joint_friction", "time_offset", "sensor_delay")
+    strength = ("delay",)
+    in_words = "{place} acts later than it is commanded"
     kind: Literal["actuator_delay"] = "actuator_delay"
     actuator: str = Field(
         default=THRUSTER, description="`thruster`, a single thruster, a joint of an arm, or a wheel"
@@ -238,12 +230,11 @@ class ActuatorDelay(ActuatorEffect):
         from smsid.inputs.changed import Delayed  # simulation needs effects, hence here
         from smsid.inputs.signals import Sum
 
-        def change(signal: Signal, column: int) -> Signal:
-            if self.actuator == THRUSTER:
+        def change(signal: Signal, own: np.ndarray) -> Signal:
+            if len(own) == signal.size:
                 return Delayed.of(signal, self.delay)
-            own = np.zeros((signal.size, signal.size))
-            last = column + (3 if signal is inputs.thrusts else 1)
-            own[column:last, column:last] = np.eye(last - column)
-            return Sum((signal.mapped(np.eye(signal.size) - own), Delayed.of(signal.mapped(own), self.delay)))
+            part = own.T @ own
+            late = Delayed.of(signal.mapped(part), self.delay)
+            return Sum((signal.mapped(np.eye(signal.size) - part), late))
 
         return self._changed(inputs, model, change)

@@ -1,53 +1,34 @@
-"""Flexible appendages: bending modes as joints, from beam data or from finite-element modal data.
-
-A mass-normalised mode with translational participation L_t (3,) and rotational participation L_r (3,) about
-the root is a screw: the point mass |L_t|^2 sits where L_r = r x L_t and slides along L_t. Reproduces (5),
-(7), (9) and (13): linear momentum and first moments exactly, the inertia to first order for bending of a
-straight beam.
-"""
+"""Flexible appendages: bending modes as joints, from beam data or from finite-element modal data."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.beam import Cantilever
-from smsid.effects.table import Table
+from smsid.effects.mode import Mode, mode_joints
+from smsid.effects.mode_error import ModeError
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
-
-
-class Mode(Table):
-    """One mass-normalised mode as a finite-element program delivers it.
-
-    ``frequency`` [Hz], ``damping`` ratio, ``translation`` L_t [kg^.5] and ``rotation`` L_r about the root
-    [kg^.5 m] in appendage axes, ``shape`` at the appendage's stations (stations, 3) [kg^-.5].
-    """
-
-    frequency: float = Field(gt=0.0, description="of the clamped mode [Hz]")
-    damping: float = Field(ge=0.0, description="damping ratio [1]")
-    translation: Vector3 = Field(description="L_t, translational participation, appendage axes [kg^.5]")
-    rotation: Vector3 = Field(description="L_r, rotational participation about the root [kg^.5 m]")
-    shape: tuple[Vector3, ...] = Field(
-        default=(), description="mass-normalised displacement at each station, appendage axes [kg^-.5]"
-    )
+WIDE = 10.0  # standard deviation of a density without a prior, relative to the described one
 
 
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
-    family: ClassVar[str] = "appendage"
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    family = "appendage"
+    by_batch = True
+    changes = {
         "frequency": ("it has stiffened", "it has softened"),
         "youngs_modulus": ("it has stiffened", "it has softened"),
         "damping": ("its bending is damped more", "its bending is damped less"),
@@ -83,10 +64,67 @@ class Appendage(Effect):
         """Return the stations in appendage axes, (stations, 3) [m]."""
         raise NotImplementedError
 
+    def plate(self) -> tuple[tuple[float, float, float], Callable[[np.ndarray], np.ndarray]] | None:
+        """Return length, width, thickness [m] of the plate that it is, and how the modes deflect it.
+
+        The plate lies along x with z across it; at distances x (S,) [m] from the root a unit of the modes'
+        coordinates moves it along z by (S, modes) [kg^-.5]. ``None``: that is known at the stations alone.
+        """
+        return None
+
+    def identified_as(self, modal: ModalAppendage, effects: Sequence[Effect]) -> Sequence[Effect]:
+        """Return it among effects with the modes and the mass that modal data of it have."""
+        return (modal,)
+
+    def as_appendage(self) -> Appendage:
+        """Return itself."""
+        return self
+
+    def described_modes(self, effects: Sequence[Effect]) -> tuple[Mode, ...]:
+        """Return its modes with what `mode_error` effects among others correct.
+
+        Springs and dampers of several errors of one mode add up, as in the simulation. Raises
+        `DescriptionError` for an error of a mode that it does not have.
+        """
+        plain = self.modal_data()
+        modes = list(plain)
+        springs, dampers = [1.0] * len(modes), [m.damping for m in modes]  # in those of its own frequency
+        for error in effects:
+            if not isinstance(error, ModeError) or error.appendage != self.name:
+                continue
+            if error.mode > len(modes):
+                raise DescriptionError(
+                    f"'{self.name}' has {len(modes)} modes of its own, not {error.mode}.",
+                    advice="What a further mode is off by is its own `frequency` and `damping`.",
+                    effect=error.name,
+                )
+            k, grown = error.mode - 1, 1.0 + error.frequency
+            springs[k] += grown**2 - 1.0
+            dampers[k] += (plain[k].damping + error.damping) * grown - plain[k].damping
+            share = float(np.sqrt(max(springs[k], 0.0)))
+            update = {"frequency": plain[k].frequency * share, "damping": max(dampers[k] / share, 0.0)}
+            modes[k] = plain[k].model_copy(update=update)
+        return tuple(modes)
+
+    def as_modal(self, factor: float = 1.0, modes: Sequence[Mode] | None = None) -> ModalAppendage:
+        """Return it as modal data, ``factor`` times as dense; ``modes`` stand for its own, at its density."""
+        rigid = factor * self.rigid_inertia().toDynamicParameters()
+        return ModalAppendage(
+            name=self.name,
+            frame=self.frame,
+            position=self.position,
+            rpy=self.rpy,
+            mass=float(rigid[0]),
+            center_of_mass=tuple((rigid[1:4] / rigid[0]).tolist()),
+            inertia=tuple(rigid[4:].tolist()),
+            mode=tuple(m.heavier(factor) for m in (self.modal_data() if modes is None else modes)),
+            stations=tuple(tuple(float(x) for x in p) for p in self.station_positions()),
+        )
+
     def attach(self, assembly: Assembly) -> None:
         """Add a joint per mode, and the rigid remainder to the body that carries the appendage."""
         rigid, modes, root = self.rigid_inertia(), self.modal_data(), self.placement
-        parts, remainder = _mode_joints(modes, tuple(rigid.toDynamicParameters().tolist()))
+        parts, remainder = mode_joints(modes, tuple(rigid.toDynamicParameters().tolist()))
         joints, scales = [], []
         for k, (mode, part) in enumerate(zip(modes, parts, strict=True), start=1):
             joint_model, inertia, placement, scale = part
@@ -102,63 +140,6 @@ class Appendage(Effect):
         assembly.note_appendage(self, joints, scales)
 
 
-ModeJoint = tuple[pin.JointModel, pin.Inertia, pin.SE3, float]
-
-
-@lru_cache(maxsize=64)
-def _mode_joints(
-    modes: tuple[Mode, ...], parameters: tuple[float, ...]
-) -> tuple[tuple[ModeJoint, ...], np.ndarray]:
-    """Return what `mode_joint` gives for every mode, and the parameters (10,) of the rigid remainder."""
-    remainder = np.array(parameters)
-    rigid = pin.Inertia.FromDynamicParameters(remainder)
-    parts = tuple(mode_joint(mode, rigid) for mode in modes)
-    for _, inertia, placement, _ in parts:
-        remainder = remainder - placement.act(inertia).toDynamicParameters()
-    remainder.setflags(write=False)
-    return parts, remainder
-
-
-def mode_joint(mode: Mode, rigid: pin.Inertia) -> ModeJoint:
-    """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``.
-
-    Raises `DescriptionError` for a mode that moves nothing.
-    """
-    lt, lr = np.asarray(mode.translation), np.asarray(mode.rotation)
-    size = np.linalg.norm(lt)
-    lever = rigid.inertia.trace() ** 0.5 / rigid.mass**0.5
-    if size * lever < 1e-9 * np.linalg.norm(lr) or size == 0.0:
-        moment = np.linalg.norm(lr)
-        if moment == 0.0:
-            raise DescriptionError(
-                "A mode without translational and rotational participation moves nothing.",
-                advice="Remove the mode, or give its participation factors.",
-            )
-        axis = lr / moment
-        inertia = pin.Inertia(0.0, np.zeros(3), moment**2 * np.outer(axis, axis))
-        return pin.JointModelRevoluteUnaligned(axis), inertia, pin.SE3.Identity(), float(moment)
-    n = lt / size
-    placement = pin.SE3(np.eye(3), np.cross(lt, lr) / size**2)
-    twist = float(lr @ n)
-    if abs(twist) <= 1e-9 * size * lever:
-        inertia = pin.Inertia(float(size**2), np.zeros(3), np.zeros((3, 3)))
-        return pin.JointModelPrismaticUnaligned(n), inertia, placement, float(size)
-    # share the modal energy between translation and twist in the ratio of the effective mass fractions
-    about = rigid.inertia + rigid.mass * _point(rigid.lever - placement.translation)
-    translation_share = size**2 / rigid.mass
-    twist_share = twist**2 / float(n @ about @ n)
-    w = translation_share / (translation_share + twist_share)
-    mass, spin = size**2 / w, twist**2 / (1.0 - w)
-    s_rate, angle_rate = w / size, (1.0 - w) / twist  # per unit delta rate
-    inertia = pin.Inertia(float(mass), np.zeros(3), spin * np.outer(n, n))
-    joint = pin.JointModelHelicalUnaligned(n, float(s_rate / angle_rate))
-    return joint, inertia, placement, float(1.0 / angle_rate)
-
-
-def _point(r: np.ndarray) -> np.ndarray:
-    return (r @ r) * np.eye(3) - np.outer(r, r)
-
-
 @register
 class BeamAppendage(Appendage):
     """A rectangular plate bending as a cantilever: along its x axis, deflecting along its z axis.
@@ -166,8 +147,9 @@ class BeamAppendage(Appendage):
     ``stations`` are distances from the clamp where sensors sit [m].
     """
 
-    summary: ClassVar[str] = "flexible panel: Euler-Bernoulli cantilever plate"
-    geometry: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
+    summary = "flexible panel: Euler-Bernoulli cantilever plate"
+    geometry = ("length", "width", "thickness")
+    in_words = "{place} bends otherwise than described"
     kind: Literal["beam_appendage"] = "beam_appendage"
     length: float = physical("m", lower=0.0, gt=0.0, description="along x, from the clamp")
     width: float = physical("m", lower=0.0, gt=0.0, description="along y")
@@ -206,6 +188,70 @@ class BeamAppendage(Appendage):
     def cantilever(self) -> Cantilever:
         """The beam's dimensionless modes."""
         return Cantilever.with_modes(self.length, self.modes)
+
+    def estimated_as(self, effects: Sequence[Effect]) -> Effect:
+        """Return its modes, frequency and damping of each, and its density: a panel is not quite a beam.
+
+        What corrects single modes goes into them. One that another effect needs as a beam stays a beam.
+        """
+        if self._needed(effects):
+            return self
+        panel = self.as_modal(modes=self.described_modes(effects))
+        numbered = [(f"mode{k}", mode) for k, mode in enumerate(panel.mode, start=1)]
+        factor = self.prior["density"] / self.density if "density" in self.prior else WIDE
+        prior = {"participation_factor": factor}
+        if "youngs_modulus" in self.prior:
+            relative = 0.5 * float(np.hypot(self.prior["youngs_modulus"] / self.youngs_modulus, factor))
+            prior |= {f"{k}.frequency": relative * mode.frequency for k, mode in numbered}
+        if "damping" in self.prior:
+            prior |= {f"{k}.damping": self.prior["damping"] for k, _ in numbered}
+        known = ["mass", *(f"{k}.{x}" for k, _ in numbered for x in ("translation", "rotation"))]
+        known += ["participation_factor"] if "density" in self.known else []
+        known += [f"{k}.frequency" for k, _ in numbered] if "youngs_modulus" in self.known else []
+        known += [f"{k}.damping" for k, _ in numbered] if "damping" in self.known else []
+        known = ["all"] if "all" in self.known else known
+        own = {**dict(panel), "prior": prior, "known": tuple(known), "linear_density": self.linear_density}
+        return BeamModes.model_construct(**own)
+
+    def identified_as(self, modal: ModalAppendage, effects: Sequence[Effect]) -> Sequence[Effect]:
+        """Return it as a beam where another effect needs one, else as modal data."""
+        return self.bent_as(modal) if self._needed(effects) else (modal,)
+
+    def _needed(self, effects: Sequence[Effect]) -> bool:
+        return any(e.needs_beam and e.part_of() == self.name for e in effects)
+
+    def bent_as(self, identified: Appendage) -> list[Effect]:
+        """Return a beam that bends as an identified appendage does: the beam, and the errors of its modes.
+
+        It has the identified density, Young's modulus from the first mode's frequency and that mode's
+        damping; what the other modes are off by then are `mode_error` effects.
+        """
+        modes = identified.modal_data()
+        factor = identified.rigid_inertia().mass / self.mass
+        stiffer = factor * (modes[0].frequency / self.modal_data()[0].frequency) ** 2
+        own = self.model_copy(
+            update={
+                "density": self.density * factor,
+                "youngs_modulus": self.youngs_modulus * stiffer,
+                "damping": modes[0].damping,
+            }
+        )
+        out: list[Effect] = [own]
+        for k, (mode, plain) in enumerate(zip(modes, own.modal_data(), strict=True), start=1):
+            off = mode.frequency / plain.frequency - 1.0, mode.damping - plain.damping
+            if k > 1 and any(off):
+                name = re.sub(
+                    r"\W+", "_", f"mode_error_{self.name}_{k}"
+                )  # that of a diagnosis, which goes on
+                out.append(
+                    ModeError(name=name, appendage=self.name, mode=k, frequency=off[0], damping=off[1])
+                )
+        return out
+
+    def plate(self) -> tuple[tuple[float, float, float], Callable[[np.ndarray], np.ndarray]]:
+        """Return the plate and the cantilever's shapes."""
+        beam, share = self.cantilever, self.mass**-0.5
+        return (self.length, self.width, self.thickness), lambda x: beam.shape(x) * share
 
     def modal_data(self) -> tuple[Mode, ...]:
         """Return the bending modes of the cantilever, mass-normalised."""
@@ -252,9 +298,10 @@ class ModalAppendage(Appendage):
     axes; ``stations`` are sensor positions in appendage axes [m], at which every mode gives its shape.
     """
 
-    summary: ClassVar[str] = "flexible appendage from finite-element modal data"
+    summary = "flexible appendage from finite-element modal data"
+    in_words = "{place} bends otherwise than described"
     kind: Literal["modal_appendage"] = "modal_appendage"
-    geometry: ClassVar[tuple[str, ...]] = ("mass", "participation_factor")
+    geometry = ("mass", "participation_factor")
     mass: float = physical("kg", lower=0.0, gt=0.0, description="of the whole appendage, as a rigid body")
     participation_factor: float = physical(
         "1", lower=0.0, gt=0.0, default=1.0, description="modal masses over those of the modes given"
@@ -282,24 +329,12 @@ class ModalAppendage(Appendage):
         """Return the modes, their participation and shapes as `participation_factor` has them."""
         if self.participation_factor == 1.0:
             return self.mode
-        root = float(np.sqrt(self.participation_factor))
-        return tuple(
-            mode.model_copy(
-                update={
-                    "translation": tuple(root * x for x in mode.translation),
-                    "rotation": tuple(root * x for x in mode.rotation),
-                    "shape": tuple(tuple(x / root for x in s) for s in mode.shape),
-                }
-            )
-            for mode in self.mode
-        )
+        return tuple(mode.heavier(self.participation_factor) for mode in self.mode)
 
     def rigid_inertia(self) -> pin.Inertia:
         """Return the rigid inertia (about its CM, lever from the root)."""
-        xx, xy, yy, xz, yz, zz = self.inertia
-        about_root = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        lever = np.asarray(self.center_of_mass)
-        return pin.Inertia(self.mass, lever, about_root - self.mass * _point(lever))
+        first = self.mass * np.asarray(self.center_of_mass)
+        return pin.Inertia.FromDynamicParameters(np.array([self.mass, *first, *self.inertia]))
 
     def station_positions(self) -> np.ndarray:
         """Return the stations in appendage axes, (stations, 3) [m]."""
@@ -343,3 +378,22 @@ class ModalAppendage(Appendage):
             else:
                 update[field] = float(value)
         return cast(ModalAppendage, self._replaced({**update, "mode": modes}))
+
+
+class BeamModes(ModalAppendage):
+    """A beam by its modes, whose participation factor is its density: the whole panel is heavier with it."""
+
+    linear_density: float
+
+    def rigid_inertia(self) -> pin.Inertia:
+        """Return the rigid inertia (about its CM, lever from the root) at the density there is."""
+        rigid, factor = super().rigid_inertia(), self.participation_factor
+        return pin.Inertia(factor * rigid.mass, rigid.lever, factor * rigid.inertia)
+
+    def described_as(self) -> ModalAppendage:
+        """Return modal data that say the same without a factor."""
+        return self.as_modal().model_copy(update={"known": self.known})
+
+    def reported_as(self) -> dict[str, tuple[str, float]]:
+        """Return the linear density [kg/m] as described, for the factor."""
+        return {f"{self.name}.participation_factor": (f"{self.name}.linear_density", self.linear_density)}

@@ -3,22 +3,57 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.base import Depends, ForceTerm, InertiaTerm, Twist
 from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.appendage import Appendage
+    from smsid.effects.base import Effect
     from smsid.effects.slosh import Slosh
 
 CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
+
+
+Depends = tuple[Sequence[int], Sequence[int]]
+"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
+
+ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
+"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
+
+tau holds the applied forces and what terms before it added."""
+
+InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Inertia that no body of the model has: called with (t, q, v), returns what it adds to the mass matrix
+(nv, nv) and to the nonlinear effects (nv,) (Coriolis, centrifugal, weight)."""
+
+
+@dataclass(frozen=True)
+class Twist:
+    """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
+
+    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
+    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
+    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
+    on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
+    """
+
+    gear: Effect
+    angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
+    inertia: float
+    turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
+        default=None, compare=False
+    )
+    read: bool = True
+
+
+Term = TypeVar("Term", ForceTerm, InertiaTerm)
 
 
 @dataclass(frozen=True)
@@ -68,15 +103,17 @@ class AppendageJoints:
 
 
 @dataclass(frozen=True, eq=False)
-class Dependent:
-    """A force with the coordinates it depends on."""
+class AttachedForce:
+    """A force with the coordinates it depends on (``None``: all), which does not act before ``start`` [s]."""
 
     term: ForceTerm
-    depends: Depends
+    depends: Depends | None
+    start: float
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
         """Add it to tau (nv,)."""
-        self.term(t, q, v, tau)
+        if t >= self.start:
+            self.term(t, q, v, tau)
 
 
 @dataclass
@@ -91,7 +128,7 @@ class Assembly:
     forces: list[ForceTerm] = field(default_factory=list)
     loads: list[ForceTerm] = field(default_factory=list)  # called first: tau is the applied force alone
     inertias: list[InertiaTerm] = field(default_factory=list)
-    owner: str = ""  # effect that is being attached
+    owner: Effect | None = None  # effect that is being attached
     owned: list[tuple[str, ForceTerm | InertiaTerm]] = field(
         default_factory=list
     )  # loads, forces, inertias by effect
@@ -123,6 +160,10 @@ class Assembly:
                 joint=name,
             )
         return self.model.getJointId(name)
+
+    def joint(self, name: str) -> pin.JointModel:
+        """Return a joint, with its places ``idx_q`` in q and ``idx_v`` in v; raises `DescriptionError`."""
+        return self.model.joints[self.joint_id(name)]
 
     def add_joint(self, frame: str | None, joint: pin.JointModel, placement: pin.SE3, name: str) -> int:
         """Add a joint, and a frame of its name, at a placement in a named frame; returns its index.
@@ -198,40 +239,38 @@ class Assembly:
         for axis, (k, d) in enumerate(zip(stiffness, damping, strict=True)):
             self.springs.append((joint, axis, float(k), float(d)))
 
-    def add_force(
-        self, term: ForceTerm, breakpoints: Sequence[float] = (), depends: Depends | None = None
-    ) -> None:
-        """Add a nonlinear generalised force, with the times at which it jumps [s].
+    def attach(self, effect: Effect) -> None:
+        """Let an effect add what it adds; its forces act from its `Effect.onset` on."""
+        self.owner = effect
+        effect.attach(self)
 
-        A force that says what it depends on is linearised faster.
-        """
-        term = term if depends is None else Dependent(term, depends)
-        self.forces.append(term)
-        self.owned.append((self.owner, term))
-        self.breakpoints += breakpoints
+    def add_force(self, term: ForceTerm, depends: Depends | None = None) -> None:
+        """Add a nonlinear generalised force; one that says what it depends on is linearised faster."""
+        self.forces.append(self._noted(self._attached(term, depends)))
 
-    def add_load_force(
-        self,
-        term: ForceTerm,
-        breakpoints: Sequence[float] = (),
-        depends: Depends | None = None,
-        *,
-        first: bool = False,
-    ) -> None:
+    def add_load_force(self, term: ForceTerm, depends: Depends | None = None, *, first: bool = False) -> None:
         """Add a generalised force that depends on the applied ones: it finds these in tau.
 
         ``first`` puts it before others, as one that hands the applied forces on.
         """
-        term = term if depends is None else Dependent(term, depends)
-        self.loads.insert(0 if first else len(self.loads), term)
-        self.owned.append((self.owner, term))
-        self.breakpoints += breakpoints
+        self.loads.insert(0 if first else len(self.loads), self._noted(self._attached(term, depends)))
 
-    def add_inertia_term(self, term: InertiaTerm, breakpoints: Sequence[float] = ()) -> None:
+    def add_inertia_term(self, term: InertiaTerm) -> None:
         """Add inertia that no body of the model can have: varying in time, or not of a rigid body."""
-        self.inertias.append(term)
-        self.owned.append((self.owner, term))
-        self.breakpoints += breakpoints
+        self.inertias.append(self._noted(term))
+
+    def _attached(self, term: ForceTerm, depends: Depends | None) -> ForceTerm:
+        start = None if self.owner is None else self.owner.onset
+        if start is None and depends is None:
+            return term
+        return AttachedForce(term, depends, -np.inf if start is None else start)
+
+    def _noted(self, term: Term) -> Term:
+        """Remember whose a term is, and the time at which it begins."""
+        if self.owner is not None:
+            self.owned.append((self.owner.name, term))
+            self.breakpoints += [] if self.owner.onset is None else [self.owner.onset]
+        return term
 
     def note_slosh(self, tank: Slosh, joint: int) -> None:
         """Remember which joint is a tank's slosh mass."""

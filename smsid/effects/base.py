@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from smsid.effects.counterpart import Counterpart
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
+    from smsid.effects.appendage import Appendage
     from smsid.effects.assembly import Assembly
     from smsid.inputs.inputs import Inputs
     from smsid.model.spacecraft import SpacecraftModel
@@ -49,32 +50,30 @@ class Effect(Table):
     - `drive` changes what the plant gets of what is commanded,
     - `adjust` changes a sensor: where it sits, and its errors.
 
-    ``family`` groups effects that are alike, ``aliases`` are kinds that some experiments cannot tell from
-    this one, ``strength`` names the fields that are zero when the effect is not there: with these at zero it
-    changes nothing at all. ``point_mass`` are the fields of a mass (or what it grows by) and of its place,
-    for an effect that is no more than that. ``polar`` names fields of amplitudes and the field of the angle
-    [rad] that they share: a fit takes an amplitude and the angle as two components, either of any sign.
-
     ``prior`` gives standard deviations by parameter name (without the effect's own name), ``known`` the names
-    of those that are not to be estimated (``["all"]``: none of it is).
-
-    Identification estimates what `unknowns` returns. ``geometry`` names fields that are taken as known unless
-    a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
-    why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
-    these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
-    value is larger, and when it is smaller, than before.
+    of those that are not to be estimated (``["all"]``: none of it is). Identification estimates what
+    `unknowns` returns.
     """
 
-    summary: ClassVar[str] = ""
-    family: ClassVar[str] = "other"
-    aliases: ClassVar[tuple[str, ...]] = ()
+    summary: ClassVar[str] = ""  # for the reference
+    in_words: ClassVar[str] = "{place} has an effect that the description lacks ({kind})"  # of a diagnosis
+    family: ClassVar[str] = "other"  # groups effects that are alike
+    aliases: ClassVar[tuple[str, ...]] = ()  # kinds that some experiments cannot tell from it
+    # fields that are zero when it is not there: with these at zero it changes nothing at all
     strength: ClassVar[tuple[str, ...]] = ()
+    # fields of a mass (or what it grows by) and of its place, of an effect that is no more than that
     point_mass: ClassVar[tuple[str, str] | None] = None
+    # fields of amplitudes, and of the angle [rad] they share: a fit takes one and the angle as two components
     polar: ClassVar[tuple[tuple[str, ...], str] | None] = None
-    geometry: ClassVar[tuple[str, ...]] = ()
-    not_estimated: ClassVar[Mapping[str, str]] = {}
+    geometry: ClassVar[tuple[str, ...]] = ()  # fields taken as known unless a prior is given for them
+    not_estimated: ClassVar[Mapping[str, str]] = {}  # fields the likelihood has no derivative by, and why
+    # field of the body whose inertial parameters are all that it changes: where these are estimated, its own
+    # are only with a prior
     shifted_body: ClassVar[str | None] = None
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    changes: ClassVar[Mapping[str, tuple[str, str]]] = {}  # what a larger, a smaller value of a field means
+    needs_beam: ClassVar[str] = ""  # what it takes of a `beam_appendage`; the panel is identified as a beam
+    in_modes: ClassVar[bool] = False  # whether `Appendage.described_modes` holds all that it does
+    by_batch: ClassVar[bool] = False  # whether the batch likelihood knows all its parameters
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -223,6 +222,11 @@ class Effect(Table):
             update[entry] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
         return self._replaced(update)
 
+    @property
+    def onset(self) -> float | None:
+        """The time before which its forces do not act [s]; ``None``: it is there always."""
+        return None
+
     def attach(self, assembly: Assembly) -> None:
         """Add the effect to the model being assembled."""
 
@@ -233,6 +237,47 @@ class Effect(Table):
     def adjust(self, sensor: Sensor) -> Sensor:
         """Return what the effect makes of a sensor."""
         return sensor
+
+    def urdf_dynamics(self) -> Mapping[str, tuple[float, float]]:
+        """Return viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] by joint that always act.
+
+        It is what a URDF can say in ``<dynamics>``, and it stands instead of what the URDF says of the joint.
+        """
+        return {}
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart | str:
+        """Return what other simulators have of its forces, or why there is nothing: exporters then refuse it.
+
+        ``limits``: largest rates [rad/s | m/s] by joint, not finite where there is none.
+        """
+        return "its forces follow a law of their own"
+
+    def part_of(self) -> str | None:
+        """Return the name of the effect before it that it says more of, if there is one."""
+        return None
+
+    def estimated_as(self, effects: Sequence[Effect]) -> Effect | None:
+        """Return it in the parameters that a likelihood takes, among the effects of its description.
+
+        ``None``: another of them takes it in.
+        """
+        return self
+
+    def described_as(self) -> Effect:
+        """Return it as a description has it, where it is what `estimated_as` made."""
+        return self
+
+    def reported_as(self) -> Mapping[str, tuple[str, float]]:
+        """Return name and size of the physical parameter that another, by name, is a factor on."""
+        return {}
+
+    def moved_with(self, old: Effect, new: Effect) -> Effect:
+        """Return it as it is said of the effect it is part of, where that has changed from old to new."""
+        return self
+
+    def as_appendage(self) -> Appendage | None:
+        """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""
+        return None
 
     def propellant_at(self) -> tuple[str | None, np.ndarray] | None:
         """Return frame and place (3,) [m] of propellant that it stands for, or ``None``."""
@@ -254,14 +299,10 @@ class Starting(Effect):
         default=None, description="time from which it acts [s]; always when not given"
     )
 
-    def active(self, t: float) -> bool:
-        """Whether it acts at t [s]."""
-        return self.start is None or t >= self.start
-
     @property
-    def onset(self) -> tuple[float, ...]:
-        """The time at which it begins, if it does."""
-        return () if self.start is None else (self.start,)
+    def onset(self) -> float | None:
+        """The time at which it begins [s], if it does."""
+        return self.start
 
 
 E = TypeVar("E", bound=type[Effect])
@@ -349,35 +390,3 @@ def _flatten(value: Any) -> list[tuple[str, float]]:
     if isinstance(value, tuple):
         return [(f".{axis}", float(x)) for axis, x in zip(AXES[len(value)], value, strict=True)]
     return [("", float(np.float64(value)))]
-
-
-@dataclass(frozen=True)
-class Twist:
-    """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
-
-    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
-    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
-    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
-    on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
-    """
-
-    gear: Effect
-    angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
-    inertia: float
-    turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
-        default=None, compare=False
-    )
-    read: bool = True
-
-
-Depends = tuple[Sequence[int], Sequence[int]]
-"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
-
-ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
-"""Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
-
-tau holds the applied forces and what terms before it added."""
-
-InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Inertia that no body of the model has: called with (t, q, v), returns what it adds to the mass matrix
-(nv, nv) and to the nonlinear effects (nv,) (Coriolis, centrifugal, weight)."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -21,12 +18,13 @@ class BaseTilt(Effect):
     ``|g| (cos(a) g/|g| + sin(a)/a (x e1 + y e2))``, ``a = hypot(x, y)``. It concerns a welded base.
     """
 
-    summary: ClassVar[str] = "the base of a welded arm is not level: gravity leans in its axes"
-    family: ClassVar[str] = "external"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "torque_offset")
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    summary = "the base of a welded arm is not level: gravity leans in its axes"
+    family = "external"
+    aliases = ("body_error", "torque_offset")
+    not_estimated = dict.fromkeys(
         ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
     )
+    in_words = "the base under {place} is not level"
     kind: Literal["base_tilt"] = "base_tilt"
     x: float = physical(
         "rad", lower=-1.6, upper=1.6, default=0.0, description="by which gravity leans to the base's x axis"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from smsid.effects.appendage import BeamAppendage, Mode, mode_joint
-from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.appendage import BeamAppendage
+from smsid.effects.appendage_effect import BeamEffect
+from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.mode import Mode, mode_joint
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import AppendageJoints, Assembly
 
 
 @register
-class BeamMode(Effect):
+class BeamMode(BeamEffect):
     """Mode ``mode`` of a `beam_appendage` that has fewer: ``factor`` 1 is that of the uniform beam.
 
     With factor f its participation factors and its shape at the stations are sqrt(f) times the beam's, its
@@ -25,12 +24,12 @@ class BeamMode(Effect):
     nothing else given this is the beam with one mode more.
     """
 
-    summary: ClassVar[str] = "a higher bending mode of a beam appendage, which its stations see"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("extra_mode", "slosh", "frequency_drift")
-    strength: ClassVar[tuple[str, ...]] = ("factor",)
+    summary = "a higher bending mode of a beam appendage, which its stations see"
+    needs_beam = "its higher modes are"
+    aliases = ("extra_mode", "slosh", "frequency_drift")
+    strength = ("factor",)
+    in_words = "{place} has a mode that the description lacks"
     kind: Literal["beam_mode"] = "beam_mode"
-    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     mode: int = Field(ge=2, le=20, description="number of the mode, from 1; more than the beam has")
     factor: float = physical(
         "1", lower=0.0, default=1.0, description="modal mass over that of the uniform beam's mode"
@@ -42,22 +41,23 @@ class BeamMode(Effect):
         "1", default=None, lower=0.0, description="damping ratio; that of the beam when not given"
     )
 
+    def moved_with(self, old: Effect, new: Effect) -> BeamMode:
+        """Return it with the frequency and damping it had: they are relative to the beam's."""
+        plain, moved = (b.model_copy(update={"modes": self.mode}).modal_data()[-1] for b in (old, new))
+        frequency = (1.0 + self.frequency) * plain.frequency / moved.frequency - 1.0
+        damping = plain.damping if self.damping is None else self.damping
+        return self.model_copy(update={"frequency": frequency, "damping": damping})
+
     def attach(self, assembly: Assembly) -> None:
         """Add the mode's joint and take its mass from the rigid rest.
 
         Raises `DescriptionError` unless the appendage is a beam that has not got the mode.
         """
-        panel = attached_appendage(assembly, self.appendage)
-        mode = missing_mode(panel, self.mode)
+        panel, beam = self.beam(assembly)
+        mode = self._missing(panel, beam)
         if self.factor == 0.0:
             return
-        beam, share = panel.appendage, float(np.sqrt(self.factor))
-        own = mode.model_copy(
-            update={
-                "translation": tuple(share * x for x in mode.translation),
-                "rotation": tuple(share * x for x in mode.rotation),
-            }
-        )
+        own = mode.heavier(self.factor)
         joint_model, inertia, placement, scale = mode_joint(own, beam.rigid_inertia())
         root = beam.placement
         joint = assembly.add_joint(beam.frame, joint_model, root * placement, self.name)
@@ -66,25 +66,15 @@ class BeamMode(Effect):
         damping = mode.damping if self.damping is None else self.damping
         assembly.add_springs(joint, (scale**2 * omega**2,), (2 * damping * omega * scale**2,))
         assembly.add_remainder(beam.frame, -placement.act(inertia).toDynamicParameters(), root)
+        share = float(np.sqrt(self.factor))
         seen = tuple(tuple(share * scale * x for x in station) for station in mode.shape)
         assembly.appendages[assembly.appendages.index(panel)] = panel.with_mode(self.mode, joint, seen)
 
-
-def missing_mode(panel: AppendageJoints, number: int) -> Mode:
-    """Return a mode that a beam does not have, by number from 1.
-
-    Raises `DescriptionError` for an appendage that is no beam, and for a mode that it has.
-    """
-    beam = panel.appendage
-    if not isinstance(beam, BeamAppendage):
-        raise DescriptionError(
-            f"'{beam.name}' is no beam_appendage, so its higher modes are not known.",
-            advice="Use `extra_mode`, or describe the appendage as a beam.",
-        )
-    if number <= beam.modes or number in {m.number for m in panel.more}:
-        raise DescriptionError(
-            f"'{beam.name}' has mode {number} already.",
-            advice=f"It has {beam.modes} of its own; this effect adds a higher one, once.",
-            mode=number,
-        )
-    return beam.model_copy(update={"modes": number}).modal_data()[-1]
+    def _missing(self, panel: AppendageJoints, beam: BeamAppendage) -> Mode:
+        if self.mode <= beam.modes or self.mode in {m.number for m in panel.more}:
+            raise DescriptionError(
+                f"'{beam.name}' has mode {self.mode} already.",
+                advice=f"It has {beam.modes} of its own; this effect adds a higher one, once.",
+                mode=self.mode,
+            )
+        return beam.model_copy(update={"modes": self.mode}).modal_data()[-1]

@@ -17,25 +17,22 @@ it, as Spong does; in a direct drive c is 1.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.base import Effect, Twist, physical, register
+from smsid.effects.assembly import Assembly, Twist
+from smsid.effects.base import physical, register
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
 
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
-
-class ElasticGear(Effect):
+class ElasticGear(JointEffect):
     """What compliance and backlash share."""
 
-    family: ClassVar[str] = "drivetrain"
-    joint: str = Field(description="joint of the model that the motor drives")
     motor_inertia: float = physical(
         "kg m^2", lower=0.0, default=0.0, description="of the rotor at the joint: ratio squared times its own"
     )
@@ -55,10 +52,6 @@ class ElasticGear(Effect):
     quasistatic: bool = Field(
         default=False, description="whether the twist follows the torque at once, without a joint of its own"
     )
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
@@ -104,7 +97,7 @@ class ElasticGear(Effect):
         assembly.add_inertia_term(
             self._rotor(assembly, number, gear) if self.carried else ConstantInertia(coupling)
         )
-        assembly.add_load_force(motor, (), ((), ()), first=True)
+        assembly.add_load_force(motor, ((), ()), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint
@@ -119,9 +112,10 @@ class ElasticGear(Effect):
 class GearCompliance(ElasticGear):
     """A spring and damper between motor and link; at zero compliance the gear is rigid."""
 
-    summary: ClassVar[str] = "elastic gear of a joint"
-    aliases: ClassVar[tuple[str, ...]] = ("backlash", "motor_inertia", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("compliance", "motor_inertia")
+    summary = "elastic gear of a joint"
+    aliases = ("backlash", "motor_inertia", "actuator_delay")
+    strength = ("compliance", "motor_inertia")
+    in_words = "the gear of {place} is elastic"
     kind: Literal["gear_compliance"] = "gear_compliance"
     compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
     damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
@@ -148,9 +142,10 @@ class Backlash(ElasticGear):
     ``gap`` is the whole play. At zero gap the gear is rigid.
     """
 
-    summary: ClassVar[str] = "play in the gear of a joint"
-    aliases: ClassVar[tuple[str, ...]] = ("gear_compliance", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("gap", "motor_inertia")
+    summary = "play in the gear of a joint"
+    aliases = ("gear_compliance", "joint_friction")
+    strength = ("gap", "motor_inertia")
+    in_words = "the gear of {place} has play"
     kind: Literal["backlash"] = "backlash"
     gap: float = physical("rad", lower=0.0, default=0.0, description="play, from one side to the other")
     contact_stiffness: float = physical(
@@ -191,4 +186,4 @@ class Backlash(ElasticGear):
             if depth > 0.0:
                 tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
 
-        assembly.add_force(teeth, (), ((index,), (index,)))
+        assembly.add_force(teeth, ((index,), (index,)))

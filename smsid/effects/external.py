@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.base import Depends, Effect, Starting, Vector3, physical, register
+from smsid.effects.assembly import Assembly, Depends
+from smsid.effects.base import Effect, Starting, Vector3, physical, register
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
-
 
 TWISTED = np.zeros((9, 3))  # the vector of a matrix's antisymmetric part: yz - zy, zx - xz, xy - yx
 TWISTED[[5, 6, 1], [0, 1, 2]], TWISTED[[7, 2, 3], [0, 1, 2]] = 1.0, -1.0
@@ -32,10 +29,11 @@ class ExternalWrench(Starting):
     The force acts at ``point`` of the bus; force and torque are constant in body or in inertial axes.
     """
 
-    summary: ClassVar[str] = "constant force and torque on the bus, fixed to the bus or in inertial axes"
-    family: ClassVar[str] = "external"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias", "gravity_gradient")
-    strength: ClassVar[tuple[str, ...]] = ("force", "torque")
+    summary = "constant force and torque on the bus, fixed to the bus or in inertial axes"
+    family = "external"
+    aliases = ("sensor_bias", "gravity_gradient")
+    strength = ("force", "torque")
+    in_words = "something outside pushes or turns {place}: a {shape}"
     kind: Literal["external_wrench"] = "external_wrench"
     force: Vector3 = physical("N", default=(0.0, 0.0, 0.0), description="along the axes of `frame`")
     torque: Vector3 = physical("N m", default=(0.0, 0.0, 0.0), description="along the axes of `frame`")
@@ -48,11 +46,9 @@ class ExternalWrench(Starting):
         force, torque, point = (np.asarray(x) for x in (self.force, self.torque, self.point))
         if not (force.any() or torque.any()):
             return
-        active, turning = self.active, self.frame == "inertial"
+        turning = self.frame == "inertial"
 
         def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if not active(t):
-                return
             f, n = force, torque
             if turning:
                 to_body = pin.Quaternion(q[3:7]).toRotationMatrix().T
@@ -60,7 +56,7 @@ class ExternalWrench(Starting):
             tau[:3] += f
             tau[3:6] += n + pin.skew(point) @ f
 
-        assembly.add_force(term, self.onset, ((3, 4, 5) if turning else (), ()))
+        assembly.add_force(term, ((3, 4, 5) if turning else (), ()))
 
 
 @register
@@ -76,10 +72,11 @@ class GravityGradient(Effect):
     Source: Hughes, Spacecraft Attitude Dynamics (1986), section 8.1; here on every body.
     """
 
-    summary: ClassVar[str] = "gravity gradient on every body, circular orbit"
-    family: ClassVar[str] = "external"
-    aliases: ClassVar[tuple[str, ...]] = ("external_wrench",)
-    strength: ClassVar[tuple[str, ...]] = ("gradient",)
+    summary = "gravity gradient on every body, circular orbit"
+    family = "external"
+    aliases = ("external_wrench",)
+    strength = ("gradient",)
+    in_words = "the gravity gradient turns {place}"
     kind: Literal["gravity_gradient"] = "gravity_gradient"
     gradient: float = physical(
         "1/s^2", lower=0.0, description="square of the orbital rate; `rate` [rad/s] may be given instead"

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.appendage_drift import attached_appendage
-from smsid.effects.base import Effect, Vector3, physical, register
+from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.assembly import Assembly
+from smsid.effects.base import Vector3, physical, register
 from smsid.effects.payload import point_parameters
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
-class ExtraMode(Effect):
+class ExtraMode(AppendageEffect):
     """One more mode of an appendage: ``mass`` of it slides on a spring at ``position`` along ``direction``.
 
     With n the unit vector of the direction its participation factors are ``L_t = sqrt(mass) n`` and ``L_r =
@@ -25,12 +23,11 @@ class ExtraMode(Effect):
     not known there.
     """
 
-    summary: ClassVar[str] = "one more bending mode of an appendage, as a mass on a spring"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh", "frequency_drift")
-    strength: ClassVar[tuple[str, ...]] = ("mass",)
+    summary = "one more bending mode of an appendage, as a mass on a spring"
+    aliases = ("slosh", "frequency_drift")
+    strength = ("mass",)
+    in_words = "{place} has a mode that the description lacks"
     kind: Literal["extra_mode"] = "extra_mode"
-    appendage: str = Field(description="name of the appendage, which stands before this effect")
     mass: float = physical("kg", lower=0.0, default=0.0, description="modal mass, the square of L_t")
     position: Vector3 = physical("m", description="where it sits, appendage axes")
     direction: Vector3 = Field(default=(0.0, 0.0, 1.0), description="along which it moves, appendage axes")
@@ -45,7 +42,7 @@ class ExtraMode(Effect):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the mass on its spring, and take it from the body that carries the appendage."""
-        panel = attached_appendage(assembly, self.appendage).appendage
+        panel = self.panel(assembly).appendage
         if self.mass == 0.0:
             return
         axis = np.asarray(self.direction) / np.linalg.norm(self.direction)

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
-from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding_state
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
+from smsid.effects.counterpart import Counterpart
+from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, sliding_state
+from smsid.effects.joint_effect import JointEffect
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
 
 
 @register
-class JointFriction(Starting):
+class JointFriction(JointEffect, Starting):
     """Friction torque on one joint of an arm or wheel, against its rate qd.
 
     With ``s = tanh(qd / smoothing)``, T the temperature above the reference, and tau the torque that drives
@@ -38,25 +38,23 @@ class JointFriction(Starting):
     Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134 (2012) 051013.
     """
 
-    summary: ClassVar[str] = (
+    summary = (
         "friction of one joint: viscous, Coulomb, quadratic, Stribeck, by direction, load, angle and "
         "temperature; the Coulomb torque as `tanh(rate / smoothing)`"
     )
-    family: ClassVar[str] = "friction"
-    aliases: ClassVar[tuple[str, ...]] = ("actuator_delay", "torque_gain", "torque_offset")
-    strength: ClassVar[tuple[str, ...]] = tuple(
+    family = "friction"
+    aliases = ("actuator_delay", "torque_gain", "torque_offset")
+    strength = tuple(
         t.field
         for t in TERMS
         if t.law != "temperature"  # nothing at the reference temperature
     )
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    changes = {
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),
     }
+    in_words = "{place} has {shape} friction that the description lacks"
     kind: Literal["joint_friction"] = "joint_friction"
-    joint: str = Field(
-        description="joint of the model: `joint2`, or `left/joint2` of a mounted arm, or a wheel"
-    )
     viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
     coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")
     viscous_direction: float = physical(
@@ -109,10 +107,6 @@ class JointFriction(Starting):
         default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
     )
 
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
     def asked(self) -> tuple[str, ...]:
         """Return the terms to identify: viscous, Coulomb, those with a value and those of a named law."""
         return tuple(
@@ -135,28 +129,42 @@ class JointFriction(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; a viscous part that is always there is a linear damper."""
-        number = assembly.joint_id(self.joint)
-        joint = assembly.model.joints[number]
+        joint = assembly.joint(self.joint)
         index, place, turns = joint.idx_v, joint.idx_q, joint.nq == 1
         sizes = {f: float(getattr(self, f)) for f in BY_FIELD if getattr(self, f)}
         if self.start is None and "viscous" in sizes:
-            assembly.add_springs(number, (0.0,), (sizes.pop("viscous"),))
+            assembly.add_springs(assembly.joint_id(self.joint), (0.0,), (sizes.pop("viscous"),))
         by_load = sizes.pop("load", 0.0)
         terms = [(size, BY_FIELD[f].column) for f, size in sizes.items()]
         angular = "position_cos" in sizes or "position_sin" in sizes
-        load_column, active = BY_FIELD["load"].column, self.active
+        load_column = BY_FIELD["load"].column
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                angle = (q[place] if turns else np.arctan2(q[place + 1], q[place])) if angular else 0.0
-                at = sliding_state(self, v[index], angle=angle)
-                tau[index] -= sum(size * column(at) for size, column in terms)
+            angle = (q[place] if turns else np.arctan2(q[place + 1], q[place])) if angular else 0.0
+            at = sliding_state(self, v[index], angle=angle)
+            tau[index] -= sum(size * column(at) for size, column in terms)
 
         def loaded(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                tau[index] -= by_load * load_column(sliding_state(self, v[index], load=tau[index]))
+            tau[index] -= by_load * load_column(sliding_state(self, v[index], load=tau[index]))
 
         if terms:
-            assembly.add_force(force, self.onset, ((index,) if angular else (), (index,)))
+            assembly.add_force(force, ((index,) if angular else (), (index,)))
         if by_load:
-            assembly.add_load_force(loaded, self.onset, ((), (index,)))
+            assembly.add_load_force(loaded, ((), (index,)))
+
+    def urdf_dynamics(self) -> dict[str, tuple[float, float]]:
+        """Return viscous and Coulomb friction; of one that begins midway, nothing."""
+        return {self.joint: (self.viscous, self.coulomb) if self.start is None else (0.0, 0.0)}
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart | str:
+        """Return dry friction and what it adds to the viscous damper; see `closest_friction`."""
+        if self.start is not None:
+            return "it begins midway (start)"
+        weights = {self.joint: 1.0}
+        other = [t.field for t in TERMS if getattr(self, t.field) and t.field not in ("viscous", "coulomb")]
+        if not other:
+            return Counterpart(weights, dry=self.coulomb)
+        dry, damping, note = closest_friction(self, limits[self.joint])
+        dropped = ", without its part by load" if self.load else ""
+        said = f"friction '{self.name}' has {', '.join(other)}, which others have not: {note}{dropped}."
+        return Counterpart(weights, damping=damping, dry=dry, note=said)

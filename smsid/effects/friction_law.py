@@ -128,15 +128,34 @@ def friction_columns(effect: Any, fields: Iterable[str], at: Sliding) -> dict[st
     return {f: BY_FIELD[f].column(at) for f in fields}
 
 
-__all__ = [
-    "BY_FIELD",
-    "LAW_OF_SHAPE",
-    "SIMPLER",
-    "TERMS",
-    "FrictionTerm",
-    "Law",
-    "Sliding",
-    "fields_of",
-    "friction_columns",
-    "sliding_state",
-]
+RATE = 1.0
+"""Rate up to which laws are compared where a joint states no limit [rad/s | m/s]."""
+
+
+def closest_friction(effect: Any, limit: float) -> tuple[float, float, str]:
+    """Return the dry friction and the damper that come closest to a `JointFriction`, and how close.
+
+    Least squares over all rates up to the joint's ``limit``, both directions alike, with the angle's mean and
+    without what depends on the load. The damper comes on top of ``viscous``.
+    """
+    top = limit if np.isfinite(limit) and 0.0 < limit < 1e3 else RATE
+    rates = np.linspace(-top, top, 201)
+    angles = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    at = sliding_state(effect, rates[:, None], angle=angles, smoothing=1e-9 * top)
+    fields = [t.field for t in TERMS if getattr(effect, t.field) and t.field not in ("viscous", "load")]
+    torque = np.zeros((rates.size, angles.size))
+    for field, column in friction_columns(effect, fields, at).items():
+        torque += getattr(effect, field) * column
+    torque = np.mean(torque, axis=1)
+    dry, damping = np.linalg.lstsq(np.column_stack([np.sign(rates), rates]), torque, rcond=None)[0]
+    if dry < 0.0:
+        dry, damping = 0.0, rates @ torque / (rates @ rates)
+    error = np.abs(torque - dry * np.sign(rates) - damping * rates).max()
+    return (
+        float(dry),
+        float(damping),
+        (
+            f"dry friction {dry:.4g} and damping {effect.viscous + damping:.4g} come closest up to a rate of "
+            f"{top:g}, within {error:.3g}"
+        ),
+    )

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.assembly import Assembly
+from smsid.effects.base import physical, register
+from smsid.effects.joint_effect import JointEffect
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
-class Gear(Effect):
+class Gear(JointEffect):
     """The motor of a joint turns by ``ratio * q + sum of also * (other q)``; its torque signal times
     ``torque_gain`` is its torque.
 
@@ -24,14 +23,13 @@ class Gear(Effect):
     changes what is measured, not the motion.
     """
 
-    summary: ClassVar[str] = "gear of a motor: from what the motor measures to joint angle and torque"
-    family: ClassVar[str] = "drivetrain"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    summary = "gear of a motor: from what the motor measures to joint angle and torque"
+    not_estimated = dict.fromkeys(
         ("ratio", "torque_gain"),
         "a spacecraft's recordings are of joints, not of motors; see laboratory",
     )
+    in_words = "the gear of {place} turns by another ratio than described"
     kind: Literal["gear"] = "gear"
-    joint: str = Field(description="joint that the motor drives")
     ratio: float = physical(
         "1", description="turns of the motor per turn of the joint; negative when it reverses"
     )
@@ -44,10 +42,6 @@ class Gear(Effect):
     also: dict[str, float] = Field(
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
     )
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""

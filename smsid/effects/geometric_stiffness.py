@@ -27,54 +27,42 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 
 from smsid.effects.appendage import BeamAppendage
-from smsid.effects.appendage_drift import attached_appendage
-from smsid.effects.base import Effect, physical, register
+from smsid.effects.appendage_effect import BeamEffect
+from smsid.effects.assembly import AppendageJoints, Assembly
+from smsid.effects.base import physical, register
 from smsid.effects.beam import Cantilever
 from smsid.effects.spatial import Motion, skew
-from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import AppendageJoints, Assembly
 
 AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
 
 @register
-class GeometricStiffness(Effect):
+class GeometricStiffness(BeamEffect):
     """What a `beam_appendage` gains when it does not stretch; ``factor`` 1 is the inextensible beam.
 
     Accelerometers on it see that bending draws them in.
     """
 
-    summary: ClassVar[str] = (
-        "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
-    )
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("frequency_drift",)
-    strength: ClassVar[tuple[str, ...]] = ("factor",)
+    summary = "beam appendage that softens under axial acceleration towards its tip and stiffens by rotation"
+    needs_beam = "its slopes are"
+    aliases = ("frequency_drift",)
+    strength = ("factor",)
+    in_words = "{place} grows stiffer or softer as the craft moves"
     kind: Literal["geometric_stiffness"] = "geometric_stiffness"
-    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     factor: float = physical("1", default=1.0, description="share of it: 1 by theory, 0 for the linear beam")
 
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam."""
-        panel = attached_appendage(assembly, self.appendage)
-        if not isinstance(panel.appendage, BeamAppendage):
-            raise DescriptionError(
-                f"'{self.appendage}' is no beam_appendage, so its slopes are not known.",
-                advice="Leave the effect out, or describe the appendage as a beam.",
-            )
+        panel, beam = self.beam(assembly)
         if self.factor == 0.0:
             return
-        assembly.add_inertia_term(Foreshortening(assembly.model, panel, self.factor))
-        beam = panel.appendage
+        assembly.add_inertia_term(Foreshortening(assembly.model, panel, beam, self.factor))
         drawn = self.factor / beam.mass * drawn_in(beam.length, beam.modes, beam.stations)
         place = assembly.appendages.index(panel)
         before = 0.0 if panel.drawn is None else panel.drawn
@@ -84,9 +72,7 @@ class GeometricStiffness(Effect):
 class Foreshortening:
     """The `InertiaTerm` of a beam that shortens as it bends."""
 
-    def __init__(self, model: pin.Model, panel: AppendageJoints, factor: float) -> None:
-        beam = panel.appendage
-        assert isinstance(beam, BeamAppendage)
+    def __init__(self, model: pin.Model, panel: AppendageJoints, beam: BeamAppendage, factor: float) -> None:
         a, b = foreshortening_matrices(beam.length, beam.modes)
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
         self.a, self.b = factor * a, factor * b

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import AXES, Effect, Vector3, Vector6, physical, register
 from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.effects.payload import point_parameters
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 CENTRAL = ("centre", "central_inertia")  # given instead of first moment and inertia about the frame's origin
 LARGEST_DEFECT = 1e-9  # relative to the pseudo-inertia's largest eigenvalue: rounding
@@ -31,13 +29,12 @@ class GraspedBody(Effect):
     within their uncertainty.
     """
 
-    summary: ClassVar[str] = "a rigid body on a link, with all ten inertial parameters: what an arm grasped"
-    family: ClassVar[str] = "inertia"
-    aliases: ClassVar[tuple[str, ...]] = ("payload", "body_error")
-    strength: ClassVar[tuple[str, ...]] = ("mass", "first_moment", "inertia")
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "mass": ("the grasped body is heavier", "the grasped body is lighter")
-    }
+    summary = "a rigid body on a link, with all ten inertial parameters: what an arm grasped"
+    family = "inertia"
+    aliases = ("payload", "body_error")
+    strength = ("mass", "first_moment", "inertia")
+    changes = {"mass": ("the grasped body is heavier", "the grasped body is lighter")}
+    in_words = "{place} has grasped a body that the description lacks"
     kind: Literal["grasped_body"] = "grasped_body"
     frame: str | None = Field(
         default=None, description="link, tool or frame that carries it; the bus frame when not given"

@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.counterpart import Counterpart
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.sensor import joint_names
-from smsid.sensing.component import ComponentError
+from smsid.effects.sensor_errors import SensorBias
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
-    from smsid.effects.assembly import Assembly
     from smsid.sensing.sensor import Sensor
 
 
 @register
-class JointOffset(Effect):
+class JointOffset(JointEffect):
     """The joint's angle is the encoder's reading plus ``angle``. It changes what is measured, not the
     motion.
     """
 
-    summary: ClassVar[str] = "zero of a joint's encoder: joint angle minus reading"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias",)
-    strength: ClassVar[tuple[str, ...]] = ("angle",)
+    summary = "zero of a joint's encoder: joint angle minus reading"
+    aliases = ("sensor_bias",)
+    strength = ("angle",)
+    in_words = "the angle of {place} has an offset"
     kind: Literal["joint_offset"] = "joint_offset"
-    joint: str = Field(description="joint of the model")
     angle: float = physical("rad", description="added to the reading")
 
-    def attach(self, assembly: Assembly) -> None:
-        """Check that the joint is there; nothing acts on the motion."""
-        assembly.joint_id(self.joint)
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return none: the motor's torque does not come into it."""
+        return ()
 
     def resolved(self, description: Description) -> Effect:
         """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
@@ -53,41 +54,36 @@ class _EncoderZero(Effect):
 
     def adjust(self, sensor: Sensor) -> Sensor:
         """Return the sensor with the bias, if it measures joint angles."""
-        if "joint_position" not in sensor.quantities or not self.bias:
+        if "joint_position" not in sensor.quantities:
             return sensor
-        error, key = sensor.error("joint_position"), str(self.column)
-        own = error.components.get(key, ComponentError())
-        own = own.model_copy(update={"bias": own.bias + self.bias})
-        error = error.model_copy(update={"components": {**error.components, key: own}})
-        return sensor.model_copy(update={"errors": {**sensor.errors, "joint_position": error}})
+        own = {"name": self.name, "sensor": sensor.name, "quantity": "joint_position"}
+        return SensorBias(**own, component=self.column, bias=self.bias).adjust(sensor)
 
 
 @register
-class TorqueOffset(Effect):
+class TorqueOffset(JointEffect):
     """A constant torque the motor has to give: a bias of its current, or friction that differs by direction.
 
     Coulomb friction ``F+`` forwards and ``F-`` backwards is a friction of ``(F+ + F-) / 2`` and an offset of
     ``(F+ - F-) / 2``.
     """
 
-    summary: ClassVar[str] = "constant torque at a joint: current bias, or friction that differs by direction"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction",)
-    strength: ClassVar[tuple[str, ...]] = ("torque",)
+    summary = "constant torque at a joint: current bias, or friction that differs by direction"
+    aliases = ("joint_friction",)
+    strength = ("torque",)
+    in_words = "a constant torque acts at {place}"
     kind: Literal["torque_offset"] = "torque_offset"
-    joint: str = Field(description="joint of the model")
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
 
     def attach(self, assembly: Assembly) -> None:
         """Add the constant torque, against the motor."""
-        index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
-        torque = self.torque
+        index, torque = assembly.joint(self.joint).idx_v, self.torque
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             tau[index] -= torque
 
-        assembly.add_force(force, (), ((), ()))
+        assembly.add_force(force, ((), ()))
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
+        """Return the constant torque."""
+        return Counterpart({self.joint: 1.0}, torque=-self.torque)

@@ -2,50 +2,41 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
+from smsid.effects.joint_effect import JointEffect
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
-class JointCable(Starting):
+class JointCable(JointEffect, Starting):
     """A cable across a joint of an arm: a spring with an angle of rest, ``-stiffness (q - rest)``."""
 
-    summary: ClassVar[str] = "a cable or hose across a joint: a spring with an angle of rest"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("torque_offset", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("stiffness",)
+    summary = "a cable or hose across a joint: a spring with an angle of rest"
+    aliases = ("torque_offset", "joint_friction")
+    strength = ("stiffness",)
+    in_words = "a cable or hose across {place} pulls it back"
     kind: Literal["joint_cable"] = "joint_cable"
-    joint: str = Field(description="joint of the model: `joint2`, or `left/joint2` of a mounted arm")
     stiffness: float = physical("N m/rad", lower=0.0, default=0.0, description="torque per angle from rest")
     rest: float = physical("rad", default=0.0, description="angle at which it does not pull")
 
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
     def attach(self, assembly: Assembly) -> None:
         """Add the spring. Raises `DescriptionError` for a joint that turns without end."""
-        joint = assembly.model.joints[assembly.joint_id(self.joint)]
+        joint = assembly.joint(self.joint)
         if joint.nq != 1:
             raise DescriptionError(
                 f"Joint '{self.joint}' turns without end: no cable is across it.",
                 advice="Give it limits in the URDF (type revolute).",
                 joint=self.joint,
             )
-        place, index = joint.idx_q, joint.idx_v
-        stiffness, rest, active = self.stiffness, self.rest, self.active
+        place, index, stiffness, rest = joint.idx_q, joint.idx_v, self.stiffness, self.rest
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                tau[index] -= stiffness * (q[place] - rest)
+            tau[index] -= stiffness * (q[place] - rest)
 
         if stiffness:
-            assembly.add_force(force, self.onset, ((index,), ()))
+            assembly.add_force(force, ((index,), ()))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 from smsid.effects.spatial import ExtraInertia
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -25,12 +23,13 @@ class MassLoss(Starting):
     start)``, with no term from its rate of change.
     """
 
-    summary: ClassVar[str] = "mass loss: the mass of a body falls linearly in time, without push"
-    family: ClassVar[str] = "inertia"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "thruster_gain")
-    grows: ClassVar[bool] = True
-    strength: ClassVar[tuple[str, ...]] = ("rate",)
-    point_mass: ClassVar[tuple[str, str] | None] = ("rate", "position")
+    summary = "mass loss: the mass of a body falls linearly in time, without push"
+    family = "inertia"
+    aliases = ("body_error", "thruster_gain")
+    grows = True
+    strength = ("rate",)
+    point_mass = ("rate", "position")
+    in_words = "{place} loses mass"
     kind: Literal["mass_loss"] = "mass_loss"
     frame: str | None = Field(default=None, description="frame it leaves from; the bus frame when not given")
     position: Vector3 = physical("m", default=(0.0, 0.0, 0.0), description="where it leaves, in `frame`")
@@ -47,4 +46,4 @@ class MassLoss(Starting):
         def parameters(t: float) -> np.ndarray | None:
             return unit * (t - start) if t > start else None
 
-        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters), (start,))
+        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters))

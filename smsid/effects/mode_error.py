@@ -1,44 +1,77 @@
-"""One mode of an appendage that is not as described, whatever its other modes are."""
+"""One mode of an appendage that is not as described, or no longer: it has warmed up, a hinge settles."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
-from smsid.effects.appendage_drift import attached_mode
-from smsid.effects.base import Effect, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
+from smsid.effects.appendage_effect import ModeEffect
+from smsid.effects.assembly import Assembly
+from smsid.effects.base import Effect, Starting, physical, register
 
 
 @register
-class ModeError(Effect):
+class ModeError(ModeEffect):
     """A mode's clamped frequency is ``1 + frequency`` times the appendage's, its damping ratio larger by
     ``damping``. A beam's own parameters move all its modes together; this moves one.
     """
 
-    summary: ClassVar[str] = "frequency and damping of one mode, apart from the appendage's others"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("frequency_drift", "geometric_stiffness")
-    strength: ClassVar[tuple[str, ...]] = ("frequency", "damping")
+    summary = "frequency and damping of one mode, apart from the appendage's others"
+    aliases = ("frequency_drift", "geometric_stiffness")
+    strength = ("frequency", "damping")
+    in_words = "{place} bends at another frequency or damping than described"
     kind: Literal["mode_error"] = "mode_error"
-    appendage: str = Field(description="name of the appendage, which stands before this effect")
-    mode: int = Field(default=1, ge=1, description="number of the mode, from 1")
     frequency: float = physical(
         "1", default=0.0, lower=-0.9, gt=-1.0, description="relative error of its frequency"
     )
     damping: float = physical("1", default=0.0, description="error of its damping ratio")
+    by_batch = in_modes = True
+
+    def estimated_as(self, effects: Sequence[Effect]) -> Effect | None:
+        """Return nothing where the appendage is estimated by its modes, and so is the error."""
+        own = next((e for e in effects if e.name == self.appendage), self)
+        return self if own.estimated_as(effects) is own else None
 
     def attach(self, assembly: Assembly) -> None:
         """Add the forces of the changed spring and damper. Raises `DescriptionError` without such a mode."""
-        panel, mode = attached_mode(assembly, self.appendage, self.mode)
+        joint, mode, mass = self.mode_joint(assembly)
         if self.frequency == 0.0 and self.damping == 0.0:
             return
-        mass = float(panel.scale[self.mode - 1]) ** 2
         omega, grown = 2 * np.pi * mode.frequency, 1.0 + self.frequency
         spring = mass * omega**2 * (grown**2 - 1.0)
         damper = 2.0 * mass * omega * ((mode.damping + self.damping) * grown - mode.damping)
-        assembly.add_springs(panel.joints[self.mode - 1], [spring], [damper])
+        assembly.add_springs(joint, [spring], [damper])
+
+
+@register
+class FrequencyDrift(ModeEffect, Starting):
+    """The clamped frequency of a mode is ``1 + rate (t - start)`` times that of the appendage (start: 0 s).
+
+    Its stiffness goes with the square; the damper stays what it is.
+    """
+
+    summary = "bending frequency that drifts"
+    aliases = ("geometric_stiffness",)
+    grows = True
+    strength = ("rate",)
+    in_words = "the frequency of {place} drifts"
+    kind: Literal["frequency_drift"] = "frequency_drift"
+    rate: float = physical("1/s", default=0.0, description="relative change of the frequency per time")
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the force of the change of stiffness; raises `DescriptionError` for a mode there is not."""
+        number, mode, mass = self.mode_joint(assembly)
+        if self.rate == 0.0:
+            return
+        joint = assembly.model.joints[number]
+        place, index = joint.idx_q, joint.idx_v
+        stiffness = mass * (2 * np.pi * mode.frequency) ** 2
+        rate, start = self.rate, self.start or 0.0
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            change = rate * max(t - start, 0.0)
+            tau[index] -= stiffness * change * (2.0 + change) * q[place]
+
+        assembly.add_force(force, ((index,), ()))

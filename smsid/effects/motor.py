@@ -2,43 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.counterpart import Counterpart
+from smsid.effects.joint_effect import JointEffect
 from smsid.effects.spatial import ConstantInertia
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
-class MotorInertia(Effect):
+class MotorInertia(JointEffect):
     """The rotor's spin inertia seen at the joint, ratio squared times its own: torque ``inertia * qdd``.
 
     Gyroscopic torques of the spinning rotor are left out, as usual for geared arms.
     """
 
-    summary: ClassVar[str] = "inertia of a motor's rotor, seen at its joint"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "joint_friction")
-    strength: ClassVar[tuple[str, ...]] = ("inertia",)
+    summary = "inertia of a motor's rotor, seen at its joint"
+    aliases = ("body_error", "joint_friction")
+    strength = ("inertia",)
+    in_words = "the motor of {place} adds inertia that the description lacks"
     kind: Literal["motor_inertia"] = "motor_inertia"
-    joint: str = Field(description="joint of the model that the motor drives")
     inertia: float = physical(
         "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
     )
 
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia to the joint's armature."""
-        index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
-        assembly.model.armature[index] += self.inertia
+        assembly.model.armature[assembly.joint(self.joint).idx_v] += self.inertia
 
 
 @register
@@ -50,10 +45,11 @@ class MotorCoupling(Effect):
     `MotorInertia` of the single joints stay beside it.
     """
 
-    summary: ClassVar[str] = "a motor that turns with a sum of joints: its inertia and friction"
-    family: ClassVar[str] = "drivetrain"
-    aliases: ClassVar[tuple[str, ...]] = ("joint_friction", "motor_inertia")
-    strength: ClassVar[tuple[str, ...]] = ("inertia", "viscous", "coulomb")
+    summary = "a motor that turns with a sum of joints: its inertia and friction"
+    family = "drivetrain"
+    aliases = ("joint_friction", "motor_inertia")
+    strength = ("inertia", "viscous", "coulomb")
+    in_words = "the motors of {place} are coupled"
     kind: Literal["motor_coupling"] = "motor_coupling"
     joints: tuple[str, ...] = Field(min_length=2, description="joints that turn the motor")
     ratios: tuple[float, ...] = Field(
@@ -87,7 +83,7 @@ class MotorCoupling(Effect):
         """Add the friction of s as a generalised force, and the rotor's inertia ``inertia w w'`` on the
         joints' rates.
         """
-        index = np.array([assembly.model.joints[assembly.joint_id(name)].idx_v for name in self.joints])
+        index = np.array([assembly.joint(name).idx_v for name in self.joints])
         weights = np.asarray(self.weights)
         viscous, coulomb, smoothing = self.viscous, self.coulomb, self.smoothing
 
@@ -96,7 +92,7 @@ class MotorCoupling(Effect):
             tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
 
         if viscous or coulomb:
-            assembly.add_force(force, (), ((), index.tolist()))
+            assembly.add_force(force, ((), index.tolist()))
         if self.inertia > 0.0:
             shared = np.outer(weights, weights) * self.inertia
             assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself
@@ -106,3 +102,8 @@ class MotorCoupling(Effect):
                 mass[np.ix_(index, index)] = shared
 
             assembly.add_inertia_term(ConstantInertia(rotor))
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
+        """Return its damper, dry friction and rotor."""
+        weights = dict(zip(self.joints, self.weights, strict=True))
+        return Counterpart(weights, damping=self.viscous, dry=self.coulomb, inertia=self.inertia)

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, Vector6, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
 class Payload(Effect):
     """A point mass at ``com`` in a frame: what an arm has grasped, say."""
 
-    summary: ClassVar[str] = "payload: a point mass on a link or tool"
-    family: ClassVar[str] = "inertia"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error",)
-    strength: ClassVar[tuple[str, ...]] = ("mass",)
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "mass": ("the payload is heavier", "the payload is lighter")
-    }
+    summary = "payload: a point mass on a link or tool"
+    family = "inertia"
+    aliases = ("body_error",)
+    strength = ("mass",)
+    changes = {"mass": ("the payload is heavier", "the payload is lighter")}
+    in_words = "{place} carries a mass that the description lacks"
     kind: Literal["payload"] = "payload"
     frame: str | None = Field(default=None, description="frame that carries it; the bus frame when not given")
     mass: float = physical("kg", lower=0.0, description="of the payload")
@@ -47,11 +43,12 @@ class BodyError(Effect):
     as a body that is heavier where it is heavy already. On a welded bus it changes nothing.
     """
 
-    summary: ClassVar[str] = "wrong mass, centre of mass or inertia of a body: what is added to them"
-    family: ClassVar[str] = "inertia"
-    aliases: ClassVar[tuple[str, ...]] = ("payload",)
-    strength: ClassVar[tuple[str, ...]] = ("mass", "first_moment", "inertia", "density")
-    shifted_body: ClassVar[str | None] = "body"
+    summary = "wrong mass, centre of mass or inertia of a body: what is added to them"
+    family = "inertia"
+    aliases = ("payload",)
+    strength = ("mass", "first_moment", "inertia", "density")
+    shifted_body = "body"
+    in_words = "the {shape} of {place} is not what the description says"
     kind: Literal["body_error"] = "body_error"
     body: str | None = Field(
         default=None, description="link, joint or frame of the body; the bus when not given"

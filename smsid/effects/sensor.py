@@ -8,11 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from smsid.effects.base import AXES, Effect, Vector3
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
+from smsid.sensing.component import ComponentError
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
@@ -40,7 +42,7 @@ S = TypeVar("S", bound="ComponentEffect")
 class SensorEffect(Effect):
     """An effect on one sensor."""
 
-    family: ClassVar[str] = "sensor"
+    family = "sensor"
     sensor: str = Field(description="name of the sensor")
 
     def resolved(self, description: Description) -> Effect:
@@ -150,19 +152,29 @@ class ComponentEffect(QuantityEffect):
         place = "" if component is None else str(component)
         return place if self.station is None else f"{self.station},{place}"
 
-    def part(self, error: ErrorModel, update: Mapping[str, Any]) -> ErrorModel:
-        """Return the error model with some errors of the component changed."""
-        from smsid.sensing.component import ComponentError
+    def with_error(self, error: ErrorModel) -> ErrorModel:
+        """Return the error model with the effect, on the whole quantity or on one component."""
+        key = self.key
+        if key is None:
+            return error.model_copy(update=self.update(error))
+        own = error.components.get(key, ComponentError())
+        update = self.update(own)
+        changed = {**error.components, key: own.model_copy(update=update)}
+        return error.model_copy(update={"components": changed}) if update else error
 
-        assert self.key is not None
-        own = error.components.get(self.key, ComponentError()).model_copy(update=update)
-        return error.model_copy(update={"components": {**error.components, self.key: own}})
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return what changes of the errors there are, by name; nothing where it has no strength."""
+        raise NotImplementedError
 
 
 class VectorEffect(ComponentEffect):
-    """A component effect with a value per axis: a 3-vector for the whole, a number for a component."""
+    """A component effect with a value per axis: a 3-vector for the whole, a number for a component.
+
+    ``term`` names what it adds to of the error model.
+    """
 
     value_field: ClassVar[str]
+    term: ClassVar[str]
 
     @model_validator(mode="after")
     def _value_fits(self) -> VectorEffect:
@@ -176,6 +188,17 @@ class VectorEffect(ComponentEffect):
                 else f"name the `component`: {self.quantity} has one per joint or wheel"
             )
         return self
+
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the term with the value added; at zero nothing changes."""
+        value = getattr(self, self.value_field)
+        return {self.term: plus(getattr(error, self.term), value)} if np.any(value) else {}
+
+
+def plus(one: Value, other: Value) -> Value:
+    """Return the sum of numbers, or values per axis."""
+    both = np.asarray(one) + np.asarray(other)
+    return float(both) if both.ndim == 0 else tuple(both.tolist())
 
 
 def joint_names(description: Description) -> tuple[str, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,6 +19,7 @@ from smsid.effects.sensor import (
     VectorEffect,
 )
 from smsid.errors import DescriptionError
+from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.sensor import Sensor
 
@@ -28,10 +30,11 @@ _ZERO = (0.0, 0.0, 0.0)
 class SensorBias(VectorEffect, Starting):
     """A constant added to what a sensor reads, along its own axes; of an attitude, a rotation vector."""
 
-    summary: ClassVar[str] = "constant bias of a sensor, perhaps from some time on"
-    aliases: ClassVar[tuple[str, ...]] = ("external_wrench", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("bias",)
-    value_field: ClassVar[str] = "bias"
+    summary = "constant bias of a sensor, perhaps from some time on"
+    aliases = ("external_wrench", "sensor_misalignment")
+    strength = ("bias",)
+    value_field = term = "bias"
+    in_words = "{place} has a bias"
     kind: Literal["sensor_bias"] = "sensor_bias"
     bias: Value = physical(OF_QUANTITY, default=_ZERO, description="per axis, or of the component")
 
@@ -41,50 +44,37 @@ class SensorBias(VectorEffect, Starting):
         return (f"{self.sensor}.{self.quantity}",) if whole else ()
 
     def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the bias; raises `DescriptionError` for a second, later one."""
-        if not np.any(self.bias):
-            return error
-        if self.key is None:
-            both = np.asarray(error.bias) + np.asarray(self.bias)
-            if not np.any(error.bias) or error.bias_from == self.start:
-                bias = tuple(float(x) for x in both)
-                return error.model_copy(update={"bias": bias, "bias_from": self.start})
+        """Return the error model with the bias; beside one of another time, every component has its own."""
+        if self.key is None and np.any(error.bias) and np.any(self.bias) and error.bias_from != self.start:
             for axis, value in enumerate(np.asarray(self.bias)):
                 one = self.model_copy(update={"component": axis, "bias": float(value)})
                 error = one.with_error(error)
             return error
-        part = error.components.get(self.key)
-        before = part.bias if part else 0.0
-        if before and part is not None and part.bias_from != self.start:
+        return super().with_error(error)
+
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return bias and beginning; raises `DescriptionError` beside a bias of another time."""
+        if np.any(self.bias) and np.any(error.bias) and error.bias_from != self.start:
             raise DescriptionError(
                 f"[[effect]] '{self.name}': component {self.key} of {self.sensor}.{self.quantity} has "
                 "another bias, that begins at another time.",
                 advice="Keep one of the two effects.",
             )
-        return self.part(error, {"bias": before + self.bias, "bias_from": self.start})  # type: ignore[operator]
+        return {**super().update(error), "bias_from": self.start} if np.any(self.bias) else {}
 
 
 @register
 class SensorScale(VectorEffect):
     """A reading of ``1 + error`` times the true one, along the sensor's own axes."""
 
-    summary: ClassVar[str] = "wrong scale of a sensor"
-    aliases: ClassVar[tuple[str, ...]] = ("thruster_gain", "torque_gain", "body_error")
-    strength: ClassVar[tuple[str, ...]] = ("error",)
-    quantities: ClassVar[tuple[str, ...]] = tuple(q for q in UNITS if q != "attitude")
-    value_field: ClassVar[str] = "error"
+    summary = "wrong scale of a sensor"
+    aliases = ("thruster_gain", "torque_gain", "body_error")
+    strength = ("error",)
+    quantities = tuple(q for q in UNITS if q != "attitude")
+    value_field, term = "error", "scale_error"
+    in_words = "{place} reads on another scale"
     kind: Literal["sensor_scale"] = "sensor_scale"
     error: Value = physical("1", default=_ZERO, description="relative, per axis or of the component")
-
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the scale."""
-        if not np.any(self.error):
-            return error
-        if self.key is None:
-            both = np.asarray(error.scale_error) + np.asarray(self.error)
-            return error.model_copy(update={"scale_error": tuple(float(x) for x in both)})
-        part = error.components.get(self.key)
-        return self.part(error, {"scale_error": (part.scale_error if part else 0.0) + self.error})  # type: ignore[operator]
 
 
 @register
@@ -93,35 +83,27 @@ class ScaleByRate(VectorEffect):
     scale factor (IEEE Std 952), of the second order and odd.
     """
 
-    summary: ClassVar[str] = "scale of a rate sensor that depends on the rate"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_scale",)
-    strength: ClassVar[tuple[str, ...]] = ("slope",)
-    quantities: ClassVar[tuple[str, ...]] = ("angular_rate", "joint_velocity", "wheel_rate")
-    value_field: ClassVar[str] = "slope"
+    summary = "scale of a rate sensor that depends on the rate"
+    aliases = ("sensor_scale",)
+    strength = ("slope",)
+    quantities = ("angular_rate", "joint_velocity", "wheel_rate")
+    value_field, term = "slope", "scale_slope"
+    in_words = "{place} reads on a scale that depends on the rate"
     kind: Literal["scale_by_rate"] = "scale_by_rate"
     slope: Value = physical(
         "s/rad", default=_ZERO, description="relative, per rate; per axis or of the component"
     )
-
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the slope of its scale."""
-        if not np.any(self.slope):
-            return error
-        if self.key is None:
-            both = np.asarray(error.scale_slope) + np.asarray(self.slope)
-            return error.model_copy(update={"scale_slope": tuple(float(x) for x in both)})
-        part = error.components.get(self.key)
-        return self.part(error, {"scale_slope": (part.scale_slope if part else 0.0) + self.slope})  # type: ignore[operator]
 
 
 @register
 class SensorMisalignment(QuantityEffect):
     """Axes turned by a rotation vector, in sensor axes, from where the description has them."""
 
-    summary: ClassVar[str] = "axes of a sensor that point elsewhere than stated"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_bias", "thruster_misalignment", "sensor_scale")
-    strength: ClassVar[tuple[str, ...]] = ("angles",)
-    quantities: ClassVar[tuple[str, ...]] = VECTORS
+    summary = "axes of a sensor that point elsewhere than stated"
+    aliases = ("sensor_bias", "thruster_misalignment", "sensor_scale")
+    strength = ("angles",)
+    quantities = VECTORS
+    in_words = "{place} is turned against where the description has it"
     kind: Literal["sensor_misalignment"] = "sensor_misalignment"
     angles: Vector3 = physical(
         "rad",
@@ -146,9 +128,10 @@ class SensorMisalignment(QuantityEffect):
 class LeverArm(SensorEffect):
     """A pose sensor or IMU that sits ``offset`` from where the description has it."""
 
-    summary: ClassVar[str] = "sensor that sits elsewhere than stated"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error", "sensor_misalignment")
-    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    summary = "sensor that sits elsewhere than stated"
+    aliases = ("body_error", "sensor_misalignment")
+    strength = ("offset",)
+    in_words = "{place} sits elsewhere than the description says"
     kind: Literal["lever_arm"] = "lever_arm"
     offset: Vector3 = physical("m", default=_ZERO, description="true minus stated position, bus frame")
 
@@ -169,9 +152,10 @@ class LeverArm(SensorEffect):
 class SensorDelay(QuantityEffect):
     """One quantity of a sensor that is older than stated."""
 
-    summary: ClassVar[str] = "one quantity of a sensor that comes late"
-    aliases: ClassVar[tuple[str, ...]] = ("time_offset", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("delay",)
+    summary = "one quantity of a sensor that comes late"
+    aliases = ("time_offset", "actuator_delay")
+    strength = ("delay",)
+    in_words = "{place} reports late"
     kind: Literal["sensor_delay"] = "sensor_delay"
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
 
@@ -184,9 +168,10 @@ class SensorDelay(QuantityEffect):
 class TimeOffset(SensorEffect):
     """A sensor's clock that is off: what is stamped t happened at ``t - offset``, for all its quantities."""
 
-    summary: ClassVar[str] = "clock of a sensor that is off"
-    aliases: ClassVar[tuple[str, ...]] = ("sensor_delay", "actuator_delay")
-    strength: ClassVar[tuple[str, ...]] = ("offset",)
+    summary = "clock of a sensor that is off"
+    aliases = ("sensor_delay", "actuator_delay")
+    strength = ("offset",)
+    in_words = "the clock of {place} is off"
     kind: Literal["time_offset"] = "time_offset"
     offset: float = physical("s", default=0.0, description="positive when it reports late")
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Any, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from smsid.effects.base import physical, register
@@ -23,9 +22,10 @@ OF_NOISE = "a property of the readings that no motion depends on; `smsid diagnos
 class Quantisation(ComponentEffect):
     """Readings rounded to a step coarser than stated; an attitude's is of its quaternion's components."""
 
-    summary: ClassVar[str] = "readings rounded to coarser steps than stated"
-    strength: ClassVar[tuple[str, ...]] = ("step",)
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("step",), OF_NOISE)
+    summary = "readings rounded to coarser steps than stated"
+    strength = ("step",)
+    not_estimated = dict.fromkeys(("step",), OF_NOISE)
+    in_words = "{place} is read in coarse steps"
     kind: Literal["quantisation"] = "quantisation"
     step: float = physical(
         OF_QUANTITY,
@@ -49,54 +49,49 @@ class Quantisation(ComponentEffect):
         found = super().parameters()
         return tuple(replace(p, unit="1") for p in found) if self.quantity == "attitude" else found
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the coarser step."""
-        if self.key is None:
-            return error.model_copy(update={"quantisation": max(error.quantisation, self.step)})
-        return self.part(error, {"quantisation": self.step}) if self.step else error
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the coarser step."""
+        return {"quantisation": self.step} if self.step > error.quantisation else {}
 
 
 @register
 class Outliers(ComponentEffect):
     """A share of samples with a large error on top, drawn for every component apart."""
 
-    summary: ClassVar[str] = "single samples far off"
-    strength: ClassVar[tuple[str, ...]] = ("share", "size")
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("share", "size"), OF_NOISE)
+    summary = "single samples far off"
+    strength = ("share", "size")
+    not_estimated = dict.fromkeys(("share", "size"), OF_NOISE)
+    in_words = "{place} has outliers"
     kind: Literal["outliers"] = "outliers"
     share: float = physical("1", lower=0.0, upper=1.0, default=0.0, description="of the samples")
     size: float = physical(
         OF_QUANTITY, lower=0.0, default=0.0, description="standard deviation of what is added to them"
     )
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the outliers; raises `DescriptionError` when it has some."""
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the outliers; raises `DescriptionError` when there are some."""
         if not (self.share and self.size):
-            return error
-        own = error if self.key is None else error.components.get(self.key, ComponentError())
-        if own.outlier_rate and own.outlier_size:
+            return {}
+        if error.outlier_rate and error.outlier_size:
             raise DescriptionError(
                 f"[[effect]] '{self.name}': {self.sensor}.{self.quantity} has outliers already.",
                 advice="Describe them once.",
             )
-        update = {"outlier_rate": self.share, "outlier_size": self.size}
-        return error.model_copy(update=update) if self.key is None else self.part(error, update)
+        return {"outlier_rate": self.share, "outlier_size": self.size}
 
 
 @register
 class Stuck(ComponentEffect):
     """A channel that repeats its last value from ``start`` on; it never sticks when that is not given."""
 
-    summary: ClassVar[str] = "channel that repeats its last value from some time on"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(("start",), OF_NOISE)
+    summary = "channel that repeats its last value from some time on"
+    not_estimated = dict.fromkeys(("start",), OF_NOISE)
+    in_words = "{place} is stuck for a while"
     kind: Literal["stuck"] = "stuck"
     start: float | None = physical("s", default=None, description="time from which it is stuck")
 
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the channel stuck."""
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return the time from which it is stuck; the earliest counts."""
         if self.start is None:
-            return error
-        if self.key is None:
-            earliest = min(self.start, np.inf if error.stuck_from is None else error.stuck_from)
-            return error.model_copy(update={"stuck_from": float(earliest)})
-        return self.part(error, {"stuck_from": self.start})
+            return {}
+        return {"stuck_from": self.start if error.stuck_from is None else min(self.start, error.stuck_from)}

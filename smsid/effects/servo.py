@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 
-from smsid.effects.base import Effect, physical, register
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
+from smsid.effects.base import physical, register
+from smsid.effects.joint_effect import JointEffect
 
 
 @register
-class Servo(Effect):
+class Servo(JointEffect):
     """The motor of a joint gives ``stiffness (commanded - q) - damping qd``, at most ``limit``.
 
     Back-EMF is damping. With ``damps = "error"`` the damping takes the commanded rate less qd. It says what a
@@ -23,13 +20,12 @@ class Servo(Effect):
     unless it is known and given, it is part of ``viscous``.
     """
 
-    summary: ClassVar[str] = "servo of a joint: from commanded position to torque"
-    family: ClassVar[str] = "drivetrain"
-    not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    summary = "servo of a joint: from commanded position to torque"
+    not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
+    in_words = "the servo of {place} has another gain than described"
     kind: Literal["servo"] = "servo"
-    joint: str = Field(description="joint that it turns")
     stiffness: float = physical(
         "N m/rad", lower=0.0, default=1.0, description="torque per position error; a guess unless `known`"
     )
@@ -40,11 +36,3 @@ class Servo(Effect):
     limit: float | None = physical(
         "N m", lower=0.0, default=None, description="largest torque, as of a limit of current"
     )
-
-    def driven_joints(self) -> tuple[str, ...]:
-        """Return the joint whose motor torque it has to do with."""
-        return (self.joint,)
-
-    def attach(self, assembly: Assembly) -> None:
-        """Check that the joint is there; nothing acts on the motion."""
-        assembly.joint_id(self.joint)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -24,15 +21,17 @@ class Slosh(Effect):
     ``position`` is its equilibrium c_s in ``frame`` (default: the bus frame) [m].
     """
 
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("body_error",)
-    strength: ClassVar[tuple[str, ...]] = ()
-    summary: ClassVar[str] = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    family = "slosh"
+    by_batch = True
+    aliases = ("body_error",)
+    strength = ()
+    summary = "fuel slosh: a spring-mounted point mass with three degrees of freedom"
+    changes = {
         "mass": ("more propellant sloshes in it", "less propellant sloshes in it"),
         "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
         "damping": ("its slosh is damped more", "its slosh is damped less"),
     }
+    in_words = "the fuel in {place} moves otherwise than described: {shape}"
     kind: Literal["slosh"] = "slosh"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     position: Vector3 = Field(description="equilibrium c_s of the mass in `frame` [m]")
@@ -68,20 +67,41 @@ class Slosh(Effect):
             assembly.add_remainder(self.frame, point_parameters(-self.mass, np.zeros(3)), placement)
 
 
+class TankEffect(Starting):
+    """An effect on the slosh mass of a tank that stands before it."""
+
+    family = "slosh"
+    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
+
+    def part_of(self) -> str:
+        """Return the tank."""
+        return self.tank
+
+    def coordinates(self, assembly: Assembly) -> tuple[slice, slice]:
+        """Return where the slosh mass is in q and in v; raises `DescriptionError` without the tank."""
+        if self.tank not in assembly.slosh:
+            raise DescriptionError(
+                f"There is no tank '{self.tank}' before this effect.",
+                advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
+                tank=self.tank,
+            )
+        joint = assembly.model.joints[assembly.slosh[self.tank][1]]
+        return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+
+
 @register
-class SloshNonlinearity(Starting):
+class SloshNonlinearity(TankEffect):
     """What a tank's slosh does at large amplitude: force ``-cubic |r|^2 r - quadratic_damping |r'| r'``.
 
     r is the displacement of the slosh mass from c_s. ``cubic`` is positive for a spring that hardens. With
     ``law = "per_axis"`` each axis of the tank's frame has the force by itself, ``-cubic x^3`` along x.
     """
 
-    summary: ClassVar[str] = "spring and damping of a slosh mass that depend on amplitude"
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh",)
-    strength: ClassVar[tuple[str, ...]] = ("cubic", "quadratic_damping")
+    summary = "spring and damping of a slosh mass that depend on amplitude"
+    aliases = ("slosh",)
+    strength = ("cubic", "quadratic_damping")
+    in_words = "the fuel in {place} moves non-linearly: {shape}"
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
-    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     law: Literal["radial", "per_axis"] = Field(
         default="radial", description="by the distance from c_s, or every axis by itself"
     )
@@ -90,60 +110,46 @@ class SloshNonlinearity(Starting):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
-        place, rate = _coordinates(assembly, self.tank)
-        cubic, quadratic, active = self.cubic, self.quadratic_damping, self.active
+        place, rate = self.coordinates(assembly)
+        cubic, quadratic = self.cubic, self.quadratic_damping
         radial = self.law == "radial"
         if not (cubic or quadratic):
             return
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                r, dr = q[place], v[rate]
-                stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
-                tau[rate] -= cubic * stretch * r + quadratic * speed * dr
+            r, dr = q[place], v[rate]
+            stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
+            tau[rate] -= cubic * stretch * r + quadratic * speed * dr
 
-        assembly.add_force(force, self.onset, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
+        assembly.add_force(force, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
 
 
 @register
-class SloshWall(Starting):
+class SloshWall(TankEffect):
     """The wall of a tank: beyond ``gap`` from c_s the slosh mass is pushed back, ``-stiffness (|r| - gap)``
     along r, its displacement.
 
     Source: Abramson, NASA SP-106 (1966), chapter 3, on motion that the walls limit; the contact as a spring.
     """
 
-    summary: ClassVar[str] = "wall of a tank, which limits how far its slosh mass moves"
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh_nonlinearity", "slosh")
-    strength: ClassVar[tuple[str, ...]] = ("stiffness",)
+    summary = "wall of a tank, which limits how far its slosh mass moves"
+    aliases = ("slosh_nonlinearity", "slosh")
+    strength = ("stiffness",)
+    in_words = "the fuel in {place} reaches the wall of its tank"
     kind: Literal["slosh_wall"] = "slosh_wall"
-    tank: str = Field(description="name of the `slosh` effect, which stands before this one")
     gap: float = physical("m", lower=0.0, default=0.1, description="room about c_s before the wall")
     stiffness: float = physical("N/m", lower=0.0, default=0.0, description="of the contact")
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
-        place, rate = _coordinates(assembly, self.tank)
-        gap, stiffness, active = self.gap, self.stiffness, self.active
+        place, rate = self.coordinates(assembly)
+        gap, stiffness = self.gap, self.stiffness
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
             r = q[place]
             far = float(np.sqrt(r @ r))
-            if far > gap and active(t):
+            if far > gap:
                 tau[rate] -= stiffness * (1.0 - gap / far) * r
 
         if stiffness:
-            assembly.add_force(force, self.onset, (range(rate.start, rate.stop), ()))
-
-
-def _coordinates(assembly: Assembly, tank: str) -> tuple[slice, slice]:
-    """Return where a tank's slosh mass is in q and in v; raises `DescriptionError` without the tank."""
-    if tank not in assembly.slosh:
-        raise DescriptionError(
-            f"There is no tank '{tank}' before this effect.",
-            advice=f"Tanks so far: {', '.join(assembly.slosh) or 'none'}.",
-            tank=tank,
-        )
-    joint = assembly.model.joints[assembly.slosh[tank][1]]
-    return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+            assembly.add_force(force, (range(rate.start, rate.stop), ()))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, physical, register
 from smsid.effects.payload import point_parameters
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -28,15 +25,16 @@ class SloshPendulum(Effect):
     (1966), chapter 6; Dodge, The New Dynamic Behavior of Liquids in Moving Containers (2000), chapter 3.
     """
 
-    family: ClassVar[str] = "slosh"
-    aliases: ClassVar[tuple[str, ...]] = ("slosh", "body_error")
-    summary: ClassVar[str] = "fuel slosh under thrust: a pendulum, as stiff as the acceleration makes it"
-    changes: ClassVar[Mapping[str, tuple[str, str]]] = {
+    family = "slosh"
+    aliases = ("slosh", "body_error")
+    summary = "fuel slosh under thrust: a pendulum, as stiff as the acceleration makes it"
+    changes = {
         "mass": ("more propellant sloshes in it", "less propellant sloshes in it"),
         "length": ("its slosh is slower under thrust", "its slosh is faster under thrust"),
         "stiffness": ("its propellant is held more stiffly", "its propellant is held less stiffly"),
         "damping": ("its slosh is damped more", "its slosh is damped less"),
     }
+    in_words = "the fuel in {place} swings otherwise than described: {shape}"
     kind: Literal["slosh_pendulum"] = "slosh_pendulum"
     frame: str | None = Field(default=None, description="frame it is in; the bus frame when not given")
     pivot: Vector3 = Field(description="point about which it swings, in `frame` [m]")

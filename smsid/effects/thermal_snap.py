@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
-from smsid.effects.appendage import BeamAppendage
-from smsid.effects.appendage_drift import attached_appendage
+from smsid.effects.appendage_effect import BeamEffect
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
-from smsid.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
-class ThermalSnap(Starting):
+class ThermalSnap(BeamEffect, Starting):
     """From ``start`` on, a `beam_appendage` rests bent, its tip by ``deflection`` along its z axis.
 
     A difference of temperature across a uniform beam bends it by the same curvature ``kappa`` all along,
@@ -27,23 +22,17 @@ class ThermalSnap(Starting):
     J. Guidance 16 (1993) 1103.
     """
 
-    summary: ClassVar[str] = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
-    family: ClassVar[str] = "appendage"
-    aliases: ClassVar[tuple[str, ...]] = ("external_wrench",)
-    strength: ClassVar[tuple[str, ...]] = ("deflection",)
+    summary = "a step of where a panel comes to rest, as by heat on one side (thermal snap)"
+    needs_beam = "how it bends at rest is"
+    aliases = ("external_wrench",)
+    strength = ("deflection",)
+    in_words = "{place} comes to rest bent, as by heat on one side"
     kind: Literal["thermal_snap"] = "thermal_snap"
-    appendage: str = Field(description="name of a `beam_appendage`, which stands before this effect")
     deflection: float = physical("m", default=0.0, description="of the tip at rest, along its z axis")
 
     def attach(self, assembly: Assembly) -> None:
         """Add the forces on the modes; raises `DescriptionError` unless it is a beam."""
-        panel = attached_appendage(assembly, self.appendage)
-        beam = panel.appendage
-        if not isinstance(beam, BeamAppendage):
-            raise DescriptionError(
-                f"'{self.appendage}' is no beam_appendage, so how it bends at rest is not known.",
-                advice="Leave the effect out, or describe the appendage as a beam.",
-            )
+        panel, beam = self.beam(assembly)
         if self.deflection == 0.0:
             return
         length, shapes = beam.length, beam.cantilever
@@ -52,10 +41,8 @@ class ThermalSnap(Starting):
         curvature = 2.0 * self.deflection / length**2
         forces = bending * curvature * shapes.slope(length) / np.sqrt(beam.mass) * panel.scale
         index = [assembly.model.joints[j].idx_v for j in panel.joints]
-        active = self.active
 
         def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            if active(t):
-                tau[index] += forces
+            tau[index] += forces
 
-        assembly.add_force(force, self.onset, ((), ()))
+        assembly.add_force(force, ((), ()))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.spatial import joint_jacobian
-
-if TYPE_CHECKING:
-    from smsid.effects.assembly import Assembly
 
 
 @register
@@ -25,11 +23,12 @@ class WheelImbalance(Effect):
     bus. The first moment sits at the wheel's place: `position` of the description matters here.
     """
 
-    summary: ClassVar[str] = "static and dynamic imbalance of a wheel"
-    family: ClassVar[str] = "actuator"
-    aliases: ClassVar[tuple[str, ...]] = ()
-    strength: ClassVar[tuple[str, ...]] = ("static", "dynamic")
-    polar: ClassVar[tuple[tuple[str, ...], str] | None] = (("static", "dynamic"), "phase")
+    summary = "static and dynamic imbalance of a wheel"
+    family = "actuator"
+    aliases = ()
+    strength = ("static", "dynamic")
+    polar = (("static", "dynamic"), "phase")
+    in_words = "{place} is out of balance"
     kind: Literal["wheel_imbalance"] = "wheel_imbalance"
     wheel: str = Field(description="wheel, or the joint that is the wheel")
     static: float = physical("kg m", default=0.0, lower=0.0, description="mass times distance from the axis")

@@ -22,8 +22,6 @@ from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
 Method = Literal["ml", "filter", "paper"]
-BATCH_EFFECTS = ("slosh", "beam_appendage", "modal_appendage", "mode_error")
-"""Kinds of effects whose parameters the batch prediction estimates."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ def _single_thrusters(recording: Recording) -> bool:
 
 def _listed(description: Description) -> str:
     """Return which effects only the filter estimates, if there are any."""
-    others = [e.name for e in description.effect if e.kind not in BATCH_EFFECTS and e.unknowns()]
+    others = [e.name for e in description.effect if not e.by_batch and e.unknowns()]
     return f"parameters of {', '.join(others)} are to be estimated" if others else ""
 
 

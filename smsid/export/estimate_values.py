@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.appendage import Appendage, ModalAppendage
-from smsid.identify.appendages import as_described, described_modes
+from smsid.identify.appendages import as_described
 from smsid.identify.estimate import Estimate
-from smsid.identify.identified import identified_modes
 
 
 def with_estimate(description: Description, estimate: Estimate) -> tuple[Description, list[str]]:
@@ -29,8 +26,9 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
     panels: list[ModalAppendage] = []
     notes: list[str] = []
     for effect in description.effect:
-        if isinstance(effect, Appendage):
-            panel = _appendage(description, effect, estimate, notes)
+        appendage = effect.as_appendage()
+        if appendage is not None:
+            panel = _appendage(description, appendage, estimate, notes)
             panels += [panel] if panel is not None else []
             continue
         own = {}
@@ -66,7 +64,7 @@ def _appendage(
     density = None if heavy.unit == "1" else _taken(heavy.name, heavy.value, estimate, notes)
     factor = factor if density is None else density / heavy.value
     modes = {}
-    described = described_modes(description, effect)
+    described = effect.described_modes(description.effect)
     for k, mode in enumerate(described, start=1):
         for field in ("frequency", "damping"):
             name = f"{effect.name}.mode{k}.{field}"
@@ -75,5 +73,4 @@ def _appendage(
                 modes[name] = max(value, 0.0)
     if factor is None and not modes:
         return None
-    own = identified_modes(effect, 1.0 if factor is None else factor, (), described)
-    return cast(ModalAppendage, own.with_values(modes))
+    return effect.as_modal(1.0 if factor is None else factor, described).with_values(modes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +15,11 @@ from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.description.robots import robot_urdf
-from smsid.effects import JointFriction, MotorCoupling
 from smsid.effects.assembly import find_frame
 from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies
 from smsid.export.estimate_values import with_estimate
-from smsid.export.mjcf import write_mjcf
-from smsid.export.mjcf_friction import dry_friction
+from smsid.export.mjcf import counterparts, write_mjcf
 from smsid.export.urdf import rewritten_urdf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
@@ -105,30 +103,15 @@ def _written(
     # from here on with what was written
     atomic_write(folder / "parameters.csv", parameters_csv(moved, _equations_of(moved), estimate))
     if mujoco:
-        # MuJoCo can simulate the inertia of coupled motors
-        model = replace(simulable(moved), description=moved)
+        model = build_model(moved)
         atomic_write(folder / f"{stem}.xml", write_mjcf(model))
-        notes += [f.note for f in dry_friction(model).values() if f.note]
+        notes += [f.note for f in counterparts(model).values() if f.note]
     return sorted(p.name for p in folder.iterdir()), bodies, notes
 
 
 def _equations_of(description: Description) -> SpacecraftModel:
     """Return a model for its inertial parameters: links of a welded arm need not be fit to be simulated."""
-    return simulable(description) if description.root == "free" else rigid_arm(description)
-
-
-def simulable(description: Description) -> SpacecraftModel:
-    """Return the model without the inertia of motors of several joints, which Pinocchio cannot simulate.
-
-    Raises:
-        DescriptionError: as `build_model`.
-    """
-    still = [
-        e.with_values({f"{e.name}.inertia": 0.0})
-        for e in description.effect
-        if isinstance(e, MotorCoupling) and e.inertia > 0.0
-    ]
-    return build_model(description.with_effects(*still) if still else description)
+    return build_model(description) if description.root == "free" else rigid_arm(description)
 
 
 def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndarray] | None) -> Description:
@@ -185,9 +168,9 @@ def _losses(d: Description) -> dict[str, tuple[float, float]]:
     """Return viscous and Coulomb friction by joint, as far as a URDF can say it: what always acts."""
     found: dict[str, tuple[float, float]] = {}
     for effect in d.effect:
-        if isinstance(effect, JointFriction) and effect.start is None:
-            viscous, coulomb = found.get(effect.joint, (0.0, 0.0))
-            found[effect.joint] = viscous + effect.viscous, coulomb + effect.coulomb
+        for joint, own in effect.urdf_dynamics().items():
+            viscous, coulomb = found.get(joint, (0.0, 0.0))
+            found[joint] = viscous + own[0], coulomb + own[1]
     return found
 
 

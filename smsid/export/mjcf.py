@@ -6,20 +6,17 @@ What Pinocchio calls a joint becomes one or three MuJoCo joints of the same name
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects import JointFriction, MotorCoupling, TorqueOffset
+from smsid.effects.counterpart import Counterpart
 from smsid.errors import DescriptionError
 from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, stacked_joints, with_lent_inertia
-from smsid.export.mjcf_friction import DryFriction, dry_friction
 from smsid.model.regressor import body_names
 from smsid.model.spacecraft import SpacecraftModel
-
-WRITTEN = (JointFriction, MotorCoupling, TorqueOffset)
-"""Effects with nonlinear forces that have a counterpart."""
 
 GROUND = "world"  # the name that MuJoCo keeps for what nothing moves
 
@@ -28,7 +25,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
     """Return the model as MJCF text.
 
     Springs, dampers and rotor inertias are exact; Coulomb friction becomes MuJoCo's dry friction, which has
-    no smoothing, and other laws what comes closest to them, as comments in the text say (`dry_friction`); a
+    no smoothing, and other laws what comes closest to them, as comments in the text say (`counterparts`); a
     motor of several joints is a tendon, a joint that follows another an equality constraint, a torque offset
     an actuator of constant torque.
     Limits of wheels, joints and thrust bound the controls. MuJoCo's free joint has linear velocity in
@@ -44,8 +41,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
     springs = dict(
         zip(model.spring_v.tolist(), zip(model.stiffness, model.damping, strict=True), strict=True)
     )
-    _refuse_other_forces(model)
-    dry = dry_friction(model)
+    forces = counterparts(model)
+    dry, damping_of, armature = _single_joints(model, forces)
     links = body_names(p)
     names = links if len(set(links)) == len(links) else tuple(list(p.names)[1:])
     own = "world_link"
@@ -70,10 +67,9 @@ def write_mjcf(model: SpacecraftModel) -> str:
             axis = seen.rotation.T @ axis
             at = seen.inverse().translation
             extra = f' pos="{numbers(at)}"' if at.any() else ""
-            extra += f' armature="{numbers(p.armature[k])}"' if p.armature[k] > 0.0 else ""
-            own = dry.get(k, DryFriction(0.0))
-            extra += f' frictionloss="{numbers(own.dry)}"' if own.dry > 0.0 else ""
-            damping += own.damping
+            extra += f' armature="{numbers(armature[k])}"' if armature[k] > 0.0 else ""
+            extra += f' frictionloss="{numbers(dry[k])}"' if dry[k] > 0.0 else ""
+            damping += damping_of[k]
             lines.append(
                 f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
                 f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
@@ -113,17 +109,17 @@ def write_mjcf(model: SpacecraftModel) -> str:
         [
             f"<mujoco model={quoteattr(model.description.name)}>",
             *(["  <!-- modal amplitudes [kg^.5 m]: " + "; ".join(scales) + " -->"] if scales else []),
-            *(f"  <!-- {f.note} -->" for f in dry.values() if f.note),
+            *(f"  <!-- {f.note} -->" for f in forces.values() if f.note),
             '  <compiler angle="radian" autolimits="false" inertiafromgeom="false" balanceinertia="false"/>',
             f'  <option gravity="{numbers(p.gravity.linear)}" integrator="RK4" timestep="0.005"/>',
             "  <worldbody>",
             *(f"    {site}" for site in sites.get(0, [])),
             *body,
             "  </worldbody>",
-            *_tendons(model),
+            *_tendons(forces),
             *_followers(model),
             "  <actuator>",
-            *_actuators(model),
+            *_actuators(model, forces),
             "  </actuator>",
             "  <keyframe>",
             f'    <key name="home" qpos="{numbers(_home(model, children))}"/>',
@@ -148,31 +144,62 @@ def _range(p: pin.Model, j: int) -> str:
     return f' limited="true" range="{numbers([low, high])}"'
 
 
-def _refuse_other_forces(model: SpacecraftModel) -> None:
-    """Refuse nonlinear forces that are not written here."""
-    other = {e.name: e.kind for e in model.description.effect if not isinstance(e, WRITTEN)}
-    left = [other[name] for name, _ in model.owned if name in other]
-    if left:
+def counterparts(model: SpacecraftModel) -> dict[str, Counterpart]:
+    """Return what MuJoCo has of every effect's forces, by the effect's name.
+
+    Raises:
+        DescriptionError: an effect with forces that have no counterpart there, with the reason.
+    """
+    p = model.pin
+    limits = {p.names[k]: float(p.velocityLimit[p.joints[k].idx_v]) for k in range(1, p.njoints)}
+    acting = {name for name, _ in model.owned}
+    found, refused = {}, {}
+    for effect in model.description.effect:
+        own = effect.counterpart(limits)
+        if isinstance(own, Counterpart):
+            found[effect.name] = own
+        elif effect.name in acting:
+            refused[f"'{effect.name}' ({effect.kind}): {own}"] = effect.kind
+    if refused:
         raise DescriptionError(
-            f"{len(left)} nonlinear forces of '{model.description.name}' have no "
-            f"counterpart in MuJoCo; they are of the kinds {', '.join(sorted(set(left)))}.",
+            f"MuJoCo has no counterpart for forces of '{model.description.name}': {'; '.join(refused)}.",
             advice="Export without the MuJoCo XML (--no-mujoco), or a description without these effects.",
-            kinds=sorted(set(left)),
+            kinds=sorted(set(refused.values())),
         )
+    return found
 
 
-def _tendons(model: SpacecraftModel) -> list[str]:
+def _single_joints(
+    model: SpacecraftModel, forces: Mapping[str, Counterpart]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return dry friction, further damping and rotor inertia (nv,) that joints have by themselves.
+
+    The rotor of a sum of joints goes with its tendon.
+    """
+    p = model.pin
+    dry, damping, armature = np.zeros(p.nv), np.zeros(p.nv), np.array(p.armature)
+    for force in forces.values():
+        for joint, weight in force.weights.items():
+            k = p.joints[p.getJointId(joint)].idx_v
+            if len(force.weights) == 1:
+                dry[k] += force.dry
+                damping[k] += force.damping
+            else:
+                armature[k] -= weight**2 * force.inertia
+    return dry, damping, armature
+
+
+def _tendons(forces: Mapping[str, Counterpart]) -> list[str]:
     """Motors that turn with a sum of joints, as fixed tendons with damping, dry friction and inertia."""
     lines = []
-    for effect in model.description.effect:
-        if isinstance(effect, MotorCoupling):
+    for effect, force in forces.items():
+        if len(force.weights) > 1:
             lines.append(
-                f'    <fixed name={quoteattr(effect.name)} damping="{numbers(effect.viscous)}" '
-                f'frictionloss="{numbers(effect.coulomb)}" armature="{numbers(effect.inertia)}">'
+                f'    <fixed name={quoteattr(effect)} damping="{numbers(force.damping)}" '
+                f'frictionloss="{numbers(force.dry)}" armature="{numbers(force.inertia)}">'
             )
             lines += [
-                f'      <joint joint={quoteattr(j)} coef="{numbers(w)}"/>'
-                for j, w in zip(effect.joints, effect.weights, strict=True)
+                f'      <joint joint={quoteattr(j)} coef="{numbers(w)}"/>' for j, w in force.weights.items()
             ]
             lines.append("    </fixed>")
     return ["  <tendon>", *lines, "  </tendon>"] if lines else []
@@ -204,7 +231,7 @@ def _sites(model: SpacecraftModel) -> dict[int, list[str]]:
     return {1: found}
 
 
-def _actuators(model: SpacecraftModel) -> list[str]:
+def _actuators(model: SpacecraftModel, forces: Mapping[str, Counterpart]) -> list[str]:
     d, p = model.description, model.pin
     lines = []
     if model.free:
@@ -219,11 +246,16 @@ def _actuators(model: SpacecraftModel) -> list[str]:
             effort = float(p.upperEffortLimit[v])
             limit = own.get(name, effort if 0.0 < effort < 1e6 else None)
             lines.append(f"    <motor name={quoteattr(name)} joint={quoteattr(name)}{_bound(limit)}/>")
-    for effect in d.effect:
-        if isinstance(effect, TorqueOffset) and effect.torque != 0.0:
+    for effect, force in forces.items():
+        if force.torque != 0.0:
+            on = (
+                f"tendon={quoteattr(effect)}"
+                if len(force.weights) > 1
+                else f"joint={quoteattr(*force.weights)}"
+            )
             lines.append(
-                f"    <general name={quoteattr(effect.name)} joint={quoteattr(effect.joint)} "
-                f'biastype="affine" gainprm="0" biasprm="{numbers(-effect.torque)} 0 0"/>'
+                f"    <general name={quoteattr(effect)} {on} "
+                f'biastype="affine" gainprm="0" biasprm="{numbers(force.torque)} 0 0"/>'
             )
     return lines
 

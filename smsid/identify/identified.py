@@ -40,31 +40,7 @@ def identified_modes(
     ``described`` are the modes there are, where other effects say something of them; else its own.
     """
     data = list(appendage.modal_data() if described is None else described)
-    matched = match_modes(modes, data)
-    root = float(np.sqrt(factor))
-    for k, mode in enumerate(data):
-        update = {
-            "translation": tuple(root * x for x in mode.translation),
-            "rotation": tuple(root * x for x in mode.rotation),
-            "shape": tuple(tuple(x / root for x in s) for s in mode.shape),
-        }
-        if k in matched:
-            update["frequency"] = modes[matched[k]].frequency
-            update["damping"] = max(modes[matched[k]].damping, 0.0)
-        data[k] = mode.model_copy(update=update)
-    rigid = appendage.rigid_inertia()
-    matrix = rigid.inertia + rigid.mass * (
-        (rigid.lever @ rigid.lever) * np.eye(3) - np.outer(rigid.lever, rigid.lever)
-    )
-    about = factor * matrix
-    return ModalAppendage(
-        name=appendage.name,
-        frame=appendage.frame,
-        position=appendage.position,
-        rpy=appendage.rpy,
-        mass=factor * rigid.mass,
-        center_of_mass=tuple(float(x) for x in rigid.lever),
-        inertia=tuple(float(about[i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
-        mode=tuple(data),
-        stations=tuple(tuple(float(x) for x in p) for p in appendage.station_positions()),
-    )
+    for k, j in match_modes(modes, data).items():
+        found = {"frequency": modes[j].frequency, "damping": max(modes[j].damping, 0.0)}
+        data[k] = data[k].model_copy(update=found)
+    return appendage.as_modal(factor, data)

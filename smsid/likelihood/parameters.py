@@ -11,17 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
 from smsid.description.schema import Description
-from smsid.effects.appendage import ModalAppendage
 from smsid.effects.inertial_parameters import parameters_to_matrix
 from smsid.errors import DescriptionError
-from smsid.identify.appendages import as_described, described_modes
-from smsid.identify.identified import identified_modes
+from smsid.identify.appendages import as_described
 from smsid.likelihood.layout import Layout, appendage_parts, wheel_spins
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
 from smsid.likelihood.scalars import Scalar, scalars_of
@@ -208,9 +205,8 @@ class Parameters:
         for joints in self.layout.model.appendages:
             part = joints.appendage
             own = {s.name: max(s.value, 0.0) for s in self.scalars if s.name.startswith(f"{part.name}.mode")}
-            modes = described_modes(d, part)
-            panel = identified_modes(part, self[f"{part.name}.density_factor"], (), modes)
-            panels.append(cast(ModalAppendage, panel.with_values(own)))
+            panel = part.as_modal(self[f"{part.name}.density_factor"], part.described_modes(d.effect))
+            panels.append(panel.with_values(own))
         return as_described(d.with_effects(*effects), panels)
 
     def _slope(self, name: str) -> float:

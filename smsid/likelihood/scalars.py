@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.identify.appendages import described_modes
 from smsid.model.spacecraft import SpacecraftModel
 
 
@@ -53,7 +52,7 @@ def scalars_of(model: SpacecraftModel) -> list[Scalar]:
         key = "density" if "density" in own else "mass"
         relative = prior[key] / own[key] if key in prior else None
         found.append(Scalar(f"{part.name}.density_factor", 1.0, "1", True, 1.0, 1.0, relative))
-        described = described_modes(model.description, part)
+        described = part.described_modes(model.description.effect)
         for k, mode in enumerate(described, start=1):
             name, f, zeta = f"{part.name}.mode{k}", mode.frequency, mode.damping
             sigma = prior.get(f"mode{k}.frequency")

@@ -101,8 +101,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     assembly.described = [i.toDynamicParameters() for i in model.inertias]
     for effect in d.effect:
         with _placed("effect", effect.name):
-            assembly.owner = effect.name
-            effect.attach(assembly)
+            assembly.attach(effect)
 
     arms = _arms(assembly, d, source)
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.effects.base import InertiaTerm
+from smsid.effects.assembly import InertiaTerm
 from smsid.errors import SimulationError
 from smsid.model.followers import Followers
 

@@ -107,7 +107,7 @@ def _unsaid(d: Description) -> list[str]:
         found.append("there are wheels and no [[sensor]] of kind 'tachometer'")
     watched = {s.appendage for s in d.sensor}
     for effect in d.effect:
-        if effect.kind in ("beam_appendage", "modal_appendage") and effect.name not in watched:
+        if effect.as_appendage() is not None and effect.name not in watched:
             found.append(f"[[effect]] '{effect.name}' has no accelerometers: its bending is not measured")
     return found
 

@@ -12,8 +12,7 @@ from scipy.linalg import lapack
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.description.urdf_reading import Mimic
-from smsid.effects.assembly import AppendageJoints
-from smsid.effects.base import ForceTerm, InertiaTerm, Twist
+from smsid.effects.assembly import AppendageJoints, ForceTerm, InertiaTerm, Twist
 from smsid.effects.slosh import Slosh
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces

@@ -16,7 +16,7 @@ def with_urdf_friction(d: Description, losses: Mapping[str, tuple[float, float]]
         d: the description; a friction it has for a joint already stands instead of the URDF's.
         losses: viscous [N m s/rad] and Coulomb friction [N m] by joint; N s/m and N of sliding joints.
     """
-    described = {e.joint for e in d.effect if isinstance(e, JointFriction)}
+    described = {joint for e in d.effect for joint in e.urdf_dynamics()}
     taken = {e.name for e in d.effect}
     more = []
     for joint, (viscous, coulomb) in losses.items():

@@ -2,10 +2,7 @@
 
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.filters import (
-    decimate,
     differentiate,
-    filter_recording,
-    lowpass,
     settling_time,
     uniform_rate,
     zero_phase,
@@ -20,10 +17,7 @@ __all__ = [
     "ErrorModel",
     "Sensor",
     "add_noise",
-    "decimate",
     "differentiate",
-    "filter_recording",
-    "lowpass",
     "observe",
     "preset",
     "preset_names",

@@ -17,10 +17,15 @@ def given(value: Any) -> bool:
     return value is not None and bool(np.any(np.asarray(value, dtype=float) != 0.0))
 
 
-def fixed_errors(value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Return ``value`` plus a draw of ``sigma``, constant in time: the shape without its first dimension."""
+def fixed_errors(
+    value: Any, sigma: Any, shape: tuple[int, ...], rng: np.random.Generator | None
+) -> FloatArray:
+    """Return ``value`` plus a draw of ``sigma``, constant in time: the shape without its first dimension.
+
+    Without ``rng`` nothing is drawn.
+    """
     fixed = np.array(np.broadcast_to(np.asarray(value, dtype=float), shape[1:]))
-    if not given(sigma):
+    if rng is None or not given(sigma):
         return fixed
     return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
 

@@ -166,7 +166,7 @@ class ErrorModel(BaseModel):
         self,
         times: ArrayLike,
         ideal: ArrayLike,
-        rng: np.random.Generator,
+        rng: np.random.Generator | None,
         *,
         attitude: bool = False,
         rate: float | None = None,
@@ -182,6 +182,7 @@ class ErrorModel(BaseModel):
             ideal: (N,), (N, axes) or (N, stations, axes) true values [unit]; (N, 4) quaternions x y z w with
                 ``attitude``.
             rng: source of every draw; it needs a seed sequence (`numpy.random.default_rng` has one).
+                ``None``: nothing is drawn, saturated or rounded.
             attitude: the values are quaternions.
             rate: sampling rate [Hz] of ``noise_density``; by default from the median step of ``times``.
             delayed: ``ideal`` is already the truth at ``t - lag``; otherwise it is interpolated (see
@@ -193,118 +194,96 @@ class ErrorModel(BaseModel):
             DescriptionError: a value per axis does not fit the number of axes, or a term has no meaning here.
         """
         t, x = checked(times, ideal, attitude)
-        draw = dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
+        draw = {} if rng is None else dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
         if not delayed:
             x = self._late(t, x, attitude)
         shape = (*x.shape[:-1], 3) if attitude else x.shape
         self._check_axes(shape, attitude)
 
-        x = self._misalign(x, draw["misalignment"], attitude)
-        x = self._scale(x, draw["scale"])
-        error = self._biases(t, shape, draw["bias"])
-        if given(self.bias_instability) and self.bias_correlation_time is not None:
+        x = self._misalign(x, draw.get("misalignment"), attitude)
+        x = self._scale(x, draw.get("scale"))
+        error = self._biases(t, shape, draw.get("bias"))
+        if draw and given(self.bias_instability) and self.bias_correlation_time is not None:
             unit = gauss_markov(t, self.bias_correlation_time, shape, draw["markov"])
             error += self.gauss_markov_sigma * unit
-        if given(self.random_walk):
+        if draw and given(self.random_walk):
             error += np.asarray(self.random_walk) * random_walk(t, shape, draw["walk"])
-        if given(self.noise_density) or given(self.noise_sigma):
+        if draw and (given(self.noise_density) or given(self.noise_sigma)):
             if rate is None and self.noise_density is not None:
                 rate = sampling_rate(t)
             error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)
-        self._add_outliers(error, draw["outlier"], draw["outlier size"])
-        if attitude:
-            y = self._quantise(compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
-            y = y / np.linalg.norm(y, axis=-1, keepdims=True) if self.quantisation > 0.0 else y
-        else:
-            y = x + error
-            if self.saturation is not None:
-                y = np.clip(y, -self.saturation, self.saturation)
-            y = self._quantise(y)
-        return self._stick(t, y)
+        if draw:
+            self._add_outliers(error, draw["outlier"], draw["outlier size"])
+        if attitude and np.any(error):
+            x = compose(x, Rotation.from_rotvec(error))
+        elif not attitude:
+            x = x + error
+        if draw and self.saturation is not None:
+            x = np.clip(x, -self.saturation, self.saturation)
+        x = self._quantise(x) if draw else x
+        if draw and attitude and self.quantisation > 0.0:
+            x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+        return self._stick(t, x)
 
     def systematic(
         self, times: ArrayLike, ideal: ArrayLike, attitude: bool = False, *, delayed: bool = False
     ) -> FloatArray:
         """Return the part of what the sensor reports that is the same every time, without limits and steps.
 
-        Delay and time offset (as in `apply`, arguments too), misalignment, scale, bias and a stuck channel;
-        nothing is drawn, saturated or rounded.
-
-        Raises what `apply` raises.
+        Delay and time offset, misalignment, scale, bias and a stuck channel: `apply` without ``rng``.
         """
-        t, x = checked(times, ideal, attitude)
-        if not delayed:
-            x = self._late(t, x, attitude)
-        shape = (*x.shape[:-1], 3) if attitude else x.shape
-        self._check_axes(shape, attitude)
-        fixed = self.model_copy(update={"bias_sigma": 0.0, "scale_sigma": 0.0, "misalignment_sigma": 0.0})
-        unused = np.random.default_rng(0)
-        x = fixed._scale(fixed._misalign(x, unused, attitude), unused)
-        error = fixed._biases(t, shape, unused)
-        if attitude:
-            return self._stick(t, compose(x, Rotation.from_rotvec(error)) if np.any(error) else x)
-        return self._stick(t, x + error)
+        return self.apply(times, ideal, None, attitude=attitude, delayed=delayed)
 
     def _late(self, t: FloatArray, x: FloatArray, attitude: bool) -> FloatArray:
         if self.lag == 0.0:
             return x
         return resample(t, x, np.clip(t - self.lag, t[0], t[-1]), attitude=attitude)
 
-    def _scale(self, x: FloatArray, rng: np.random.Generator) -> FloatArray:
-        parts = {k: p for k, p in self.components.items() if p.scale_error or p.scale_slope}
-        if not (self.scaled or parts):
-            return x
-        factor = np.zeros(x.shape) + (1.0 + fixed_errors(self.scale_error, self.scale_sigma, x.shape, rng))
-        factor += np.asarray(self.scale_slope) * np.abs(x)
-        for key, part in parts.items():
-            place = place_of(key, x.shape)
-            factor[place] += part.scale_error + part.scale_slope * np.abs(x[place])
+    def _parts(
+        self, shape: tuple[int, ...]
+    ) -> list[tuple[tuple[slice | int, ...], ErrorModel | ComponentError]]:
+        """Return where errors of the whole quantity and of single components are, and these errors."""
+        whole = tuple(slice(None) for _ in shape)
+        return [(whole, self), *((place_of(key, shape), part) for key, part in self.components.items())]
+
+    def _scale(self, x: FloatArray, rng: np.random.Generator | None) -> FloatArray:
+        factor = np.zeros(x.shape) + (1.0 + fixed_errors(0.0, self.scale_sigma, x.shape, rng))
+        for place, part in self._parts(x.shape):
+            factor[place] += np.asarray(part.scale_error) + np.asarray(part.scale_slope) * np.abs(x[place])
         return x * factor
 
-    def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-        drawn = fixed_errors(0.0, self.bias_sigma, shape, rng)
-        error = np.zeros(shape) + drawn
-        late = slice(None) if self.bias_from is None else t >= self.bias_from
-        error[late] += fixed_errors(self.bias, 0.0, shape, rng)
-        for key, part in self.components.items():
-            if part.bias:
-                on = np.zeros(shape)
-                on[place_of(key, shape)] = part.bias
-                error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
+    def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator | None) -> FloatArray:
+        error = np.zeros(shape) + fixed_errors(0.0, self.bias_sigma, shape, rng)
+        for place, part in self._parts(shape):
+            on = np.zeros(shape)
+            on[place] = part.bias
+            error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
-        parts = {k: p for k, p in self.components.items() if p.outlier_rate > 0.0}
-        if not (self.outlier_rate > 0.0 or parts):
-            return
-        chance, draw = which.random(error.shape), size.standard_normal(error.shape)
-        error += np.where(chance < self.outlier_rate, self.outlier_size * draw, 0.0)
-        for key, part in parts.items():
-            place = place_of(key, error.shape)
-            again = which.random(error[place].shape) < part.outlier_rate
-            error[place] += np.where(again, part.outlier_size * size.standard_normal(again.shape), 0.0)
+        parts = self._parts(error.shape)
+        any_there = any(part.outlier_rate > 0.0 for _, part in parts)
+        for place, part in parts:
+            if any_there and (part is self or part.outlier_rate > 0.0):  # the whole always takes its draws
+                chance = which.random(error[place].shape) < part.outlier_rate
+                draw = size.standard_normal(chance.shape)
+                error[place] += np.where(chance, part.outlier_size * draw, 0.0)
 
     def _quantise(self, y: FloatArray) -> FloatArray:
-        if self.quantisation > 0.0:
-            y = np.round(y / self.quantisation) * self.quantisation
-        for key, part in self.components.items():
-            if part.quantisation > self.quantisation:
-                place = place_of(key, y.shape)
-                y = y.copy()
+        y = y.copy()
+        for place, part in self._parts(y.shape):
+            if part.quantisation > (0.0 if part is self else self.quantisation):
                 y[place] = np.round(y[place] / part.quantisation) * part.quantisation
         return y
 
     def _stick(self, t: FloatArray, y: FloatArray) -> FloatArray:
-        if self.stuck_from is not None:
-            y = held(t, y, self.stuck_from)
-        for key, part in self.components.items():
+        y = y.copy()
+        for place, part in self._parts(y.shape):
             if part.stuck_from is not None:
-                place = place_of(key, y.shape)
-                y = y.copy()
                 y[place] = held(t, y[place], part.stuck_from)
         return y
 
-    def _misalign(self, x: FloatArray, rng: np.random.Generator, attitude: bool) -> FloatArray:
+    def _misalign(self, x: FloatArray, rng: np.random.Generator | None, attitude: bool) -> FloatArray:
         if not self.misaligned:
             return x
         turns = fixed_errors(self.misalignment, self.misalignment_sigma, (*x.shape[:-1], 3), rng)

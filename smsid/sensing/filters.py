@@ -1,53 +1,26 @@
-"""Low-pass filters, decimation and differentiation of sampled data, along the first axis.
+"""A low-pass filter and differentiation of sampled data, along the first axis.
 
-The paper (section V) filters its noisy measurements with IIR low-pass filters; `lowpass` is that, causal.
-Offline nothing needs to be causal, and `zero_phase` shifts nothing in time.
+The paper (section V) filters its noisy measurements with causal IIR low-pass filters. Offline nothing needs
+to be causal, and `zero_phase` shifts nothing in time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from smsid.errors import RecordingError
 from smsid.sensing._noise import FloatArray
-
-if TYPE_CHECKING:
-    from smsid.recording import Recording
-
-
-def lowpass(
-    x: ArrayLike, rate: float, cutoff: float, order: int = 4, *, steady_start: bool = True
-) -> FloatArray:
-    """Filter causally with a Butterworth low-pass, -3 dB at the cutoff. It delays; `zero_phase` does not.
-
-    Args:
-        x: (N, ...) samples [unit].
-        rate: sampling rate [Hz].
-        cutoff: -3 dB frequency [Hz], below half the rate.
-        order: of the filter.
-        steady_start: start as if the first sample had lasted forever; otherwise from rest at zero.
-
-    Raises:
-        RecordingError: cutoff not below Nyquist, a sample not finite, or no samples.
-    """
-    data, sos = _prepare(x, rate, cutoff, order, least=1)
-    if not steady_start:
-        return np.asarray(sosfilt(sos, data, axis=0))
-    start = sosfilt_zi(sos).reshape(sos.shape[0], 2, *(1,) * (data.ndim - 1)) * data[0]
-    return np.asarray(sosfilt(sos, data, axis=0, zi=start)[0])
 
 
 def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
     """Filter forwards and backwards with a Butterworth low-pass: no delay, -6 dB at the cutoff.
 
-    The gain is that of `lowpass` squared. The record is extended at both ends, odd about its end points,
+    The gain is the filter's squared. The record is extended at both ends, odd about its end points,
     until the start of the two passes has settled to 1e-4 (about four periods of the cutoff at order 4), or by
     its own length if it is shorter.
 
@@ -94,29 +67,6 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
     return np.asarray(out)
 
 
-def decimate(x: ArrayLike, rate: float, factor: int) -> FloatArray:
-    """Keep every ``factor``-th sample after a zero-phase low-pass.
-
-    Its cutoff is 0.8 of the new Nyquist frequency, its order 8 each pass. The first sample stays; the new
-    rate is ``rate / factor`` [Hz].
-
-    Args:
-        x: (N, ...) samples [unit].
-        rate: sampling rate [Hz].
-        factor: 1 or more.
-
-    Raises:
-        RecordingError: factor below 1, a sample not finite, or a record too short for the filter.
-    """
-    if factor < 1 or int(factor) != factor:
-        raise RecordingError(
-            f"A record cannot be decimated by {factor}.", advice="Give a whole number from 1.", factor=factor
-        )
-    if factor == 1:
-        return _finite(x, least=1).copy()
-    return zero_phase(x, rate, 0.8 * 0.5 * rate / factor, order=8)[:: int(factor)]
-
-
 def differentiate(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
     """Differentiate once with no delay: `zero_phase`, then the slope of the quintic spline through it.
 
@@ -140,41 +90,6 @@ def differentiate(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> F
     return np.asarray(make_interp_spline(times, smooth, k=5, axis=0).derivative()(times))
 
 
-def filter_recording(
-    recording: Recording, names: Sequence[str], cutoff: float, *, order: int = 4, zero_phase: bool = True
-) -> Recording:
-    """Return the recording with some channels low-passed, each at its own rate; the provenance says so.
-
-    Quaternions are made continuous in sign, filtered by component and normalised, which is right to second
-    order in the rotation within one period of the cutoff.
-
-    Args:
-        recording: the data.
-        names: channels to filter, ``<source>.<quantity>``.
-        cutoff: [Hz], see `lowpass` and `zero_phase`.
-        order: of the filter (of each pass).
-        zero_phase: forwards and backwards; otherwise causal from a steady start.
-
-    Raises:
-        RecordingError: no such channel, a time step that varies by more than 1 %, or as `zero_phase`.
-    """
-    run = _zero_phase if zero_phase else lowpass
-    filtered: dict[str, FloatArray] = {}
-    for name in names:
-        rate = uniform_rate(recording.time(name), name)
-        values = np.asarray(recording[name], dtype=float)
-        if name.endswith(".attitude"):
-            flips = np.sum(values[1:] * values[:-1], axis=1) < 0.0
-            values = values * np.concatenate(([1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)))[:, None]
-            values = run(values, rate, cutoff, order)
-            filtered[name] = values / np.linalg.norm(values, axis=1, keepdims=True)
-        else:
-            filtered[name] = run(values, rate, cutoff, order)
-    note = {"cutoff": cutoff, "order": order, "zero_phase": zero_phase, "channels": list(names)}
-    steps = [*recording.provenance.get("steps", []), {"filter": note}]
-    return recording.with_channels(filtered).with_provenance({"steps": steps})
-
-
 def uniform_rate(times: FloatArray, name: str = "record") -> float:
     """Return the rate [Hz] of evenly spaced ``times`` (N,) [s].
 
@@ -195,9 +110,6 @@ def uniform_rate(times: FloatArray, name: str = "record") -> float:
             step=float(steps[worst]),
         )
     return float((times.size - 1) / (times[-1] - times[0]))
-
-
-_zero_phase = zero_phase
 
 
 def _padding(rate: float, cutoff: float, order: int) -> tuple[int, int]:

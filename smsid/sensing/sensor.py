@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._noise import FloatArray
+from smsid.sensing._values import compose
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
 from smsid.sensing.presets import preset as _preset
 
@@ -150,7 +152,7 @@ class Sensor(BaseModel):
         quantity: str,
         times: ArrayLike,
         ideal: ArrayLike,
-        rng: np.random.Generator,
+        rng: np.random.Generator | None,
         *,
         delayed: bool = False,
     ) -> FloatArray:
@@ -164,7 +166,7 @@ class Sensor(BaseModel):
             times: (N,) sampling times [s].
             ideal: (N, ...) true values, shape, frame and unit of the quantity; body vectors are in the bus
                 frame, at the sensor's position.
-            rng: source of every draw.
+            rng: source of every draw; ``None``: see `systematic`.
             delayed: ``ideal`` is already the truth at ``t`` less delay and time offset.
 
         Raises:
@@ -172,24 +174,18 @@ class Sensor(BaseModel):
             RecordingError: the shape is not that of the quantity, or times or values are unusable (see
                 `ErrorModel.apply`).
         """
-        model = self.error(quantity)
-        attitude = quantity == "attitude"
-        turned = any(self.orientation) and (attitude or quantity in _BODY)
+        model, attitude = self.error(quantity), quantity == "attitude"
         x = np.asarray(ideal, dtype=float)
-        t = np.asarray(times, dtype=float)
         self._check_shape(quantity, x.shape)
-        rate = None if t.size > 1 else self.rate
-        if not turned:
-            return model.apply(t, x, rng, attitude=attitude, rate=rate, delayed=delayed)
+        rate = None if np.size(times) > 1 else self.rate
+        report = partial(model.apply, times, rng=rng, attitude=attitude, rate=rate, delayed=delayed)
+        if not any(self.orientation) or not (attitude or quantity in _BODY):
+            return report(ideal=x)
         if attitude:
             mount = Rotation.from_euler("xyz", self.orientation)
-            sensed = model.apply(
-                t, (Rotation.from_quat(x) * mount).as_quat(), rng, attitude=True, rate=rate, delayed=delayed
-            )
-            measured = (Rotation.from_quat(sensed) * mount.inv()).as_quat()
-            return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
+            return compose(report(ideal=compose(x, mount)), mount.inv())
         to_bus = self.rotation
-        return model.apply(t, x @ to_bus, rng, rate=rate, delayed=delayed) @ to_bus.T
+        return report(ideal=x @ to_bus) @ to_bus.T
 
     def systematic(
         self, quantity: str, times: ArrayLike, ideal: ArrayLike, *, delayed: bool = False
@@ -198,19 +194,7 @@ class Sensor(BaseModel):
 
         Arguments, axes and errors as in `measure`; see `ErrorModel.systematic`.
         """
-        model = self.error(quantity)
-        attitude = quantity == "attitude"
-        x = np.asarray(ideal, dtype=float)
-        self._check_shape(quantity, x.shape)
-        if not any(self.orientation) or not (attitude or quantity in _BODY):
-            return model.systematic(times, x, attitude, delayed=delayed)
-        if attitude:
-            mount = Rotation.from_euler("xyz", self.orientation)
-            sensed = model.systematic(times, (Rotation.from_quat(x) * mount).as_quat(), True, delayed=delayed)
-            measured = (Rotation.from_quat(sensed) * mount.inv()).as_quat()
-            return np.where(np.sum(measured * x, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * measured
-        to_bus = self.rotation
-        return model.systematic(times, x @ to_bus, delayed=delayed) @ to_bus.T
+        return self.measure(quantity, times, ideal, None, delayed=delayed)
 
     def _check_shape(self, quantity: str, shape: tuple[int, ...]) -> None:
         if self.kind == "accelerometers":

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from smsid.effects.appendage import BeamAppendage, ModalAppendage
+from smsid.effects.appendage import Appendage
 from smsid.view.shapes import Color, Mesh, boxes_mesh
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -64,15 +64,43 @@ class Surface:
         return poses
 
 
-def surface_of(appendage: object) -> Surface:
-    """Return the surface that stands for an appendage; one without mode shapes is drawn rigid."""
-    if isinstance(appendage, BeamAppendage):
-        return _beam(appendage)
-    if isinstance(appendage, ModalAppendage):
-        return _modal(appendage)
-    size, frame = inertia_box(appendage.rigid_inertia())  # type: ignore[attr-defined]
-    modes = len(appendage.modal_data())  # type: ignore[attr-defined]
-    return _rigid(size, _from_root(size, frame), modes)
+def surface_of(appendage: Appendage) -> Surface:
+    """Return the surface that stands for an appendage; one without mode shapes is drawn rigid.
+
+    Where its shape is known at stations alone, it is interpolated along the plate, clamped at the root; it
+    twists where stations lie abreast.
+    """
+    plate, described = appendage.plate(), appendage.modal_data()
+    modes = len(described)
+    still = np.zeros(modes)
+    if plate is not None:
+        size, shape = plate
+        up = np.array([0.0, 0.0, 1.0])
+        return Surface(np.eye(4), *size, lambda x: shape(x)[..., None] * up, _constant(still))
+    size, pose = inertia_box(appendage.rigid_inertia())
+    frame = pose.copy()
+    frame[:3, 3] -= pose[:3, 0] * size[0] / 2
+    rotation, origin = frame[:3, :3], frame[:3, 3]
+    root = float(-origin @ rotation[:, 0])
+    stations = (appendage.station_positions() - origin) @ rotation
+    shapes = np.array([m.shape for m in described]).reshape(modes, len(stations), 3) @ rotation
+    rows: list[tuple[float, np.ndarray]] = []
+    twists: list[tuple[float, np.ndarray]] = []
+    left = [k for k in np.argsort(stations[:, 0], kind="stable") if stations[k, 0] > root + 0.02 * size[0]]
+    while left:
+        abreast = [k for k in left if stations[k, 0] < stations[left[0], 0] + 0.02 * size[0]]
+        left = left[len(abreast) :]
+        s, y = float(stations[abreast, 0].mean()), stations[abreast, 1]
+        mean = shapes[:, abreast].mean(axis=1)
+        if np.ptp(y) > 0.02 * size[1]:
+            slope, level = np.polyfit(y, shapes[:, abreast, 2].T, 1)
+            mean[:, 2] = level
+            twists.append((s, slope))
+        rows.append((s, mean))
+    rigid = not rows or not modes
+    bent = _constant(np.zeros((modes, 3))) if rigid else _clamped(root, rows, np.zeros((modes, 3)), order=1)
+    turned = _constant(still) if rigid or not twists else _clamped(root, twists, still, order=2)
+    return Surface(frame, float(size[0]), float(size[1]), float(size[2]), bent, turned, rigid)
 
 
 def inertia_box(inertia: pin.Inertia) -> tuple[np.ndarray, np.ndarray]:
@@ -90,68 +118,8 @@ def inertia_box(inertia: pin.Inertia) -> tuple[np.ndarray, np.ndarray]:
     return size, pose
 
 
-def _from_root(size: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    frame = pose.copy()
-    frame[:3, 3] -= pose[:3, 0] * size[0] / 2
-    return frame
-
-
-def _rigid(size: np.ndarray, frame: np.ndarray, modes: int) -> Surface:
-    return Surface(
-        frame,
-        float(size[0]),
-        float(size[1]),
-        float(size[2]),
-        lambda x: np.zeros((len(x), modes, 3)),
-        lambda x: np.zeros((len(x), modes)),
-        rigid=True,
-    )
-
-
-def _beam(beam: BeamAppendage) -> Surface:
-    cantilever, scale, modes = beam.cantilever, beam.mass**-0.5, beam.modes
-
-    def displacement(x: np.ndarray) -> np.ndarray:
-        out = np.zeros((len(x), modes, 3))
-        out[..., 2] = cantilever.shape(x) * scale
-        return out
-
-    return Surface(
-        np.eye(4), beam.length, beam.width, beam.thickness, displacement, lambda x: np.zeros((len(x), modes))
-    )
-
-
-def _modal(appendage: ModalAppendage) -> Surface:
-    """Interpolate the shapes along the plate, clamped at the root; the twist where stations lie abreast."""
-    size, pose = inertia_box(appendage.rigid_inertia())
-    frame, modes = _from_root(size, pose), len(appendage.mode)
-    rotation, origin = frame[:3, :3], frame[:3, 3]
-    root = float(-origin @ rotation[:, 0])
-    stations = (appendage.station_positions() - origin) @ rotation
-    shapes = np.array([m.shape for m in appendage.mode]).reshape(modes, len(stations), 3) @ rotation
-    rows: list[tuple[float, np.ndarray]] = []
-    twists: list[tuple[float, np.ndarray]] = []
-    left = [k for k in np.argsort(stations[:, 0], kind="stable") if stations[k, 0] > root + 0.02 * size[0]]
-    while left:
-        abreast = [k for k in left if stations[k, 0] < stations[left[0], 0] + 0.02 * size[0]]
-        left = left[len(abreast) :]
-        s, y = float(stations[abreast, 0].mean()), stations[abreast, 1]
-        mean = shapes[:, abreast].mean(axis=1)
-        if np.ptp(y) > 0.02 * size[1]:
-            slope, level = np.polyfit(y, shapes[:, abreast, 2].T, 1)
-            mean[:, 2] = level
-            twists.append((s, slope))
-        rows.append((s, mean))
-    if not rows or not modes:
-        return _rigid(size, frame, modes)
-    return Surface(
-        frame,
-        float(size[0]),
-        float(size[1]),
-        float(size[2]),
-        _clamped(root, rows, np.zeros((modes, 3)), order=1),
-        _clamped(root, twists, np.zeros(modes), order=2) if twists else lambda x: np.zeros((len(x), modes)),
-    )
+def _constant(value: np.ndarray) -> Field:
+    return lambda x: np.broadcast_to(value, (len(x), *value.shape))
 
 
 def _clamped(root: float, rows: list[tuple[float, np.ndarray]], zero: np.ndarray, *, order: int) -> Field:

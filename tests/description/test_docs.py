@@ -11,10 +11,10 @@ import pytest
 from smsid.description import Arm, Description, Mount, Thrust, Thruster, Wheel, load_description
 from smsid.description.robots import robot_files, robots_folder
 from smsid.effects import Mode, catalogue
-from smsid.effects.reference import BEGIN, END, effects_reference, write_reference
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
 from smsid.sensing.sensor import MEASURES, Sensor
+from tests.description.reference import BEGIN, END, effects_reference, write_reference
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "description.md"
@@ -75,9 +75,7 @@ def test_every_kind_and_parameter_of_an_effect_is_listed():
 
 def test_the_table_of_effects_is_that_of_the_catalogue(tmp_path):
     inside = TEXT.split(BEGIN)[1].split(END)[0].strip()
-    assert inside == effects_reference().strip(), (
-        "write it anew with smsid.effects.reference.write_reference('docs/description.md')"
-    )
+    assert inside == effects_reference().strip(), "write it anew with python -m tests.description.reference"
     copy = tmp_path / "x.md"
     copy.write_text(TEXT.split(BEGIN)[0] + BEGIN + "stale" + END + TEXT.split(END)[1], encoding="utf-8")
     write_reference(copy)

@@ -10,7 +10,7 @@ from smsid.description import Description
 from smsid.effects import JointFriction, ModalAppendage, Mode, MotorCoupling
 from smsid.errors import DescriptionError
 from smsid.export import write_mjcf
-from smsid.export.mjcf_friction import dry_friction
+from smsid.export.mjcf import counterparts
 from smsid.model import build_model
 
 from .machines import MACHINES, URDF, random_state, to_mujoco
@@ -61,7 +61,9 @@ def arm_with(*effects):
 
 
 def test_a_coupled_motor_is_a_tendon():
-    model, mj, data = both(arm_with(MotorCoupling(name="wrist", joints=("joint2", "joint3"), viscous=2.0)))
+    model, mj, data = both(
+        arm_with(MotorCoupling(name="wrist", joints=("joint2", "joint3"), inertia=3.0, viscous=2.0))
+    )
     rng = np.random.default_rng(0)
     for _ in range(10):
         q, v = random_state(model, rng)
@@ -84,14 +86,14 @@ def test_friction_of_another_law_becomes_the_closest_with_a_note():
     """Least squares over all rates of the joint: by hand for a term that is flat, and for a falling one."""
     high = JointFriction(name="rub", joint="joint3", coulomb=1.5, stribeck=0.5, stribeck_rate=1e3)
     model = build_model(arm_with(high))
-    own = dry_friction(model)[2]
+    own = counterparts(model)["rub"]
     assert own.dry == pytest.approx(2.0, rel=1e-3) and abs(own.damping) < 1e-3
     text = write_mjcf(model)
     assert own.note in text and "'rub' has stribeck" in own.note
     square = JointFriction(name="rub", joint="joint3", coulomb=1.5, quadratic=0.6, viscous=0.2)
     top = float(model.pin.velocityLimit[2])
     top = top if np.isfinite(top) and 0.0 < top < 1e3 else 1.0
-    near = dry_friction(build_model(arm_with(square)))[2]
+    near = counterparts(build_model(arm_with(square)))["rub"]
     # x^2 on (0, 1) is closest to x - 1/6
     assert near.damping == pytest.approx(0.6 * top, rel=2e-2)
     assert near.dry == pytest.approx(1.5 - 0.1 * top**2 if 0.1 * top**2 < 1.5 else 0.0, abs=0.02 * top**2)
@@ -100,10 +102,9 @@ def test_friction_of_another_law_becomes_the_closest_with_a_note():
 
 
 def test_friction_by_load_is_left_out_with_a_note_and_friction_that_begins_is_refused():
-    own = dry_friction(
-        build_model(arm_with(JointFriction(name="rub", joint="joint3", coulomb=1.5, load=0.1)))
-    )
-    assert own[2].dry == pytest.approx(1.5) and "without its part by load" in own[2].note
+    loaded = JointFriction(name="rub", joint="joint3", coulomb=1.5, load=0.1)
+    own = counterparts(build_model(arm_with(loaded)))["rub"]
+    assert own.dry == pytest.approx(1.5) and "without its part by load" in own.note
     late = JointFriction(name="rub", joint="joint3", coulomb=1.5, start=3.0)
     with pytest.raises(DescriptionError, match=r"'rub'.*start.*--no-mujoco"):
         write_mjcf(build_model(arm_with(late)))

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import pytest
 
-from smsid.effects import base
+from smsid.description import load_description
+from smsid.effects import Counterpart, base
+from smsid.errors import DescriptionError
+from smsid.export import export_folder
+from smsid.paths import urdf_folder
+from tests.estimation.effect_cases import EffectCase, fly, identified
 
 from .effect import after
 from .flight import write_run
@@ -57,6 +64,37 @@ def test_user_effect_is_found(cable_drag, tmp_path):
     assert value["name"] == "cable_joint2.pull"
     assert abs(value["value"] - PULL) < 3.0 * value["sigma"]
     assert value["sigma"] < 0.1 * PULL
+
+
+@pytest.mark.slow
+def test_user_effect_is_identified(cable_drag, tmp_path):
+    """Listed in the description, its parameter is estimated with the tank, the bodies and the rest."""
+    case = EffectCase("cable_drag", lambda _: cable("joint2", PULL), {"joint": "joint2"}, {"pull": PULL})
+    flight = fly(case, 0, tmp_path)
+    known = flight.description.get_effect("cause").model_copy(update={"known": ("rest",)})
+    found = identified(replace(flight, description=flight.description.with_effects(known)))
+    assert found.quality.judgement == "explained"
+    value = found.estimate["cause.pull"]
+    assert abs(value.value - PULL) < 3.0 * value.sigma and value.sigma < 0.1 * PULL
+
+
+def test_user_effect_is_exported_or_refused_by_name(cable_drag, tmp_path):
+    craft = load_description(urdf_folder() / "paper_sms.toml").with_effects(
+        cable_drag(name="cable", joint="joint2", pull=PULL)
+    )
+    with pytest.raises(DescriptionError, match=r"'cable' \(cable_drag\): its forces follow"):
+        export_folder(craft, tmp_path / "all")
+    export_folder(craft, tmp_path / "without", mujoco=False)
+    assert load_description(tmp_path / "without" / "paper_sms.toml").get_effect("cable").pull == PULL
+
+    class Slack(cable_drag):
+        def counterpart(self, limits):
+            return Counterpart({self.joint: 1.0}, damping=self.pull, note=f"'{self.name}' as a damper")
+
+    damped = craft.with_effects(Slack(name="cable", joint="joint2", pull=PULL))
+    assert "'cable' as a damper" in export_folder(damped, tmp_path / "damped").notes
+    spec = mujoco.MjModel.from_xml_path(str(tmp_path / "damped" / "paper_sms.xml"))
+    assert spec.joint("joint2").damping == pytest.approx(PULL)
 
 
 def test_source_of_the_effect_is_short(cable_drag):

@@ -10,7 +10,7 @@ from smsid.effects.appendage import BeamAppendage, ModalAppendage
 from smsid.errors import DescriptionError
 from smsid.export import with_estimate
 from smsid.identify import identify
-from smsid.identify.appendages import as_beam, as_described, described_modes, linear_appendages
+from smsid.identify.appendages import as_beam, as_described, linear_appendages
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.identified import identified_modes
 from smsid.identify.momentum_rows import carried_by_bus
@@ -40,7 +40,7 @@ def accelerations(description):
 def identified(description):
     """The panel as if identified: lighter, its modes elsewhere."""
     panel = description.get_effect("panel")
-    modal = identified_modes(panel, 0.97, (), described_modes(description, panel))
+    modal = identified_modes(panel, 0.97, (), panel.described_modes(description.effect))
     return modal.with_values({"panel.mode1.frequency": 0.047, "panel.mode2.damping": 0.007})
 
 
@@ -81,7 +81,7 @@ def test_errors_of_one_mode_add_up():
 def test_an_error_of_a_mode_there_is_not():
     beyond = ModeError(name="beyond", appendage="panel", mode=4)
     with pytest.raises(DescriptionError, match="has 3 modes"):
-        described_modes(paper().with_effects(beyond), paper().get_effect("panel"))
+        paper().get_effect("panel").described_modes(paper().with_effects(beyond).effect)
 
 
 def test_a_further_mode_stays_where_it_was():
@@ -129,8 +129,8 @@ def test_an_estimate_goes_into_a_panel_that_softens():
     found, _ = with_estimate(described, Estimate("paper_sms", "test", values))
     panel = found.get_effect("panel")
     assert isinstance(panel, BeamAppendage)
-    modes = described_modes(found, panel)
-    before = described_modes(described, described.get_effect("panel"))
+    modes = panel.described_modes(found.effect)
+    before = described.get_effect("panel").described_modes(described.effect)
     assert modes[0].frequency == pytest.approx(0.047, rel=1e-12)
     assert [m.frequency for m in modes[1:]] == pytest.approx([m.frequency for m in before[1:]], rel=1e-12)
     assert [m.damping for m in modes] == pytest.approx([m.damping for m in before], rel=1e-12)

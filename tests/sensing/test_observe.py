@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
 from smsid.recording import Recording
-from smsid.sensing import Sensor, add_noise, filter_recording, observe, sample_times, zero_phase
+from smsid.sensing import Sensor, add_noise, observe, sample_times
 
 from .statistics import sigma_band
 
@@ -248,38 +248,3 @@ def test_add_noise_refuses_missing_channels_and_uneven_times():
     )
     with pytest.raises(RecordingError, match="evenly"):
         add_noise(uneven, [imu()], np.random.default_rng(0))
-
-
-def test_filter_recording_filters_the_named_channels_at_their_own_rate():
-    before = run(imu(rate=200.0), Sensor(name="pose", kind="pose", rate=50.0), stop=10.0)
-    after = filter_recording(before, ["imu.acceleration", "pose.position"], 5.0)
-    assert np.allclose(
-        after["imu.acceleration"], zero_phase(before["imu.acceleration"], 200.0, 5.0), atol=1e-9
-    )
-    assert np.allclose(after["pose.position"], zero_phase(before["pose.position"], 50.0, 5.0), atol=1e-9)
-    assert np.array_equal(after["pose.velocity"], before["pose.velocity"])
-    assert set(after.clocks) == set(before.clocks)
-    assert after.provenance["steps"][-1] == {
-        "filter": {
-            "cutoff": 5.0,
-            "order": 4,
-            "zero_phase": True,
-            "channels": ["imu.acceleration", "pose.position"],
-        }
-    }
-
-
-def test_filter_recording_keeps_attitudes_on_the_sphere_and_the_motion():
-    before = clean()
-    flipped = before["pose.attitude"] * np.where(np.arange(2001) % 300 < 150, 1.0, -1.0)[:, None]
-    after = filter_recording(before.with_channels({"pose.attitude": flipped}), ["pose.attitude"], 10.0)
-    assert np.allclose(np.linalg.norm(after["pose.attitude"], axis=1), 1.0)
-    turn = (
-        Rotation.from_quat(before["pose.attitude"]).inv() * Rotation.from_quat(after["pose.attitude"])
-    ).magnitude()
-    assert turn.max() < 1e-4
-
-
-def test_filter_recording_names_a_channel_that_is_not_there():
-    with pytest.raises(RecordingError, match="force"):
-        filter_recording(clean(), ["imu.force"], 5.0)

@@ -57,3 +57,7 @@ def _default(info: FieldInfo) -> str:
     if value is None or value is PydanticUndefined or value in ((), {}):
         return ""
     return f"`{list(value) if isinstance(value, tuple) else value}`"
+
+
+if __name__ == "__main__":
+    write_reference(Path(__file__).resolve().parents[2] / "docs" / "description.md")
