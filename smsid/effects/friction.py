@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from smsid.effects.base import Starting, physical, register
-from smsid.effects.friction_law import BY_FIELD, TERMS, Law, sliding_state
+from smsid.effects.base import Effect, Starting, physical, register
+from smsid.effects.friction_law import BY_FIELD, TERMS, Law, friction_columns, sliding_state
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.effects.assembly import Assembly
@@ -133,6 +135,30 @@ class JointFriction(Starting):
         """Return it with more laws to identify."""
         return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the terms that are `asked`. Raises `DescriptionError` where one needs what is not known."""
+        s = of(self.joint)
+        needed = {BY_FIELD[f].law for f in self.asked()}
+        for law, what, values in (
+            ("position", "the joint's angle", s.angle),
+            ("load", "the torque that drives the joint", s.load),
+            ("temperature", "a measured temperature (a channel 'joint_temperature')", s.temperature),
+        ):
+            if law in needed and values is None:
+                raise DescriptionError(
+                    f"Friction '{self.name}' of the law '{law}' needs {what}.",
+                    advice="Measure it, or leave the law out.",
+                    effect=self.name,
+                    law=law,
+                )
+        angle, load = (0.0 if x is None else x for x in (s.angle, s.load))
+        at = sliding_state(self, s.rate, angle=angle, load=load, temperature=s.temperature)
+        return {f: {self.joint: x} for f, x in friction_columns(self, self.asked(), at).items()}
+
+    def torque_shapes(self) -> tuple[str, ...]:
+        """Return the width of the sign, and Stribeck's rate where it is `asked`."""
+        return ("smoothing", "stribeck_rate") if "stribeck" in self.asked() else ("smoothing",)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; a viscous part that is always there is a linear damper."""
         number = assembly.joint_id(self.joint)
@@ -160,3 +186,13 @@ class JointFriction(Starting):
             assembly.add_force(force, self.onset, ((index,) if angular else (), (index,)))
         if by_load:
             assembly.add_load_force(loaded, self.onset, ((), (index,)))
+
+
+def frictions_of(effects: Iterable[Effect]) -> dict[str, JointFriction]:
+    """Return the friction by joint, of effects."""
+    return {e.joint: e for e in effects if isinstance(e, JointFriction)}
+
+
+def depends_on_load(effects: Iterable[Effect]) -> bool:
+    """Return whether friction among effects goes with the torque that drives its joint."""
+    return any("load" in e.asked() for e in effects if isinstance(e, JointFriction))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -49,10 +50,19 @@ class Gear(Effect):
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is about what is measured."""
+        return {}
+
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""
         for name in (self.joint, *self.also):
             assembly.joint_id(name)
+
+
+def gears_of(effects: Iterable[Effect]) -> tuple[Gear, ...]:
+    """Return the gears among effects."""
+    return tuple(e for e in effects if isinstance(e, Gear))
 
 
 def gear_matrix(gears: Sequence[Gear], joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:

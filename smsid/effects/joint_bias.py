@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.effects.sensor import joint_names
 from smsid.sensing.component import ComponentError
 
@@ -30,6 +32,10 @@ class JointOffset(Effect):
     kind: Literal["joint_offset"] = "joint_offset"
     joint: str = Field(description="joint of the model")
     angle: float = physical("rad", description="added to the reading")
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is taken off what is measured."""
+        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joint is there; nothing acts on the motion."""
@@ -82,6 +88,10 @@ class TorqueOffset(Effect):
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return a constant."""
+        return {"torque": {self.joint: np.ones_like(of(self.joint).rate)}}
+
     def attach(self, assembly: Assembly) -> None:
         """Add the constant torque, against the motor."""
         index = assembly.model.joints[assembly.joint_id(self.joint)].idx_v
@@ -91,3 +101,13 @@ class TorqueOffset(Effect):
             tau[index] -= torque
 
         assembly.add_force(force, (), ((), ()))
+
+
+def encoder_zeros(effects: Iterable[Effect]) -> dict[str, float]:
+    """Return what is to be added to encoders' readings, by joint [rad | m], of effects."""
+    return {e.joint: e.angle for e in effects if isinstance(e, JointOffset)}
+
+
+def without_idle_offsets(effects: Iterable[Effect], joints: Container[str]) -> list[Effect]:
+    """Return effects without the constant torques of joints that have no value yet."""
+    return [e for e in effects if not (isinstance(e, TorqueOffset) and e.torque == 0.0 and e.joint in joints)]

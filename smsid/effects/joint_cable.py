@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Starting, physical, register
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -30,6 +31,15 @@ class JointCable(Starting):
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the angle from rest. Raises `DescriptionError` where it is not known."""
+        angle = of(self.joint).angle
+        if angle is None:
+            raise DescriptionError(
+                f"Cable '{self.name}' needs the joint's angle.", advice="Measure it.", effect=self.name
+            )
+        return {"stiffness": {self.joint: angle - self.rest}}
 
     def attach(self, assembly: Assembly) -> None:
         """Add the spring. Raises `DescriptionError` for a joint that turns without end."""

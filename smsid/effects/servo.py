@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 
 if TYPE_CHECKING:
     from smsid.effects.assembly import Assembly
@@ -45,6 +46,15 @@ class Servo(Effect):
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is about what is measured, or commanded."""
+        return {}
+
     def attach(self, assembly: Assembly) -> None:
         """Check that the joint is there; nothing acts on the motion."""
         assembly.joint_id(self.joint)
+
+
+def servos_of(effects: Iterable[Effect]) -> dict[str, Servo]:
+    """Return the servo by joint, of effects."""
+    return {e.joint: e for e in effects if isinstance(e, Servo)}
