@@ -1,6 +1,6 @@
 """Arms on the ground: identification of links, friction, motors and couplings from joint torques."""
 
-from smsid.arm.columns import Column, JointStates, effect_columns, torque_columns
+from smsid.arm.columns import Column, JointStates, effect_columns
 from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
 from smsid.arm.friction_shape import FrictionShape
 from smsid.arm.identify import ArmIdentification, identify_arm
@@ -35,7 +35,6 @@ __all__ = [
     "joint_torques",
     "smooth_joint",
     "smooth_motion",
-    "torque_columns",
     "torque_errors",
     "torque_scales",
     "with_friction_laws",

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from smsid.arm.columns import effect_columns, joint_index
+from smsid.arm.columns import effect_columns
 from smsid.arm.joint_torques import (
     SIGN_FIELD,
     JointTorques,
     Shapes,
+    acts_on,
     block_means,
     joint_states,
     rate_spread,
@@ -27,7 +28,7 @@ from smsid.arm.joint_torques import (
 from smsid.arm.regression import correlation_lags
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.description import Description
-from smsid.effects import Effect, JointFriction
+from smsid.effects import Effect
 from smsid.model.spacecraft import SpacecraftModel
 
 SHARPEST = 1e-4
@@ -77,7 +78,7 @@ def friction_shapes(
     """
     out: list[FrictionShape] = []
     for effect in model.description.effect:
-        own = [f for f in shape_fields(effect)]
+        own = effect.torque_shapes()
         stated = [f for f in own if getattr(effect, f) != type(effect).model_fields[f].default]
         out += [FrictionShape(effect.name, f, float(getattr(effect, f)), "stated") for f in stated]
         free = [f for f in own if f not in stated]
@@ -87,14 +88,6 @@ def friction_shapes(
             values = found or {f: float(getattr(effect, f)) for f in free}
             out += [FrictionShape(effect.name, f, values[f], status) for f in free]
     return tuple(out)
-
-
-def shape_fields(effect: Effect) -> tuple[str, ...]:
-    """Return the fields of an effect's friction that torques are not linear in."""
-    if not hasattr(effect, SIGN_FIELD):
-        return ()
-    curved = isinstance(effect, JointFriction) and "stribeck" in effect.asked()
-    return (SIGN_FIELD, "stribeck_rate") if curved else (SIGN_FIELD,)
 
 
 def shape_values(shapes: Sequence[FrictionShape]) -> Shapes:
@@ -194,13 +187,6 @@ def shape_notes(shapes: Sequence[FrictionShape]) -> list[str]:
         if stated:
             notes.append(f"{what}, as described: " + ", ".join(stated))
     return notes
-
-
-def acts_on(effect: Effect, model: SpacecraftModel) -> list[tuple[int, float]]:
-    """Return the degrees of freedom an effect acts on, and their weights."""
-    joints = getattr(effect, "joints", None) or (str(getattr(effect, "joint", "")),)
-    weights = getattr(effect, "weights", (1.0,))
-    return [(joint_index(model, effect, n), float(w)) for n, w in zip(joints, weights, strict=True)]
 
 
 class _Search:

@@ -18,7 +18,7 @@ from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
 from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
-from smsid.arm.level import SHOWN, Level, tilt_of, with_gravity
+from smsid.arm.level import SHOWN, Level, with_gravity
 from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
@@ -26,9 +26,9 @@ from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.arm.solve import settled_load, solve_equations
 from smsid.description import Description
-from smsid.effects import BaseTilt, Effect
+from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
-from smsid.effects.base_tilt import tilted_gravity
+from smsid.effects.base_tilt import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model
@@ -132,7 +132,7 @@ def identify_arm(
 ) -> ArmIdentification:
     """Identify the base parameters of a welded arm and its effects from motion and torque.
 
-    The equations are linear: Pinocchio's torque regressor for the links, `torque_columns` for friction, motor
+    The equations are linear: Pinocchio's torque regressor for the links, `effect_columns` for friction, motor
     inertia, couplings and offsets that the description lists. What only enters in combination is estimated in
     combination; the values the description gives take no part.
 
@@ -164,7 +164,7 @@ def identify_arm(
     doubts = consistency_notes([without_turns(model, one) for one in recordings])
     motion = joined_motion([smooth_motion(model, one) for one in recordings])
     smoothed = time.perf_counter()
-    tilt = tilt_of(description)
+    tilt = tilt_of(description.effect)
     nominal = np.asarray(description.gravity)
     kept = np.array([n not in without for n in list(model.pin.names)[1:]])
     shown = with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model
@@ -222,7 +222,7 @@ def rigid_arm(description: Description, hold: Mapping[str, float] | None = None)
     """
     model = build_model(description.model_copy(update={"effect": (_Scaffold(name="scaffold"),)}))
     model.pin.armature[:] = 0.0
-    for tilt in [e for e in description.effect if isinstance(e, BaseTilt)]:
+    if tilt := tilt_of(description.effect):
         model.pin.gravity.linear = tilted_gravity(model.pin.gravity.linear, tilt.x, tilt.y)
     return with_held_joints(replace(model, description=description), hold or {})
 

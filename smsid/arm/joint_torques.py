@@ -136,7 +136,7 @@ def with_shapes(
     The mean of ``tanh(v / w)`` over a normal v with standard deviation s is ``tanh(v / sqrt(w^2 + pi s^2 /
     2))`` but for 2 % (exact for the error function in place of tanh).
     """
-    if not hasattr(effect, SIGN_FIELD):
+    if SIGN_FIELD not in effect.torque_shapes():
         return effect
     own = shapes.get(SIGN_FIELD, getattr(effect, SIGN_FIELD))
     wide = float(np.sqrt(own**2 + 0.5 * np.pi * rate_spread(effect, model, motion) ** 2))
@@ -145,17 +145,14 @@ def with_shapes(
 
 def sign_rate(effect: Effect, model: SpacecraftModel, v: np.ndarray) -> np.ndarray:
     """Return the rate (N,) whose sign an effect takes, from rates (N, nv)."""
-    index, weights = _places(effect, model)
-    return v[:, index] @ weights
+    return sum(w * v[:, k] for k, w in acts_on(effect, model))  # type: ignore[return-value]
 
 
 def rate_spread(effect: Effect, model: SpacecraftModel, motion: SmoothMotion) -> float:
     """Return the standard deviation of the rate whose sign an effect takes."""
-    index, weights = _places(effect, model)
-    return float(np.sqrt(np.sum((weights * motion.rate_sigma[index]) ** 2)))
+    return float(np.sqrt(sum((w * motion.rate_sigma[k]) ** 2 for k, w in acts_on(effect, model))))
 
 
-def _places(effect: Effect, model: SpacecraftModel) -> tuple[list[int], np.ndarray]:
-    joints = getattr(effect, "joints", None) or (getattr(effect, "joint", None),)
-    index = [joint_index(model, effect, str(n)) for n in joints]
-    return index, np.asarray(getattr(effect, "weights", (1.0,)), dtype=float)
+def acts_on(effect: Effect, model: SpacecraftModel) -> list[tuple[int, float]]:
+    """Return the degrees of freedom an effect acts on, and their weights."""
+    return [(joint_index(model, joint), w) for joint, w in effect.joint_weights().items()]

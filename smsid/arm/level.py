@@ -13,7 +13,6 @@ from scipy.optimize import minimize
 
 from smsid.arm.joint_torques import JointTorques, block_means
 from smsid.arm.smooth_motion import SmoothMotion
-from smsid.description import Description
 from smsid.effects.base_tilt import BaseTilt, tilted_gravity
 from smsid.errors import DescriptionError
 from smsid.model.identifiable import BaseParameters
@@ -26,18 +25,6 @@ FIRST = 0.03
 DIFFERENCE = 1e-4
 SHOWN = np.array([0.4, 0.3])
 """Tilt at which the links' combinations are named: of all that any tilt tells apart [rad]."""
-
-
-def tilt_of(description: Description) -> BaseTilt | None:
-    """Return the description's base that is not level, if it has one.
-
-    Raises:
-        DescriptionError: it has two.
-    """
-    found = [e for e in description.effect if isinstance(e, BaseTilt)]
-    if len(found) > 1:
-        raise DescriptionError("The base has two tilts.", advice="Keep one effect of the kind 'base_tilt'.")
-    return found[0] if found else None
 
 
 def with_gravity(model: SpacecraftModel, gravity: np.ndarray) -> SpacecraftModel:

@@ -8,7 +8,9 @@ from typing import Literal, get_args
 
 from smsid.description import Description
 from smsid.effects import Effect, JointFriction, MotorInertia, TorqueOffset
+from smsid.effects.friction import frictions_of
 from smsid.effects.friction_law import Law
+from smsid.effects.joint_bias import without_idle_offsets
 from smsid.errors import DescriptionError
 
 Kind = Literal["joint_friction", "motor_inertia", "torque_offset"]
@@ -79,10 +81,7 @@ def with_friction_laws(description: Description, joints: Sequence[str], chosen: 
         for joint in fitting:
             laws.setdefault(joint, []).append(law)
     description = with_joint_effects(description, list(laws), "joint_friction")
-    kept: list[Effect] = []
-    for e in description.effect:
-        if isinstance(e, JointFriction) and e.joint in laws:
-            kept.append(e.with_laws(*laws[e.joint]))
-        elif not (isinstance(e, TorqueOffset) and e.torque == 0.0 and "direction" in laws.get(e.joint, ())):
-            kept.append(e)
-    return description.model_copy(update={"effect": tuple(kept)})
+    kept = without_idle_offsets(description.effect, [j for j, own in laws.items() if "direction" in own])
+    frictions = frictions_of(kept)
+    described = description.model_copy(update={"effect": tuple(kept)})
+    return described.with_effects(*(frictions[j].with_laws(*own) for j, own in laws.items()))

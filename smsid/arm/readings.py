@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from smsid.arm.joints import with_joint_order
-from smsid.effects import Gear, JointOffset
-from smsid.effects.gear import gear_matrix
+from smsid.effects.gear import gear_matrix, gears_of
+from smsid.effects.joint_bias import encoder_zeros
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -92,7 +92,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     position, torque = (measured_channel(recording, q) for q in ("joint_position", "joint_torque"))
     recording, names = with_joint_order(model, recording), model.arm_joints.names
     order = np.argsort(model.arm_joints.v)
-    gears = [e for e in model.description.effect if isinstance(e, Gear)]
+    gears = gears_of(model.description.effect)
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     turns: dict[str, int] = {}
     spiked: dict[str, int] = {}
@@ -124,7 +124,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
             matrix, gain = gear_matrix(gears, names)
             values = (values * gain) @ matrix if what == "torque" else np.linalg.solve(matrix, values.T).T
         if what == "position":
-            zero = {e.joint: e.angle for e in model.description.effect if isinstance(e, JointOffset)}
+            zero = encoder_zeros(model.description.effect)
             values = values + np.array([zero.get(name, 0.0) for name in names])
             _require_limits(model, names, values, channel)
         found[what] = times, values[:, order]

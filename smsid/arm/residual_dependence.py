@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from smsid.arm.columns import joint_angle
 from smsid.arm.joint_torques import block_means
 from smsid.arm.regression import correlation_lags
-from smsid.effects import JointFriction
+from smsid.effects.friction import frictions_of
 from smsid.effects.friction_law import Law, fields_of, friction_columns, sliding_state
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> 
 
 def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:
     """Say which law of friction, beside those identified, the residual of a joint asks for most."""
-    own = next((e for e in found.model.description.effect if _is_friction_of(e, name)), None)
+    own = frictions_of(found.model.description.effect).get(name)
     total = float(np.sum(residual[:, k] ** 2))
     if own is None or total == 0.0:
         return ""
@@ -116,10 +116,6 @@ def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name:
     share = f"{100 * most:.0f} %"
     law = f"friction by the law '{best}': --friction {best}={name}"
     return f"hint: {share} of what is left at '{name}' goes with {law}."
-
-
-def _is_friction_of(effect: Any, joint: str) -> bool:
-    return isinstance(effect, JointFriction) and effect.joint == joint
 
 
 class _Explained:

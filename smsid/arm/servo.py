@@ -33,14 +33,15 @@ from smsid.arm.servo_values import physical_values, torque_limits
 from smsid.arm.smooth_motion import joined_motion, smooth_motion
 from smsid.arm.solve import solve_equations
 from smsid.description import Description
-from smsid.effects import JointFriction, MotorInertia, Servo, TorqueOffset
+from smsid.effects import Servo
+from smsid.effects.friction import depends_on_load
+from smsid.effects.servo import servos_of
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
-ALLOWED = (JointFriction, MotorInertia, TorqueOffset, Servo)
 ROUNDS = 8
 """Rounds of leaving out what is beyond the limit of a torque."""
 
@@ -127,7 +128,7 @@ def is_of_servos(recordings: Sequence[Recording]) -> bool:
 
 def with_servos(description: Description, joints: Sequence[str]) -> Description:
     """Return the description with a servo of unknown gains on every joint that has none."""
-    taken = {e.joint for e in description.effect if isinstance(e, Servo)}
+    taken = servos_of(description.effect)
     new = [Servo(name=f"servo_{j.replace('/', '-')}", joint=j) for j in joints if j not in taken]
     return description.with_effects(*new)
 
@@ -218,15 +219,15 @@ def identify_servos(
 
 def _servos(model: SpacecraftModel) -> dict[int, Servo]:
     """Return servos by degree of freedom; raises as `identify_servos`."""
-    strange = [e for e in model.description.effect if not isinstance(e, ALLOWED)]
-    loaded = [e for e in model.description.effect if isinstance(e, JointFriction) and "load" in e.asked()]
-    if strange or loaded:
-        other = (strange or loaded)[0]
-        raise DescriptionError(
-            f"'{other.name}' ({other.kind}) has no place beside servos.",
-            advice="Leave it out: friction, rotor and offset of single joints are identified, not by load.",
-        )
-    by_joint = {e.joint: e for e in model.description.effect if isinstance(e, Servo)}
+    effects, by_joint = model.description.effect, servos_of(model.description.effect)
+    own = {s.name for s in by_joint.values()}
+    for e in effects:
+        alone = len(e.joint_weights()) == 1 and e.strength  # a torque on one joint
+        if e.name not in own and (not alone or depends_on_load([e])):
+            raise DescriptionError(
+                f"'{e.name}' ({e.kind}) has no place beside servos.",
+                advice="Leave it out: friction (not by load), rotor and offset of one joint are identified.",
+            )
     joints = dict(zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True))
     lacking = [j for j in joints if j not in by_joint]
     if lacking:
@@ -238,10 +239,15 @@ def _servos(model: SpacecraftModel) -> dict[int, Servo]:
 
 def _with_values(description: Description, values: Mapping[str, float]) -> Description:
     """Return the description with identified values, kept within their bounds."""
+    limits = {
+        s.name: values[f"{s.name}.limit"]
+        for s in servos_of(description.effect).values()
+        if s.limit is None and f"{s.name}.limit" in values
+    }
     effects = []
     for e in description.effect:
-        if isinstance(e, Servo) and e.limit is None and f"{e.name}.limit" in values:
-            e = e.model_copy(update={"limit": values[f"{e.name}.limit"]})
+        if e.name in limits:
+            e = e.model_copy(update={"limit": limits[e.name]})
         own = {p.name: min(max(values[p.name], p.lower), p.upper) for p in e.parameters() if p.name in values}
         effects.append(e.with_values(own))
     return description.with_effects(*effects)

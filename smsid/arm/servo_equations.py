@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.arm.columns import joint_index
-from smsid.arm.joint_torques import JointTorques, block_means
+from smsid.arm.joint_torques import SIGN_FIELD, JointTorques, block_means, sign_rate
 from smsid.arm.joints import with_joint_order
 from smsid.arm.readings import measured_channel
 from smsid.arm.smooth_motion import SmoothMotion
-from smsid.effects import JointFriction, Servo
+from smsid.effects import Servo
 from smsid.errors import DescriptionError, RecordingError
 from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
@@ -130,11 +129,13 @@ def every_column(torques: JointTorques) -> BaseParameters:
 
 def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> SpacecraftModel:
     """Return the model whose friction changes sign where nothing is looked at, see `moves_throughout`."""
-    rms = np.sqrt(np.mean(motion.v**2, axis=0))
+    sharp = {
+        e.name: SHARP * float(np.sqrt(np.mean(sign_rate(e, model, motion.v) ** 2)))
+        for e in model.description.effect
+        if SIGN_FIELD in e.torque_shapes()
+    }
     effects = [
-        e.model_copy(update={"smoothing": SHARP * float(rms[joint_index(model, e, e.joint)])})
-        if isinstance(e, JointFriction)
-        else e
+        e.model_copy(update={SIGN_FIELD: sharp[e.name]}) if e.name in sharp else e
         for e in model.description.effect
     ]
     return replace(model, description=model.description.with_effects(*effects))

@@ -16,18 +16,18 @@ from smsid.arm.delay import EXPECTED, IN_STEP, AngleDelay, delay_column, torque_
 from smsid.arm.friction_shape import (
     WITHIN,
     FrictionShape,
-    acts_on,
     friction_shapes,
     shape_bounds,
     usual_shape,
     with_shape_columns,
 )
-from smsid.arm.joint_torques import JointTorques
+from smsid.arm.joint_torques import JointTorques, acts_on
 from smsid.arm.level import Level
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.description import Description
-from smsid.effects import Effect, JointFriction
+from smsid.effects import Effect
+from smsid.effects.friction import depends_on_load
 from smsid.model.identifiable import BaseParameters
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -78,7 +78,7 @@ def solve_equations(
     effects = {e.name: e for e in model.description.effect}
     leaning, count = len(base) + tilt.size, len(base) + tilt.size + delayed
     places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
-    loaded = by_load(model.description)
+    loaded = depends_on_load(model.description.effect)
     sizes: dict[str, float] = {}
     x = np.zeros(len(base))
     for k in range(ROUNDS):
@@ -142,17 +142,12 @@ def settled_load(
     ``predicted`` takes loads (N, nv) and returns torques (N, nv); ``load`` is what to begin with.
     """
     out = predicted(load)
-    if by_load(description):
+    if depends_on_load(description.effect):
         for _ in range(LOADS):
             before, out = out, predicted(out)
             if np.abs(out - before).max() <= 1e-4 * np.abs(out).max():
                 break
     return out
-
-
-def by_load(description: Description) -> bool:
-    """Return whether friction of the description depends on the load."""
-    return any(isinstance(e, JointFriction) and "load" in e.asked() for e in description.effect)
 
 
 def _shape_prior(

@@ -18,6 +18,7 @@ from smsid.arm.regression import solve_joints
 from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Gear
+from smsid.effects.gear import gears_of
 from smsid.errors import DescriptionError, NotIdentifiableError
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -108,7 +109,7 @@ def with_signal_gears(
     Where no joint has a gear, each gets one of ratio 1 to hold the gain, and the signals, recorded at the
     joints, become those of their motors.
     """
-    if any(isinstance(e, Gear) for e in description.effect):
+    if gears_of(description.effect):
         return description, list(recordings)
     gears = [Gear(name=f"gear_{j.replace('/', '-')}", joint=j, ratio=1.0) for j in joints]
     renamed = []
@@ -127,7 +128,7 @@ def with_torque_gains(description: Description, scales: Sequence[TorqueScale]) -
     Raises:
         DescriptionError: a scale is not significant, or its joint has no gear.
     """
-    gears = {e.joint: e for e in description.effect if isinstance(e, Gear)}
+    gears = {e.joint: e for e in gears_of(description.effect)}
     new = []
     for scale in scales:
         if scale.joint not in gears:

@@ -13,7 +13,6 @@ from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts
-from smsid.arm.level import tilt_of
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.residual_dependence import leftover_sentences
 from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
@@ -21,6 +20,7 @@ from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.description import Description
 from smsid.effects import BaseTilt
+from smsid.effects.base_tilt import tilt_of
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor
@@ -85,7 +85,7 @@ def identify_and_judge(
     if friction:
         joints = rigid_arm(description, held).arm_joints.names
         description = with_friction_laws(description, joints, friction)
-    if level and tilt_of(description) is None:
+    if level and tilt_of(description.effect) is None:
         description = description.with_effects(BaseTilt(name="base_tilt"))
     found: ArmIdentification | ServoIdentification
     untold: tuple[str, ...] = ()

@@ -54,10 +54,12 @@ def check_kinds(function: Callable[..., Any], options: Mapping[str, Any]) -> Non
     """Raise `SmsidError` where a file is given in the place of another kind, and say which goes where."""
     parameters = inspect.signature(function, eval_str=True).parameters
     order = [name for name, p in parameters.items() if is_argument(p)]
+    # a robot by its name stands in the description's place: the first argument is a recording then
+    wants = WANTED | {"description": WANTED["recordings"]} if options.get("robot") else WANTED
     for name, value in options.items():
-        if name not in WANTED:
+        if name not in wants:
             continue
-        wanted, fitting = WANTED[name]
+        wanted, fitting = wants[name]
         for path in value if isinstance(value, list | tuple) else [value]:
             suffix = Path(path).suffix.lower() if isinstance(path, str | Path) else ""
             if suffix not in KINDS or suffix in fitting:

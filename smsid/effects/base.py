@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from smsid.effects.counterpart import Counterpart
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
@@ -278,6 +279,29 @@ class Effect(Table):
     def as_appendage(self) -> Appendage | None:
         """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""
         return None
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return what motors must give for it, where that is linear in its parameters: an arm is identified
+        from measured torques with these. Empty for an effect that acts on what is measured.
+
+        Raises:
+            DescriptionError: it is not linear, or needs what is not known.
+        """
+        raise DescriptionError(
+            f"Effect '{self.name}' of kind '{self.kind}' does not enter joint torques linearly.",
+            advice="Leave it out, or give its class a method `torque_columns`.",
+            effect=self.name,
+        )
+
+    def torque_shapes(self) -> tuple[str, ...]:
+        """Return the fields, rates [rad/s | m/s], that its torque columns are not linear in: widths of a
+        sign (``smoothing``), Stribeck's rate. They are found beside the parameters.
+        """
+        return ()
+
+    def joint_weights(self) -> dict[str, float]:
+        """Return the joints its torque acts on, with their weights in the rate that it depends on."""
+        return dict.fromkeys(self.driven_joints(), 1.0)
 
     def propellant_at(self) -> tuple[str | None, np.ndarray] | None:
         """Return frame and place (3,) [m] of propellant that it stands for, or ``None``."""

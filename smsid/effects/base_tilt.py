@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.errors import DescriptionError
 
 
 @register
@@ -31,10 +34,26 @@ class BaseTilt(Effect):
     )
     y: float = physical("rad", lower=-1.6, upper=1.6, default=0.0, description="the same, to its y axis")
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it turns gravity."""
+        return {}
+
     def attach(self, assembly: Assembly) -> None:
         """Turn the model's gravity."""
         gravity = assembly.model.gravity
         gravity.linear = tilted_gravity(gravity.linear, self.x, self.y)
+
+
+def tilt_of(effects: Iterable[Effect]) -> BaseTilt | None:
+    """Return the base that is not level among effects, if there is one.
+
+    Raises:
+        DescriptionError: there are two.
+    """
+    found = [e for e in effects if isinstance(e, BaseTilt)]
+    if len(found) > 1:
+        raise DescriptionError("The base has two tilts.", advice="Keep one effect of the kind 'base_tilt'.")
+    return found[0] if found else None
 
 
 def horizontal_axes(gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

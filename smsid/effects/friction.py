@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Starting, physical, register
+from smsid.effects.base import Effect, Starting, physical, register
 from smsid.effects.counterpart import Counterpart
-from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, sliding_state
+from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.errors import DescriptionError
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
@@ -127,6 +129,30 @@ class JointFriction(JointEffect, Starting):
         """Return it with more laws to identify."""
         return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the terms that are `asked`. Raises `DescriptionError` where one needs what is not known."""
+        s = of(self.joint)
+        needed = {BY_FIELD[f].law for f in self.asked()}
+        for law, what, values in (
+            ("position", "the joint's angle", s.angle),
+            ("load", "the torque that drives the joint", s.load),
+            ("temperature", "a measured temperature (a channel 'joint_temperature')", s.temperature),
+        ):
+            if law in needed and values is None:
+                raise DescriptionError(
+                    f"Friction '{self.name}' of the law '{law}' needs {what}.",
+                    advice="Measure it, or leave the law out.",
+                    effect=self.name,
+                    law=law,
+                )
+        angle, load = (0.0 if x is None else x for x in (s.angle, s.load))
+        at = sliding_state(self, s.rate, angle=angle, load=load, temperature=s.temperature)
+        return {f: {self.joint: x} for f, x in friction_columns(self, self.asked(), at).items()}
+
+    def torque_shapes(self) -> tuple[str, ...]:
+        """Return the width of the sign, and Stribeck's rate where it is `asked`."""
+        return ("smoothing", "stribeck_rate") if "stribeck" in self.asked() else ("smoothing",)
+
     def attach(self, assembly: Assembly) -> None:
         """Add the friction torque; a viscous part that is always there is a linear damper."""
         joint = assembly.joint(self.joint)
@@ -168,3 +194,13 @@ class JointFriction(JointEffect, Starting):
         dropped = ", without its part by load" if self.load else ""
         said = f"friction '{self.name}' has {', '.join(other)}, which others have not: {note}{dropped}."
         return Counterpart(weights, damping=damping, dry=dry, note=said)
+
+
+def frictions_of(effects: Iterable[Effect]) -> dict[str, JointFriction]:
+    """Return the friction by joint, of effects."""
+    return {e.joint: e for e in effects if isinstance(e, JointFriction)}
+
+
+def depends_on_load(effects: Iterable[Effect]) -> bool:
+    """Return whether friction among effects goes with the torque that drives its joint."""
+    return any("load" in e.asked() for e in effects if isinstance(e, JointFriction))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import physical, register
+from smsid.effects.base import Effect, physical, register
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 
@@ -43,10 +44,19 @@ class Gear(JointEffect):
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
     )
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is about what is measured."""
+        return {}
+
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""
         for name in (self.joint, *self.also):
             assembly.joint_id(name)
+
+
+def gears_of(effects: Iterable[Effect]) -> tuple[Gear, ...]:
+    """Return the gears among effects."""
+    return tuple(e for e in effects if isinstance(e, Gear))
 
 
 def gear_matrix(gears: Sequence[Gear], joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.counterpart import Counterpart
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.effects.sensor import joint_names
 from smsid.effects.sensor_errors import SensorBias
 
@@ -35,6 +36,10 @@ class JointOffset(JointEffect):
     def driven_joints(self) -> tuple[str, ...]:
         """Return none: the motor's torque does not come into it."""
         return ()
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is taken off what is measured."""
+        return {}
 
     def resolved(self, description: Description) -> Effect:
         """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
@@ -75,6 +80,10 @@ class TorqueOffset(JointEffect):
     kind: Literal["torque_offset"] = "torque_offset"
     torque: float = physical("N m", default=0.0, description="that the motor gives beyond what moves the arm")
 
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return a constant."""
+        return {"torque": {self.joint: np.ones_like(of(self.joint).rate)}}
+
     def attach(self, assembly: Assembly) -> None:
         """Add the constant torque, against the motor."""
         index, torque = assembly.joint(self.joint).idx_v, self.torque
@@ -87,3 +96,13 @@ class TorqueOffset(JointEffect):
     def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
         """Return the constant torque."""
         return Counterpart({self.joint: 1.0}, torque=-self.torque)
+
+
+def encoder_zeros(effects: Iterable[Effect]) -> dict[str, float]:
+    """Return what is to be added to encoders' readings, by joint [rad | m], of effects."""
+    return {e.joint: e.angle for e in effects if isinstance(e, JointOffset)}
+
+
+def without_idle_offsets(effects: Iterable[Effect], joints: Container[str]) -> list[Effect]:
+    """Return effects without the constant torques of joints that have no value yet."""
+    return [e for e in effects if not (isinstance(e, TorqueOffset) and e.torque == 0.0 and e.joint in joints)]

@@ -9,6 +9,7 @@ import numpy as np
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Starting, physical, register
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 
@@ -23,6 +24,15 @@ class JointCable(JointEffect, Starting):
     kind: Literal["joint_cable"] = "joint_cable"
     stiffness: float = physical("N m/rad", lower=0.0, default=0.0, description="torque per angle from rest")
     rest: float = physical("rad", default=0.0, description="angle at which it does not pull")
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the angle from rest. Raises `DescriptionError` where it is not known."""
+        angle = of(self.joint).angle
+        if angle is None:
+            raise DescriptionError(
+                f"Cable '{self.name}' needs the joint's angle.", advice="Measure it.", effect=self.name
+            )
+        return {"stiffness": {self.joint: angle - self.rest}}
 
     def attach(self, assembly: Assembly) -> None:
         """Add the spring. Raises `DescriptionError` for a joint that turns without end."""

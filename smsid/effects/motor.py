@@ -12,6 +12,7 @@ from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.counterpart import Counterpart
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia
 
 
@@ -30,6 +31,10 @@ class MotorInertia(JointEffect):
     inertia: float = physical(
         "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
     )
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the joint's acceleration."""
+        return {"inertia": {self.joint: of(self.joint).acceleration}}
 
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia to the joint's armature."""
@@ -78,6 +83,22 @@ class MotorCoupling(Effect):
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joints whose motor torque it has to do with."""
         return self.joints
+
+    def joint_weights(self) -> dict[str, float]:
+        """Return the weight of each joint in s."""
+        return dict(zip(self.joints, self.weights, strict=True))
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return what s needs, times the weights."""
+        weights, states = self.joint_weights(), {j: of(j) for j in self.joints}
+        rate = sum(w * states[j].rate for j, w in weights.items())
+        acceleration = sum(w * states[j].acceleration for j, w in weights.items())
+        parts = {"inertia": acceleration, "viscous": rate, "coulomb": np.tanh(rate / self.smoothing)}
+        return {f: {j: w * x for j, w in weights.items()} for f, x in parts.items()}
+
+    def torque_shapes(self) -> tuple[str, ...]:
+        """Return the width of the sign."""
+        return ("smoothing",)
 
     def attach(self, assembly: Assembly) -> None:
         """Add the friction of s as a generalised force, and the rotor's inertia ``inertia w w'`` on the

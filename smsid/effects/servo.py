@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 from pydantic import Field
 
-from smsid.effects.base import physical, register
+from smsid.effects.base import Effect, physical, register
 from smsid.effects.joint_effect import JointEffect
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 
 
 @register
@@ -36,3 +38,12 @@ class Servo(JointEffect):
     limit: float | None = physical(
         "N m", lower=0.0, default=None, description="largest torque, as of a limit of current"
     )
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return none: it is about what is measured, or commanded."""
+        return {}
+
+
+def servos_of(effects: Iterable[Effect]) -> dict[str, Servo]:
+    """Return the servo by joint, of effects."""
+    return {e.joint: e for e in effects if isinstance(e, Servo)}

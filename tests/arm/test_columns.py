@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.arm import JointStates, effect_columns, torque_columns, with_joint_effects
+from smsid.arm import JointStates, effect_columns, with_joint_effects
 from smsid.description import Description
 from smsid.effects import Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, Slosh, TorqueOffset
 from smsid.effects.gear import gear_matrix
@@ -69,7 +69,7 @@ def test_a_coupled_motor_is_felt_by_both_joints_with_their_ratios(arm, rng):
     model = build_model(arm)
     v, a = rng.normal(size=(2, 5, 3))
     effect = MotorCoupling(name="w", joints=("joint2", "joint3"), ratios=(1.0, 3.0))
-    inertia, viscous, coulomb = torque_columns(effect, model, v, a)
+    inertia, viscous, coulomb = effect_columns(effect, model, JointStates(None, v, a))
     s = np.array([0.0, 1.0, 3.0])
     np.testing.assert_allclose(inertia.values, (a @ s)[:, None] * s)
     np.testing.assert_allclose(viscous.values, (v @ s)[:, None] * s)
@@ -105,7 +105,7 @@ def test_gears_that_do_not_fit_are_refused(gears, text):
 def test_effects_that_are_not_linear_in_torque_are_refused(arm):
     tank = Slosh(name="tank", position=(0, 0, 0), mass=1.0, stiffness=(1, 1, 1), damping=(0, 0, 0))
     with pytest.raises(DescriptionError, match="'tank' of kind 'slosh' does not enter joint torques"):
-        torque_columns(tank, build_model(arm), np.zeros((1, 3)), np.zeros((1, 3)))
+        effect_columns(tank, build_model(arm), JointStates(None, *np.zeros((2, 1, 3))))
 
 
 def test_joint_effects_are_added_where_there_are_none(arm):

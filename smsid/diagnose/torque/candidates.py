@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from smsid.arm.columns import torque_columns
+from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.motion import measured_channel
 from smsid.arm.units import joint_unit, slides
 from smsid.diagnose.torque.equations import TorqueEquations
@@ -103,8 +103,8 @@ def torque_candidates(
     ``known``: something is known of its links beforehand. Only then can a payload, a wrong link or the gain
     of a torque signal be told from links that are identified along with them.
 
-    Effect classes of users take part by a class method ``candidates(model)`` like those of spacecraft, once
-    their columns are registered with `smsid.arm.torque_columns`.
+    Effect classes of users take part by a class method ``candidates(model)`` like those of spacecraft, and
+    their method `torque_columns`.
     """
     description = equations.description
     found: list[TorqueCandidate] = []
@@ -257,7 +257,7 @@ def _couplings(names: Sequence[str], pair: tuple[int, int]) -> Iterator[TorqueCa
         effect = MotorCoupling(name=_name(label, location), joints=joints, ratios=(1.0, ratio))
 
         def columns(e: TorqueEquations, load: np.ndarray, effect: MotorCoupling = effect) -> np.ndarray:
-            found = torque_columns(effect, e.model, e.motion.v, e.motion.a)
+            found = effect_columns(effect, e.model, JointStates(e.motion.q, e.motion.v, e.motion.a, load))
             by_name = {c.name.partition(".")[2]: c.values for c in found}
             return np.stack([by_name[k] for k in ("viscous", "coulomb", "inertia")], axis=2)
 
@@ -335,13 +335,14 @@ def _users(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
     """Candidates of effects whose columns someone registered."""
     for cls in catalogue().values():
         own = getattr(cls, "candidates", None)
-        if own is None or torque_columns.dispatch(cls) is torque_columns.dispatch(object):
+        if own is None or cls.torque_columns is Effect.torque_columns:
             continue
         for c in own(equations.model):
             parameters = {p.name: p for p in c.effect.parameters()}
 
             def columns(e: TorqueEquations, load: np.ndarray, c=c) -> np.ndarray:
-                found = {x.name: x.values for x in torque_columns(c.effect, e.model, e.motion.v, e.motion.a)}
+                states = JointStates(e.motion.q, e.motion.v, e.motion.a, load)
+                found = {x.name: x.values for x in effect_columns(c.effect, e.model, states)}
                 return np.stack([found[name] for name in c.free], axis=2)
 
             try:

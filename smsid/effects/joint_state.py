@@ -1,0 +1,33 @@
+"""What the torque of a joint depends on, at N instants: what effects say their torques of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid._short_repr import short_repr
+
+
+@short_repr
+@dataclass(frozen=True)
+class JointState:
+    """``rate`` and ``acceleration`` (N,) of a joint [rad/s | m/s, per s].
+
+    ``angle`` (N,) [rad | m], ``load`` (N,), the torque that drives it [N m | N], and ``temperature`` (N,)
+    [degC] are ``None`` where they are not known.
+    """
+
+    rate: np.ndarray
+    acceleration: np.ndarray
+    angle: np.ndarray | None = None
+    load: np.ndarray | None = None
+    temperature: np.ndarray | None = None
+
+
+JointStateOf = Callable[[str], JointState]
+"""The state of a joint by its name."""
+
+TorqueColumns = dict[str, dict[str, np.ndarray]]
+"""Torques (N,) [N m | N] per unit of a parameter, by field and joint."""
