@@ -202,9 +202,7 @@ def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torque
         yield _one(equations, joint, "stribeck", curve, fields, own, grid=len(STRIBECK_RATES), needs=1)
 
 
-def _drivetrain(
-    equations: TorqueEquations, joint: str, j: int, *, known: bool
-) -> Iterator[TorqueCandidate]:
+def _drivetrain(equations: TorqueEquations, joint: str, j: int, *, known: bool) -> Iterator[TorqueCandidate]:
     one, pin_model = partial(_one, equations, joint), equations.model.pin
 
     def named(cls: type[Effect], **fields: Any) -> Effect:
