@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -172,7 +173,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
 
 def begins_midway(score: Score) -> bool:
     """Whether what a score is of begins midway."""
-    return isinstance(score.candidate.effect, Starting) and score.candidate.effect.start is not None
+    return getattr(score.candidate.effect, "start", None) is not None
 
 
 def _plain(score: Score) -> Score:
@@ -185,7 +186,7 @@ def sync_onset(current: Fit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
     start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
-    if not isinstance(effect, Starting) or effect.start == start:
+    if effect is None or not effect.may_begin or getattr(effect, "start", None) == start:
         return score
     if start is None:
         return _plain(score)
@@ -200,12 +201,11 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
     effect may be another cause's, too, and no longer begin.
     """
     effect = score.candidate.effect
-    if not isinstance(effect, Starting) or effect.start is None:
+    if effect is None or not begins_midway(score):
         return score, current
-    name = effect.name
     for _ in range(MOVES):
-        mine = current.point.description.get_effect(name)
-        if not isinstance(mine, Starting) or mine.start is None:
+        mine = cast(Starting, current.point.description.get_effect(effect.name))
+        if mine.start is None:
             return sync_onset(current, score), current
         start, gain = moved_start(current, mine)
         if gain < MOVED:
@@ -250,12 +250,13 @@ def step_from(current: Fit, time: float) -> float:
 
 
 def _may_begin(candidate: Candidate) -> bool:
-    return isinstance(candidate.effect, Starting) and candidate.effect.start is None
+    effect = candidate.effect
+    return effect is not None and effect.may_begin and getattr(effect, "start", None) is None
 
 
 def _may_be_cut(candidate: Candidate) -> bool:
     effect = candidate.effect
-    return type(candidate) is Candidate and isinstance(effect, Starting) and not effect.grows
+    return type(candidate) is Candidate and effect is not None and not getattr(effect, "grows", True)
 
 
 def _from(candidate: Candidate, start: float) -> Candidate:

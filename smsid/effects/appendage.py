@@ -46,6 +46,7 @@ class Mode(Table):
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "appendage"
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {
         "frequency": ("it has stiffened", "it has softened"),

@@ -62,7 +62,8 @@ class Effect(Table):
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
     why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
     these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
-    value is larger, and when it is smaller, than before.
+    value is larger, and when it is smaller, than before. The parameters of a ``nominal`` effect are the
+    spacecraft's as it was designed: uncertain also where a diagnosis looks for something else.
     """
 
     summary: ClassVar[str] = ""
@@ -75,6 +76,8 @@ class Effect(Table):
     not_estimated: ClassVar[Mapping[str, str]] = {}
     shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    nominal: ClassVar[bool] = False
+    may_begin: ClassVar[bool] = False
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -249,6 +252,7 @@ class Starting(Effect):
     ``grows`` is ``True`` for one that begins from nothing, in proportion to the time since.
     """
 
+    may_begin: ClassVar[bool] = True
     grows: ClassVar[bool] = False
     start: float | None = Field(
         default=None, description="time from which it acts [s]; always when not given"

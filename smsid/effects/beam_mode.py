@@ -26,6 +26,7 @@ class BeamMode(Effect):
     """
 
     summary: ClassVar[str] = "a higher bending mode of a beam appendage, which its stations see"
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "appendage"
     aliases: ClassVar[tuple[str, ...]] = ("extra_mode", "slosh", "frequency_drift")
     strength: ClassVar[tuple[str, ...]] = ("factor",)

@@ -26,6 +26,7 @@ class ExtraMode(Effect):
     """
 
     summary: ClassVar[str] = "one more bending mode of an appendage, as a mass on a spring"
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "appendage"
     aliases: ClassVar[tuple[str, ...]] = ("slosh", "frequency_drift")
     strength: ClassVar[tuple[str, ...]] = ("mass",)

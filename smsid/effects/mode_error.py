@@ -21,6 +21,7 @@ class ModeError(Effect):
     """
 
     summary: ClassVar[str] = "frequency and damping of one mode, apart from the appendage's others"
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "appendage"
     aliases: ClassVar[tuple[str, ...]] = ("frequency_drift", "geometric_stiffness")
     strength: ClassVar[tuple[str, ...]] = ("frequency", "damping")

@@ -24,6 +24,7 @@ class Slosh(Effect):
     ``position`` is its equilibrium c_s in ``frame`` (default: the bus frame) [m].
     """
 
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "slosh"
     aliases: ClassVar[tuple[str, ...]] = ("body_error",)
     strength: ClassVar[tuple[str, ...]] = ()

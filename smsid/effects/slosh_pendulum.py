@@ -28,6 +28,7 @@ class SloshPendulum(Effect):
     (1966), chapter 6; Dodge, The New Dynamic Behavior of Liquids in Moving Containers (2000), chapter 3.
     """
 
+    nominal: ClassVar[bool] = True
     family: ClassVar[str] = "slosh"
     aliases: ClassVar[tuple[str, ...]] = ("slosh", "body_error")
     summary: ClassVar[str] = "fuel slosh under thrust: a pendulum, as stiff as the acceleration makes it"
