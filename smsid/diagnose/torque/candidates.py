@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from smsid.arm.columns import effect_columns, torque_columns
 from smsid.arm.motion import measured_channel, measured_states
 from smsid.arm.units import joint_unit, slides
+from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.effects import (
     ActuatorDelay,
@@ -153,7 +153,7 @@ def _one(
     joints = [j for j in location.split(" + ") if j in equations.names]
     units = tuple(joint_unit(known[n].unit, equations.model, *joints) for n in names)
     lower = tuple(0.0 if f in DRAGS else known[n].lower for f, n in zip(fields, names, strict=True))
-    own = partial(_columns_of, effect, names) if columns is None else columns
+    own = partial(_columns_of, effect, fields) if columns is None else columns
     return TorqueCandidate(
         effect.kind, location, effect.family, shape, effect, names, units, **{"lower": lower, **more},
         columns=own,
@@ -161,11 +161,11 @@ def _one(
 
 
 def _columns_of(
-    effect: Effect, names: Sequence[str], equations: TorqueEquations, load: np.ndarray
+    effect: Effect, fields: Sequence[str], equations: TorqueEquations, load: np.ndarray
 ) -> np.ndarray:
     states = replace(measured_states(equations.motion), load=load)
-    found = {c.name: c.values for c in effect_columns(effect, equations.model, states)}
-    return np.stack([found[n] for n in names], axis=2)
+    found = linear_torques(effect, fields, equations.model, states)
+    return np.stack([found[f"{effect.name}.{x}"] for x in fields], axis=2)
 
 
 def _on(j: int, column: Callable[[TorqueEquations, np.ndarray], np.ndarray]) -> Columns:
@@ -190,16 +190,12 @@ def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torque
     for shape, law in LAW_OF_SHAPE.items():
         if law == "position" and slides(equations.model, joint):
             continue  # a place has no cosine
-        fields = fields_of(law)
-        names = [f"{effect.name}.{x}" for x in fields]
-        own = partial(_columns_of, effect.with_laws(law), names)
-        yield _one(equations, joint, shape, effect, fields, own)
+        yield _one(equations, joint, shape, effect, fields_of(law))
     largest = float(np.quantile(np.abs(equations.motion.v[:, j]), 0.95))
     for rate in (x for x in STRIBECK_RATES if x < SLOW * largest):
         curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
         fields = ("coulomb", "stribeck")
-        own = partial(_columns_of, curve.with_laws("stribeck"), [f"{effect.name}.{x}" for x in fields])
-        yield _one(equations, joint, "stribeck", curve, fields, own, grid=len(STRIBECK_RATES), needs=1)
+        yield _one(equations, joint, "stribeck", curve, fields, grid=len(STRIBECK_RATES), needs=1)
 
 
 def _drivetrain(equations: TorqueEquations, joint: str, j: int, *, known: bool) -> Iterator[TorqueCandidate]:
@@ -275,12 +271,10 @@ def _bodies(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
 
 
 def _users(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
-    """Candidates of effects whose columns someone registered."""
+    """Candidates of users' effects that enter torques linearly."""
     for cls in catalogue().values():
         own = getattr(cls, "candidates", None)
-        if own is None or torque_columns.dispatch(cls) is torque_columns.dispatch(object):
-            continue
-        for c in own(equations.model):
+        for c in () if own is None else own(equations.model):
             fields = [name.removeprefix(f"{c.effect.name}.") for name in c.free]
             one = _one(equations, c.location, c.shape, c.effect, fields, grid=c.grid)
             try:
