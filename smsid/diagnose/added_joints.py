@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 
@@ -75,15 +76,15 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
     rate = 1.0 / float(np.median(np.diff(problem.data.times)))
     for joints in model.appendages:
         beam: Appendage = joints.appendage
-        if not (isinstance(beam, BeamAppendage) and model.free and joints.parent == 1 and beam.name in seen):
+        bends = beam.kind == "beam_appendage" and beam.name in seen
+        if not (bends and model.free and joints.parent == 1):
             continue
-        has = {
-            e.mode for e in point.description.effect if isinstance(e, BeamMode) and e.appendage == beam.name
-        }
+        further = [cast(BeamMode, e) for e in point.description.effect if e.kind == "beam_mode"]
+        has = {e.mode for e in further if e.appendage == beam.name}
         missing = [n for n in range(beam.modes + 1, MOST_MODES + 1) if n not in has]
         for number in missing[:FURTHER]:
             name = _unused(point, f"beam_mode_{beam.name}_{number}")
-            candidate = HigherMode.of(beam, joints.placement, number, name)
+            candidate = HigherMode.of(cast(BeamAppendage, beam), joints.placement, number, name)
             if candidate.highest * PER_CYCLE < rate:
                 yield candidate
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from scipy.linalg import expm
@@ -293,14 +294,14 @@ class Oscillating(Searched):
 
     def _label(self, score: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return frequencies [rad/s], damping ratios and place of what a score settled on."""
-        effect = score.candidate.effect
-        if isinstance(effect, ExtraMode):
-            place = self.root + self.turn.T @ np.asarray(effect.position)
-            return np.array([2.0 * np.pi * effect.frequency]), np.array([effect.damping]), place
-        assert isinstance(effect, Slosh)
+        if self.appendage is not None:
+            mode = cast(ExtraMode, score.candidate.effect)
+            place = self.root + self.turn.T @ np.asarray(mode.position)
+            return np.array([2.0 * np.pi * mode.frequency]), np.array([mode.damping]), place
+        tank = cast(Slosh, score.candidate.effect)
         mass = max(abs(float(score.estimate[0])) * STEP, LEAST)
-        omega = np.sqrt(np.asarray(effect.stiffness) / mass)
-        return omega, np.asarray(effect.damping) / (2.0 * omega * mass), effect.equilibrium
+        omega = np.sqrt(np.asarray(tank.stiffness) / mass)
+        return omega, np.asarray(tank.damping) / (2.0 * omega * mass), tank.equilibrium
 
     def _effect(self, mass: float, place: np.ndarray, omega: np.ndarray, zeta: np.ndarray) -> Effect:
         where = "offset" if self.appendage is None else "position"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from smsid.description.schema import Description
-from smsid.effects.appendage import BeamAppendage, ModalAppendage
+from smsid.effects.appendage import Appendage, BeamAppendage
 from smsid.effects.base import Effect
 from smsid.effects.mode_error import ModeError
 from smsid.export.estimate_values import with_estimate
@@ -25,20 +27,21 @@ def with_beams(description: Description, estimate: Estimate) -> tuple[Descriptio
     parts: list[Effect] = []
     for effect in found.effect:
         beam = described.get(effect.name)
-        if isinstance(beam, BeamAppendage):
-            if any(p.name.startswith(f"{beam.name}.") for p in estimate.parameters):
-                beams.add(beam.name)
-            parts += as_beam(beam, effect) if isinstance(effect, ModalAppendage) else [effect]
-        else:
+        if beam is None or beam.kind != "beam_appendage":
             parts.append(effect)
+            continue
+        if any(p.name.startswith(f"{beam.name}.") for p in estimate.parameters):
+            beams.add(beam.name)
+        same = effect.kind == beam.kind
+        parts += [effect] if same else as_beam(cast(BeamAppendage, beam), cast(Appendage, effect))
     effects: list[Effect] = []
     known: set[str] = set()
     for effect in parts:
         told: dict[str, float] = {}
-        if isinstance(effect, BeamAppendage) and effect.name in beams:
-            told = _of_beam(effect, estimate)
-        elif isinstance(effect, ModeError) and effect.appendage in beams:
-            told = _of_mode(effect, estimate)
+        if effect.name in beams:
+            told = _of_beam(cast(BeamAppendage, effect), estimate)
+        elif effect.kind == "mode_error" and getattr(effect, "appendage", "") in beams:
+            told = _of_mode(cast(ModeError, effect), estimate)
         prior = {k: float(v) for k, v in told.items() if np.isfinite(v) and v > 0.0}
         known |= {f"{effect.name}.{key}" for key in prior if key not in effect.prior}
         effects.append(effect.model_copy(update={"prior": {**effect.prior, **prior}}) if prior else effect)

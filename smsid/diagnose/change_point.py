@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
+from typing import cast
 
 import numpy as np
 
@@ -19,34 +19,59 @@ from smsid.estimation.map_estimate import Fit, continued, evaluate, fit, within_
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
 LOGGER = logging.getLogger(__name__)
-ONSETS = 9  # times an effect may begin at, a round
-ROUNDS, MORE = 3, 2  # each finer; more where the effect is strong enough to show the very sample
+GRID, ONSETS, FINER = 16, 9, 4  # times an effect may begin at: at first, and of finer grids about the best
+WEAK = 2  # finer grids for one too weak to show the very sample
+DENSE = 160  # times of a strong one: where its torque changes sign, the ratio has many maxima
 STRONG = THRESHOLDS.beginning_strong
 POOR = THRESHOLDS.beginning_poor
 COARSE = 5  # times at which all candidates are tried
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
-DENSE = 160  # times a strong one may begin at: where its torque changes sign, the ratio has many maxima
-AGAIN = 16  # times a fitted effect's beginning may move to, before finer ones
 MOVED = THRESHOLDS.beginning_moved
 MOVES = 4  # times it moves at most
 
 
-def price(alias: float, tried: int = (ROUNDS + MORE) * ONSETS) -> float:
+def price(alias: float, tried: int = GRID + FINER * ONSETS) -> float:
     """Return what an onset has to gain in likelihood ratio: the grid it was searched on, and ``alias``."""
     return 2.0 * float(np.log(tried)) + alias
+
+
+def best_start(
+    current: Fit, ratios: Callable[[list[float]], Iterable[float]], about: Sequence[float] = ()
+) -> tuple[float, float, int]:
+    """Return the beginning [s] of largest likelihood ratio, that ratio, and how many were tried.
+
+    ``ratios`` are those of beginnings: on a grid and at the times ``about``, then on finer grids about the
+    best one; of a strong one the first grid is dense.
+    """
+    times, found = current.run.states.time, {}
+    first, last = float(times[0]), float(times[-1])
+
+    def look(some: Iterable[float]) -> float:
+        new = sorted({step_from(current, float(t)) for t in some if first < t < last} - found.keys())
+        found.update(zip(new, ratios(new) if new else (), strict=True))
+        return max(found, key=found.__getitem__)
+
+    best = look([*about, *_within(first, last, GRID)])
+    strong = found[best] > STRONG
+    if strong:
+        best = look(_within(first, last, DENSE))
+    width = (last - first) / ((DENSE if strong else GRID) + 1)
+    for _ in range(FINER if strong else WEAK):
+        width *= 2.0 / ONSETS
+        best = look(best + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0))
+    return best, found[best], len(found)
 
 
 def with_onset(current: Fit, s: Score, alias: float) -> Score:
     """Return the score with the time its effect begins, where beginning midway explains clearly more.
 
-    A grid over the recording, then finer ones about its best; what the grid costs is paid in the criterion.
-    Of a strong one the score without a beginning is kept as `Score.another`: linear about the motion without
-    the effect, a thousandth of a large ratio may make up a beginning. Where an effect of its name is there
-    already, it begins as one of its own, which may be one that cannot be: `Score.another` is kept then, too.
+    What the grid of times costs is paid in the criterion. Of a strong one the score without a beginning is
+    kept as `Score.another`: linear about the motion without the effect, a thousandth of a large ratio may
+    make up a beginning. Where an effect of its name is there already, it begins as one of its own, which may
+    be one that cannot be: `Score.another` is kept then, too.
     """
     if not _may_begin(s.candidate):
         return s
-    times, loud = current.run.states.time, largest_innovation_time(current.run)
     everywhere = replace(s.candidate, recording="") if s.candidate.recording else s.candidate
     begins = everywhere.apart({e.name for e in current.point.description.effect})
     try:
@@ -54,35 +79,23 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
     except SmsidError as error:
         LOGGER.info("%s does not begin beside its own effect: %s", s.candidate.key, error)
         return s
+    known: dict[float, Score] = {}
 
-    def best_of(known: Score, about: np.ndarray, grid: int) -> Score:
-        starts = [step_from(current, float(t)) for t in about if times[0] < t < times[-1]]
-        tried = [_from(begins, t, grid) for t in starts]
+    def ratios(starts: list[float]) -> Iterator[float]:
+        tried = [_from(begins, t) for t in starts]
         if own is None:
             columns = signatures(current, tried)
-            scores = iter(scored(current, [tried[i] for i in columns], list(columns.values())))
+            scores = scored(current, [tried[i] for i in columns], list(columns.values()))
         else:
-            scores = _cut_scores(current, [(t, own, _start(t)) for t in tried])
-        return max(chain((known,), scores), key=lambda x: x.ratio)
+            scores = _cut_scores(current, [(c, own, t) for c, t in zip(tried, starts, strict=True)])
+        known.update((_start(x.candidate), x) for x in scores)
+        return (known[t].ratio if t in known else -np.inf for t in starts)
 
-    first, last = float(times[0]), float(times[-1])
-    count, grid = ONSETS, (ROUNDS + MORE) * ONSETS + 1
-    best = best_of(s, np.append(_within(first, last, count), loud), grid)
-    if own is not None and best.ratio > STRONG:  # sharp, and cheap
-        count, grid = DENSE, grid + DENSE
-        best = best_of(best, _within(first, last, count), grid)
-    width = (last - first) / (count + 1)
-    for finer in range(1, ROUNDS + MORE):
-        begun = getattr(best.candidate.effect, "start", None)
-        if begun is None:
-            return s
-        if finer >= ROUNDS and best.ratio < STRONG:
-            break
-        width *= 2.0 / ONSETS
-        best = best_of(best, _about(begun, width), grid)
-    if best.ratio - s.ratio <= price(alias, grid):
+    start, ratio, tried = best_start(current, ratios, [largest_innovation_time(current.run)])
+    if not ratio - s.ratio > price(alias, tried + 1):
         return s
-    return best if best.ratio < STRONG and begins is s.candidate else replace(best, another=s)
+    best = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
+    return best if ratio < STRONG and begins is s.candidate else replace(best, another=s)
 
 
 def best_onsets(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
@@ -160,7 +173,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
 
 def begins_midway(score: Score) -> bool:
     """Whether what a score is of begins midway."""
-    return isinstance(score.candidate.effect, Starting) and score.candidate.effect.start is not None
+    return getattr(score.candidate.effect, "start", None) is not None
 
 
 def _plain(score: Score) -> Score:
@@ -173,7 +186,7 @@ def sync_onset(current: Fit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
     start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
-    if not isinstance(effect, Starting) or effect.start == start:
+    if effect is None or not effect.may_begin or getattr(effect, "start", None) == start:
         return score
     if start is None:
         return _plain(score)
@@ -188,12 +201,11 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
     effect may be another cause's, too, and no longer begin.
     """
     effect = score.candidate.effect
-    if not isinstance(effect, Starting) or effect.start is None:
+    if effect is None or not begins_midway(score):
         return score, current
-    name = effect.name
     for _ in range(MOVES):
-        mine = current.point.description.get_effect(name)
-        if not isinstance(mine, Starting) or mine.start is None:
+        mine = cast(Starting, current.point.description.get_effect(effect.name))
+        if mine.start is None:
             return sync_onset(current, score), current
         start, gain = moved_start(current, mine)
         if gain < MOVED:
@@ -220,24 +232,9 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
     The effect is taken out of the fit and put back from another time on, as large as it then explains most.
     """
     starts = Starts(current, mine)
-    times = current.run.states.time
-    first, last, start = float(times[0]), float(times[-1]), starts.start
-    before = float(starts.ratios([start])[0])
-    best, width, about = before, (last - first) / (AGAIN + 1), _within(first, last, AGAIN)
-    if before > STRONG:  # where its torque changes sign, maxima are close to each other
-        about = np.append(about, _within(start - width, start + width, 2 * DENSE // AGAIN))
-    for _ in range(ROUNDS + MORE):  # all: the best may be a sample away, where no coarser step gains
-        tried = [step_from(current, float(t)) for t in about if first < t < last]
-        tried = sorted({*tried} - {starts.start, start})
-        if not tried:
-            break
-        found = starts.ratios(tried)
-        k = int(np.argmax(found))
-        if found[k] > best:
-            start, best = tried[k], float(found[k])
-        width *= 2.0 / ONSETS
-        about = _about(start, width)
-    return start, best - before
+    before = float(starts.ratios([starts.start])[0])
+    start, ratio, _ = best_start(current, starts.ratios, [starts.start])
+    return (start, ratio - before) if ratio > before else (starts.start, 0.0)
 
 
 def step_from(current: Fit, time: float) -> float:
@@ -253,18 +250,18 @@ def step_from(current: Fit, time: float) -> float:
 
 
 def _may_begin(candidate: Candidate) -> bool:
-    return isinstance(candidate.effect, Starting) and candidate.effect.start is None
+    effect = candidate.effect
+    return effect is not None and effect.may_begin and getattr(effect, "start", None) is None
 
 
 def _may_be_cut(candidate: Candidate) -> bool:
     effect = candidate.effect
-    return type(candidate) is Candidate and isinstance(effect, Starting) and not effect.grows
+    return type(candidate) is Candidate and effect is not None and not getattr(effect, "grows", True)
 
 
-def _from(candidate: Candidate, start: float, grid: int) -> Candidate:
+def _from(candidate: Candidate, start: float) -> Candidate:
     assert candidate.effect is not None
-    effect = candidate.effect.model_copy(update={"start": start})
-    return replace(candidate, effect=effect, grid=grid)
+    return replace(candidate, effect=candidate.effect.model_copy(update={"start": start}))
 
 
 def _within(first: float, last: float, count: int) -> np.ndarray:
@@ -272,14 +269,8 @@ def _within(first: float, last: float, count: int) -> np.ndarray:
     return np.linspace(first, last, count + 2)[1:-1]
 
 
-def _about(start: float, width: float) -> np.ndarray:
-    """Return times about one, ``width`` apart."""
-    return start + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0)
-
-
 def _start(candidate: Candidate) -> float:
-    assert isinstance(candidate.effect, Starting) and candidate.effect.start is not None
-    return candidate.effect.start
+    return float(getattr(candidate.effect, "start", np.nan))
 
 
 def _cut_scores(

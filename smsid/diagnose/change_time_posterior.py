@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 
@@ -41,7 +42,8 @@ def onset_posteriors(
     """
     names = dict.fromkeys(c.score.candidate.effect.name for c in causes if c.score.candidate.effect)
     own = [found.point.description.get_effect(name) for name in names if name not in described]
-    return {e.name: start_of(found, e) for e in own if isinstance(e, Starting) and e.start is not None}
+    late = [cast(Starting, e) for e in own if getattr(e, "start", None) is not None]
+    return {e.name: start_of(found, e) for e in late}
 
 
 def start_of(found: Fit, mine: Starting) -> Began:

@@ -31,7 +31,7 @@ from smsid.diagnose.sensor_faults import (
 from smsid.diagnose.stationary_channels import resting_channels
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.torque import TorqueLevels, diagnose_torques, torques_were_measured
+from smsid.diagnose.torque import diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.validation import Gain, gain
 from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
@@ -115,7 +115,11 @@ def diagnose(
         try:
             doubts = consistency_notes([*recordings, *validation])
             if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
-                made = _by_torques(description, recordings, estimate, validation, levels, cutoff)
+                result, extended, torques = diagnose_torques(
+                    description, recordings, estimate=estimate, validation=validation, levels=levels,
+                    cutoff=cutoff,
+                )  # fmt: skip
+                made = Diagnosed(result, extended, torques=torques)
             else:
                 made = _diagnose(
                     description,
@@ -131,22 +135,6 @@ def diagnose(
             return Diagnosed(result, description)
     result = replace(made.diagnosis, notes=(*doubts, *made.diagnosis.notes))
     return replace(made, diagnosis=result)
-
-
-def _by_torques(
-    description: Description,
-    recordings: Sequence[Recording],
-    estimate: Estimate | None,
-    validation: Sequence[Recording],
-    levels: DetectionThresholds | None,
-    cutoff: float | None,
-) -> Diagnosed:
-    asked = levels or DetectionThresholds()
-    own = TorqueLevels() if levels is None else TorqueLevels(asked.candidate, asked.block, asked.alias)
-    result, extended, found = diagnose_torques(
-        description, recordings, estimate=estimate, validation=validation, levels=own, cutoff=cutoff
-    )
-    return Diagnosed(result, extended, torques=found)
 
 
 def _diagnose(

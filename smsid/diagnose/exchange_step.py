@@ -68,11 +68,13 @@ def exchange_step(
         near = [s for s in near if not is_distinguishable(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
-        if better is not None:
-            beside = tuple(u.name for u in less.unknowns)
-            cause = replace(cause, score=own, ratio=own.ratio, beside=beside)
-        causes[i] = replace(cause, aliases=close)
+        causes[i] = replace(cause if better is None else _exchanged(cause, less, own), aliases=close)
     return causes, last
+
+
+def _exchanged(cause: Cause, less: Fit, score: Score) -> Cause:
+    """Return a cause with another score, found beside the parameters of a fit without it."""
+    return replace(cause, score=score, ratio=score.ratio, beside=tuple(u.name for u in less.unknowns))
 
 
 def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
@@ -96,28 +98,14 @@ def reprofile_selected(
         one = by_key[cause.score.candidate.key]
         if type(one) is Candidate:
             continue  # nothing was searched
-        try:
-            less = without_cause(last, cause.score.candidate, nominal)
-        except SmsidError as error:
-            LOGGER.info("%s is not sought again: %s", one.key, error)
+        less = _taken_out(last, cause, nominal)
+        if less is None or less.point.model().nv != last.changes.model.nv:
             continue
-        if less.point.model().nv != last.changes.model.nv:
-            continue
-        columns = list(signatures(less, [one]).values())
-        if not columns:
-            continue
-        fresh, ratio = next(iter(scored(less, [one], columns)), None), _own(last, less, cause).ratio
-        if fresh is None:
-            continue
-        if fresh.ratio - ratio < levels.alias:
-            continue
-        found = refit(less, fresh)
-        gained = 0.0 if found is None else 2.0 * (last.objective - found.objective)
-        if found is None or gained < levels.alias:
-            continue
-        LOGGER.info("%s is another: gains %.1f", one.key, gained)
-        beside = tuple(u.name for u in less.unknowns)
-        causes[i], last = replace(cause, score=fresh, ratio=ratio + gained, beside=beside), found
+        fresh = scored(less, [one], list(signatures(less, [one]).values())[:1])
+        better = _refitted(less, last, _own(last, less, cause), fresh, levels)
+        if better is not None:
+            LOGGER.info("%s is another", one.key)
+            causes[i], last = _exchanged(cause, less, better[0]), better[1]
     return causes, last
 
 

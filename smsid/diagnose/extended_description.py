@@ -10,7 +10,8 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.diagnose.stepwise import Search
-from smsid.effects.base import Effect, known_effect
+from smsid.effects import BodyError
+from smsid.effects.base import Effect
 from smsid.errors import DescriptionError, SmsidError
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point
@@ -30,9 +31,6 @@ class Bodies:
 
     inertias: np.ndarray
     sizes: np.ndarray
-
-
-INERTIA_ORDER = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
@@ -89,8 +87,7 @@ def _that_can_exist(found: Fit) -> dict[int, float]:
     columns = [SIZE * b + k for b in bodies for k in range(SIZE)]
     by_column = {found.unknowns[i].column: i for i in index}
     own = urdf_bodies(point.base.description)
-    names = body_joints(point)
-    described = np.array([own[names[b]] for b in bodies])
+    described = np.array([own[point.base.pin.names[b + 1]] for b in bodies])
     shifts = np.array([point.inertial.get(c, 0.0) for c in columns]).reshape(-1, SIZE)
     sizes = np.array([body_size(dynamic_parameters(point.base.pin.inertias[b + 1])) for b in bodies])
     places = [by_column[c] for c in columns]
@@ -101,36 +98,24 @@ def _that_can_exist(found: Fit) -> dict[int, float]:
     return dict(zip(columns, (near - described).ravel().tolist(), strict=True))
 
 
-def body_joints(point: Point) -> dict[int, str]:
-    """Return the name of the joint of every body, by its place among the columns."""
-    return {j - 1: point.base.pin.names[j] for j in range(1, point.base.pin.njoints)}
+def body_errors(shifts: Mapping[str, np.ndarray]) -> list[Effect]:
+    """Return shifts of bodies' inertial parameters (10,) by body or joint as effects; none for no shift."""
+    return [
+        BodyError(
+            name=f"body_error_{body}".replace("/", "_"), body=body, mass=float(x[0]),
+            first_moment=tuple(x[1:4].tolist()), inertia=tuple(x[4:].tolist()),
+        )
+        for body, x in shifts.items()
+        if np.any(x)
+    ]  # fmt: skip
 
 
 def _extended(point: Point, inertial: Mapping[int, float]) -> Description:
     """Return a description with shifts by column; raises `DescriptionError` where a body could not exist."""
-    cls = known_effect("body_error")
-    assert cls is not None
     names = body_names(point.base.pin)
-    by_body: dict[str, dict[str, float]] = {}
-    labels = ("m", "mx", "my", "mz", *INERTIA_ORDER)
+    bodies = {c // SIZE: np.zeros(SIZE) for c in inertial}
     for column, shift in inertial.items():
-        by_body.setdefault(names[column // 10], {})[labels[column % 10]] = shift
-    effects = []
-    for body, shifts in by_body.items():
-        if not any(shifts.values()):
-            continue
-        effects.append(
-            cls.model_validate(
-                {
-                    "kind": "body_error",
-                    "name": f"body_error_{body}".replace("/", "_"),
-                    "body": body,
-                    "mass": shifts.get("m", 0.0),
-                    "first_moment": tuple(shifts.get(k, 0.0) for k in ("mx", "my", "mz")),
-                    "inertia": tuple(shifts.get(k, 0.0) for k in INERTIA_ORDER),
-                }
-            )
-        )
-    extended = point.description.with_effects(*effects)
+        bodies[column // SIZE][column % SIZE] = shift
+    extended = point.description.with_effects(*body_errors({names[b]: x for b, x in bodies.items()}))
     rebuild(point.base, extended)
     return extended

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -11,7 +12,6 @@ from scipy.optimize import minimize
 from smsid.diagnose.profiled_hypothesis import resolved_as
 from smsid.diagnose.score_test import EXCITED, Candidate, Score, changes_of, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
@@ -58,7 +58,7 @@ class GravityGradientHypothesis(Candidate):
 
     def scored(self, found: Fit, own: Projected) -> Score:
         """Return the score of the vertical that explains most, and where the motion tells, of its turning."""
-        assert isinstance(self.effect, GravityGradient)
+        own_effect = cast(GravityGradient, self.effect)
         gram, slope = own.left.T @ own.left, own.left.T @ found.residual
 
         def worth(vertical: np.ndarray) -> float:
@@ -73,7 +73,7 @@ class GravityGradientHypothesis(Candidate):
         ratio = max(size, 0.0) * float(x @ slope)
         normals = _square_to(vertical, NORMALS)
         effects = [
-            self.effect.model_copy(update={"nadir": tuple(vertical.tolist()), "normal": tuple(n.tolist())})
+            own_effect.model_copy(update={"nadir": tuple(vertical.tolist()), "normal": tuple(n.tolist())})
             for n in normals
         ]
         effect = effects[0] if ratio < STRONG else self._turning(found, effects, size * self.steps[0])
@@ -91,14 +91,13 @@ class GravityGradientHypothesis(Candidate):
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
-        changes = [self._turned(found, e.with_values({self.free[0]: gradient})) for e in effects]
+        changes = [self._turned(found, e.model_copy(update={"gradient": gradient})) for e in effects]
         (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
         left = found.residual[:, None] - own.left
         return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
 
-    def _turned(self, found: Fit, effect: Effect) -> Sensitivity:
+    def _turned(self, found: Fit, effect: GravityGradient) -> Sensitivity:
         """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
-        assert isinstance(effect, GravityGradient)
         size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
         middle = np.stack([c.middle for c in parts if c.middle is not None])
         at = np.stack([c.at for c in parts if c.at is not None])

@@ -17,15 +17,10 @@ from smsid.diagnose.gravity_gradient_hypothesis import GravityGradientHypothesis
 from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
-from smsid.effects.appendage import BeamAppendage
 from smsid.effects.base import Effect, catalogue, known_effect
-from smsid.effects.beam_mode import BeamMode
-from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
-from smsid.effects.mode_error import ModeError
 from smsid.effects.rotor import turns
 from smsid.effects.sensor import VECTORS
-from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem, recordings_of
@@ -211,9 +206,8 @@ def _shift(
 
 
 def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
-    for effect in point.description.effect:
-        if not isinstance(effect, Slosh):
-            continue
+    for joints in point.base.slosh:
+        effect = joints.tank
         n = effect.name
         springs = [f"{n}.stiffness.{a}" for a in AXES]
         dampers = [f"{n}.damping.{a}" for a in AXES]
@@ -227,19 +221,18 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
             own = "" if law == "radial" else law  # an effect has one law
             for shape, free in ((f"cubic spring{suffix}", hard), (f"quadratic damping{suffix}", drag)):
                 yield from _one("slosh_nonlinearity", n, shape, at, free, part=own)
-        joint = next(s.joint for s in point.base.slosh if s.tank.name == n)
-        place = point.base.pin.joints[joint].idx_q
         hard = {"stiffness": max(effect.stiffness)}
         for c in _one("slosh_wall", n, "wall", {"tank": n}, hard, ["gap"], "", ["cubic spring"]):
-            yield _profiled(c, "gap", ROOM, "q", place, 3)
+            yield _profiled(c, "gap", ROOM, "q", joints.q.start, 3)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     for joints in point.base.appendages:
         part = joints.appendage
         modes = range(1, len(joints.joints) + 1)
-        errors = [e for e in point.description.effect if isinstance(e, ModeError)]
-        known = {e.mode: e.name for e in errors if e.appendage == part.name}
+        errors = [e for e in point.description.effect if e.kind == "mode_error"]
+        known = {getattr(e, "mode", 0): e.name for e in errors if getattr(e, "appendage", "") == part.name}
+        by_mode = {u.name for u in nominal if u.name.startswith(f"{part.name}.mode")}
         for k in modes:
             mode = {"appendage": part.name, "mode": k}
             for key in ("frequency", "damping"):
@@ -249,7 +242,7 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
                 if k in known:
                     own = [f"{known[k]}.{key}"]
                     yield from _shift("mode_error", part.name, "appendage", shape, own, nominal)
-                elif isinstance(part, BeamAppendage):  # its own parameters move all modes together
+                elif not by_mode:  # its own parameters move all modes together
                     yield from _one("mode_error", part.name, shape, mode, {key: 1e-3}, part=f"{k}")
             at = {**mode, "rate": 0.0}
             shape = f"drift of mode {k}"
@@ -266,9 +259,12 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
 def _further_modes(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     """Modes that other effects add to appendages, not as described."""
     for effect in point.description.effect:
-        if isinstance(effect, BeamMode | ExtraMode):
-            size = "factor" if isinstance(effect, BeamMode) else "mass"
-            for shape, key in (("size", size), ("frequency", "frequency"), ("damping", "damping")):
+        if effect.nominal and len(effect.strength) == 1:
+            for shape, key in (
+                ("size", effect.strength[0]),
+                ("frequency", "frequency"),
+                ("damping", "damping"),
+            ):
                 names = [f"{effect.name}.{key}"]
                 yield from _shift(effect.kind, effect.name, "appendage", shape, names, nominal)
 

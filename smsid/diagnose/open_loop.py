@@ -18,7 +18,7 @@ from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
 STEPS = 5  # of Gauss and Newton
-ENOUGH = 1e-3  # predicted decrease of the sum of squares, relative to it, that no longer matters
+ENOUGH = 1e-2  # predicted decrease of the sum of squares, relative to it, that no longer matters
 EXACT = 1e-9  # standard deviation of a start that is not to be corrected along the motion
 
 

@@ -9,13 +9,7 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.diagnose.beam_values import with_beams
-from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.base import Effect, Parameter
-from smsid.effects.beam_mode import BeamMode
-from smsid.effects.extra_mode import ExtraMode
-from smsid.effects.mode_error import ModeError
-from smsid.effects.slosh import Slosh
-from smsid.effects.slosh_pendulum import SloshPendulum
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.estimation.unknowns import moving_bodies
@@ -24,8 +18,6 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
-# effects whose parameters are nominal ones
-FREE = (Slosh, SloshPendulum, Appendage, ModeError, BeamMode, ExtraMode)
 GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
@@ -117,11 +109,11 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             column = 10 * (j - 1) + i
             value = theta[i] + point.inertial.get(column, 0.0)
             add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
-    modal = {e.name for e in point.description.effect if isinstance(e, ModalAppendage)}
-    for effect in point.description.effect:
-        if not isinstance(effect, FREE):
-            continue
-        if isinstance(effect, ModeError) and effect.appendage in modal:  # frequencies are the appendage's own
+    designed = [e for e in point.description.effect if e.nominal]
+    told_by_mode = {p.name.rpartition(".")[0] for e in designed for p in e.parameters()}
+    for effect in designed:
+        mode = f"{getattr(effect, 'appendage', '')}.mode{getattr(effect, 'mode', '')}"
+        if mode in told_by_mode:  # frequencies are the appendage's own
             continue
         for p in effect.parameters():
             scale = _size(effect, p)
@@ -141,10 +133,11 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
 
 def _size(effect: Effect, p: Parameter) -> float:
     """Return what a share of an effect's parameter is taken of; zero where it stays as it is."""
-    if isinstance(effect, BeamMode | ModeError) and p.name.endswith(".frequency"):
-        described = isinstance(effect, BeamMode) or p.value != 0.0 or p.sigma is not None
+    own = p.name.rpartition(".")[2]
+    if own == "frequency" and p.unit == "1":
+        described = own not in effect.strength or p.value != 0.0 or p.sigma is not None
         return 1.0 + p.value if described else 0.0  # it is relative to the beam's
-    if "damping" in p.name and (p.value == 0.0 or isinstance(effect, ModeError)):
+    if "damping" in p.name and (p.value == 0.0 or own in effect.strength):
         return 1e-3
     return abs(p.value)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -155,15 +155,14 @@ class Imbalance(Searched):
 
     def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the size where the phase is zero, and where it is a right angle."""
-        assert isinstance(self.effect, WheelImbalance)
+        effect = cast(WheelImbalance, self.effect)
         size, phase = self.free
         model = changes.model.pin
         body = changes.inertial(range(10 * (self.joint - 1), 10 * self.joint))
         found = []
         for angle in (0.0, np.pi / 2):
-            changed = self.effect.with_values({size: self.steps[0], phase: angle})
-            assert isinstance(changed, WheelImbalance)
-            theta = changed.inertia(model, self.joint)
+            changed = effect.with_values({size: self.steps[0], phase: angle})
+            theta = cast(WheelImbalance, changed).inertia(model, self.joint)
             middle = sum(x * c.middle for x, c in zip(theta, body, strict=True) if x and c.middle is not None)
             at = sum(x * c.at for x, c in zip(theta, body, strict=True) if x and c.at is not None)
             found.append(Sensitivity(np.asarray(middle), np.asarray(at)))

@@ -10,13 +10,16 @@ from itertools import chain, count
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.arm.columns import JointStates, effect_columns
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect
-from smsid.errors import SmsidError
+from smsid.effects.friction_law import BY_FIELD
+from smsid.errors import DescriptionError, SmsidError
 from smsid.estimation.joint_problem import samples_in
 from smsid.estimation.map_estimate import Fit, Projected, columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
 EXCITED = THRESHOLDS.excited
@@ -84,14 +87,32 @@ class Candidate:
             unknowns = self.unknowns(nominal)
             scaled = columns_of(changes, unknowns)
             return [_times(c, u.scale) for c, u in zip(scaled, unknowns, strict=True)]
-        found = []
         plain = self.instance(changes.point)
+        found = self._joint_torques(plain, changes)
+        if found:
+            return found
         for name, step in zip(self.free, self.steps, strict=True):
             p = next(p for p in plain.parameters() if p.name == name)
             sign = 1.0 if p.value + step <= p.upper else -1.0
             changed = plain.with_values({name: p.value + sign * step})
             found.append(_times(changes.effect(plain, changed, sign * step), step))
         return found
+
+    def _joint_torques(self, plain: Effect, changes: Sensitivities) -> list[Sensitivity]:
+        """Return the derivatives of an effect that is linear in what it adds to joint torques, else none.
+
+        For all samples at once, as the dynamics of arms has them: its force is what the motors need not give.
+        """
+        if getattr(plain, "start", None) is not None:
+            return []
+        fields, parts = [name.partition(".")[2] for name in self.free], []
+        try:
+            for s in (changes.run.middle, changes.run.states):
+                own = linear_torques(plain, fields, changes.model, JointStates(s.q, s.v, s.a, s.tau))
+                parts.append([-step * own[n] for n, step in zip(self.free, self.steps, strict=True)])
+        except (DescriptionError, KeyError):
+            return []
+        return [changes.force(middle, at) for middle, at in zip(*parts, strict=True)]
 
     def apart(self, names: Collection[str]) -> Candidate:
         """Return it with an effect of its own where one of its name is known, as an effect has one start."""
@@ -150,6 +171,19 @@ class Candidate:
             return False
         (p,) = (p for p in self.effect.parameters() if p.name == self.free[0])
         return p.value in (p.lower, p.upper)
+
+
+def linear_torques(
+    effect: Effect, fields: Sequence[str], model: SpacecraftModel, states: JointStates
+) -> dict[str, np.ndarray]:
+    """Return what the motors must give (N, nv) per unit of each parameter that an effect is linear in.
+
+    Laws of friction that are on request are asked for by ``fields``. Raises `DescriptionError` for an effect
+    that does not enter torques linearly.
+    """
+    laws = [BY_FIELD[f].law for f in fields if f in BY_FIELD and BY_FIELD[f].law]
+    asked = effect.model_copy(update={"laws": (*getattr(effect, "laws", ()), *laws)}) if laws else effect
+    return {c.name: c.values for c in effect_columns(asked, model, states)}
 
 
 def parameter_of(effect: str, parameter: str) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import Cause, wald
+from smsid.diagnose.model_comparison import Cause, unfitted_parameters, wald
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
 from smsid.diagnose.score_test import Candidate, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -142,8 +142,9 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
     unknowns = (*(u for u in nominal if u.name not in {o.name for o in own}), *own)
     try:
         first = loosened(start.point.model(), problem, SHARES[0])
-        point = fit(start.point, own, first, iterations=6).point
-        unknowns = (*unknowns, *_further(point, start.candidate))
+        begun = fit(start.point, own, first, iterations=6)
+        point = begun.point  # of a strong payload, where its mass is matters
+        unknowns = (*unknowns, *unfitted_parameters(begun, start.candidate))
         # only now does it show how commands act between samples
         problem = timed_like(problem, timed(point, loosened(point.model(), problem, SHARES[1])))
         for share in SHARES[1:]:
@@ -155,16 +156,6 @@ def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit 
     left = normalised_rmse(found.run)
     LOGGER.info("%s leaves %.3g times the noise", start.candidate.key, left)
     return found if left <= MISFIT else None
-
-
-def _further(point: Point, candidate: Candidate) -> tuple[Unknown, ...]:
-    """Return the further parameters of a candidate: of a strong payload, where its mass is matters."""
-    known = {p.name: p for p in candidate.instance(point).parameters()}
-    return tuple(
-        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
-        for n in candidate.also
-        for p in (known[n],)
-    )
 
 
 def _estimate(found: Fit, candidate: Candidate) -> np.ndarray:

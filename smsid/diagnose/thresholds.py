@@ -15,7 +15,9 @@ from smsid._files import atomic_write
 
 BEGIN, END = "<!-- thresholds: begin -->", "<!-- thresholds: end -->"
 STUDIES = "checked by thirteen studies of hidden effects"
-CHOSEN = "not calibrated: chosen"
+CHOSEN, CHI2 = "not calibrated: chosen", "chi-squared"
+ODDS, RATIO, SIGMAS = "doubled log odds", "likelihood ratio", "standard deviations"
+NOISE, SHARE, MOTION = "times the noise", "share of information", "of the motion"
 
 
 def _row(value: Any, unit: str, reason: str, calibrated: str = CHOSEN) -> Any:
@@ -27,157 +29,58 @@ class Thresholds:
     """Thresholds by name; unit, reason and calibration are in the fields' metadata."""
 
     candidate: float = _row(0.003, "chance", "of a false first cause, over all candidates tried", STUDIES)
-    further: float = _row(
-        0.0003,
-        "chance",
-        "the same of a cause beside another or a fault: two things wrong take more evidence than one",
-        STUDIES,
-    )
-    block: float = _row(
-        0.0003, "chance", "of a generic test, over all of them, below which something is left", STUDIES
-    )
-    alias: float = _row(
-        6.6,
-        "doubled log odds",
-        "within which two candidates are not told apart: what is there is beaten by more in 0.5 % of cases",
-        STUDIES,
-    )
-    onset: float = _row(
-        9.2,
-        "doubled log odds",
-        "that a beginning midway has to gain beyond its search: a hundred times as likely",
-        STUDIES,
-    )
-    linear: float = _row(
-        400.0,
-        "likelihood ratio",
-        "up to which a linear score is believed without a refit of the contenders",
-        STUDIES,
-    )
-    beside: float = _row(
-        0.001,
-        "share of the ratio",
-        "of the strongest cause, below which what is left may be its errors of integration",
-        STUDIES,
-    )
+    further: float = _row(3e-4, "chance", "the same of a cause beside another or a fault", STUDIES)
+    block: float = _row(3e-4, "chance", "of a generic test, over all, below which something is left", STUDIES)
+    alias: float = _row(6.6, ODDS, "within which two candidates are not told apart: 0.5 % of cases", STUDIES)
+    onset: float = _row(9.2, ODDS, "that a beginning midway gains beyond its search: 100 to 1", STUDIES)
+    linear: float = _row(400.0, RATIO, "up to which a linear score is believed without a refit", STUDIES)
+    beside: float = _row(1e-3, "of the ratio", "of the strongest cause: less may be its integration", STUDIES)
     near: float = _row(0.5, "correlation", "least one of two candidates that are taken for each other")
-    beyond: float = _row(
-        0.001,
-        "chance",
-        "of how far a rival explains more than what is there, by which the latter is rejected",
-        "chi-squared",
-    )
-    nested: float = _row(
-        0.05,
-        "chance",
-        "at which further parameters of a sibling are taken to explain something",
-        "chi-squared",
-    )
+    beyond: float = _row(1e-3, "chance", "of what a rival explains more, by which it is rejected", CHI2)
+    nested: float = _row(0.05, "chance", "at which a sibling's further parameters explain something", CHI2)
     contained: float = _row(0.99, "correlation", "above which a candidate of more parameters can do the same")
     contained_better: float = _row(0.9, "correlation", "the same where it explains more")
     left_out: float = _row(0.05, "chance", "of all aliases that are left out together")
-    surplus: float = _row(
-        3.0, "1", "times its linear score that a refitted candidate may gain without a second look"
-    )
-    excited: float = _row(
-        1e-12,
-        "share of information",
-        "that rounding may leave of a column beside the fitted parameters",
-        "float64",
-    )
-    beginning_apart: float = _row(
-        25.0,
-        "likelihood ratio",
-        "against the best time, above which an effect did not begin then: 5 standard deviations",
-        "chi-squared",
-    )
-    beginning_strong: float = _row(400.0, "likelihood ratio", "above which a beginning shows to the sample")
-    beginning_poor: float = _row(
-        10.0, "standard deviations", "of a sum of squares, above which a fit with a beginning is poor"
-    )
-    beginning_moved: float = _row(
-        4.0, "likelihood ratio", "that a move of a beginning has to gain, to first order"
-    )
-    beginnings_sought: float = _row(
-        60.0, "likelihood ratio", "above which beginnings are sought for all contenders"
-    )
-    coarse_close: float = _row(
-        0.9, "share of the gain", "of the best strong cause, below which another is not fitted"
-    )
-    strays: float = _row(
-        30.0, "times the noise", "that a first fit leaves, above which strong causes are tried first"
-    )
-    lost: float = _row(
-        1.0,
-        "share of the motion",
-        "that the fitted nominal model may leave before no cause is looked for",
-        "no motion predicts as well",
-    )
-    misfit: float = _row(
-        10.0, "times the noise", "over all channels, above which what the model cannot follow is counted"
-    )
-    followed: float = _row(2.0, "times the noise", "below which the model is taken to follow again")
-    slow: float = _row(
-        1.2,
-        "ratio of variances",
-        "of prediction errors over that of their differences, above which they are not noise alone",
-    )
-    mostly: float = _row(
-        0.9, "share of the excess", "that causes have to take away where the model never follows"
-    )
-    own_channel: float = _row(
-        3.0, "times the noise", "left on a cause's own channel, above which the cause does not explain it"
-    )
+    surplus: float = _row(3.0, "1", "times its linear score that a refit may gain without a second look")
+    excited: float = _row(1e-12, SHARE, "that rounding leaves of a column beside what is fitted", "float64")
+    beginning_apart: float = _row(25.0, RATIO, "against the best time: 5 standard deviations off", CHI2)
+    beginning_strong: float = _row(400.0, RATIO, "above which a beginning shows to the sample")
+    beginning_poor: float = _row(10.0, SIGMAS, "of a sum of squares: a fit with a beginning is poor")
+    beginning_moved: float = _row(4.0, RATIO, "that a move of a beginning has to gain, to first order")
+    beginnings_sought: float = _row(60.0, RATIO, "above which beginnings are sought for all contenders")
+    coarse_close: float = _row(0.9, "of the gain", "of the best strong cause: one with less is not fitted")
+    strays: float = _row(30.0, NOISE, "that a first fit leaves, above which strong causes come first")
+    lost: float = _row(1.0, MOTION, "that the nominal fit leaves: no motion predicts it too", "definition")
+    misfit: float = _row(10.0, NOISE, "over all channels, above which what is not followed is counted")
+    followed: float = _row(2.0, NOISE, "below which the model is taken to follow again")
+    slow: float = _row(1.2, "1", "variance of prediction errors over their differences': more is no noise")
+    mostly: float = _row(0.9, "of the excess", "that causes take away where the model never follows")
+    own_channel: float = _row(3.0, NOISE, "left on a cause's own channel, above which it explains nothing")
     sensor_reads: float = _row(0.1, "1", "of what it should read, below which a sensor would read nothing")
-    body_left: float = _row(0.01, "share of its mass", "that has to be left of a body")
-    power: float = _row(
-        0.95, "chance", "with which an effect of the strength in `limits` is found", "the convention"
-    )
-    in_turn: float = _row(
-        1.0, "s", "between the beginnings of causes of one family, above which they are pieces of a drift"
-    )
+    body_left: float = _row(0.01, "of its mass", "that has to be left of a body")
+    power: float = _row(0.95, "chance", "with which an effect as strong as its limit is found", "convention")
+    in_turn: float = _row(1.0, "s", "between beginnings of one family: pieces of a drift")
     curved: float = _row(1.5, "1", "times what its slopes promise that a fit may gain")
-    steps_seen: float = _row(
-        4.0, "squares", "of errors of integration in the innovations, above which steps are halved"
-    )
-    vertical_seen: float = _row(
-        400.0, "likelihood ratio", "from which a recording tells which way the vertical turns"
-    )
-    shortest: int = _row(100, "samples", "below which nothing is said")
-    loud: float = _row(5.0, "times the noise", "above which a channel is doubted")
-    foreign: float = _row(
-        0.5, "share of the motion", "left open loop, above which a recording is not this spacecraft's"
-    )
-    moves: float = _row(20.0, "times the noise", "that a channel has to move to be asked")
+    steps_seen: float = _row(4.0, "squares", "of errors of integration in the innovations: steps are halved")
+    vertical_seen: float = _row(400.0, RATIO, "from which a recording tells which way the vertical turns")
+    shortest: int = _row(100, "samples", "or instants of measured torques, below which nothing is said")
+    loud: float = _row(5.0, NOISE, "above which a channel is doubted")
+    foreign: float = _row(0.5, MOTION, "left open loop, above which a recording is not this spacecraft's")
+    moves: float = _row(20.0, NOISE, "that a channel has to move to be asked")
     stuck_run: int = _row(12, "samples", "alike in a row that noise does not give", "rounding of a Gaussian")
-    repeats: int = _row(
-        4, "samples", "the same where no other sample repeats the one before", "a chance of 1e-8"
-    )
-    fine: float = _row(30.0, "steps of rounding", "that the noise has to be for that", "a chance of 1e-8")
-    outlier: float = _row(6.0, "standard deviations", "of a prediction error", "Gauss")
-    outlier_alone: float = _row(
-        7.0, "standard deviations", "the same of fewer than three", "one in ten million recordings"
-    )
-    outlier_calm: float = _row(3.0, "standard deviations", "that the readings before and after stay below")
-    outlier_elsewhere: float = _row(
-        4.0, "standard deviations", "that the other channels stay below at that sample"
-    )
-    outlier_wide: float = _row(3.0, "times the noise", "least size of the wide distribution of outliers")
-    at_rest: float = _row(
-        2.0,
-        "rms",
-        "of normalised errors up to which what repeats itself is at rest; rounding has 1.73",
-        "rounding",
-    )
-    torque_candidate: float = _row(0.003, "chance", "measured torques: as `candidate`")
-    torque_block: float = _row(0.001, "chance", "measured torques: as `block`")
-    torque_alias: float = _row(9.2, "doubled log odds", "measured torques: as `alias`")
-    torque_excited: float = _row(1e-4, "share of information", "measured torques: as `excited`")
-    torque_foreign: float = _row(0.7, "share of the torque", "measured torques: as `foreign`")
-    torque_shortest: int = _row(100, "instants", "measured torques: as `shortest`")
-    stamps: float = _row(
-        0.05, "sampling intervals", "below which no delay is claimed: stamps and samplers are not that exact"
-    )
+    repeats: int = _row(4, "samples", "the same where no other sample repeats the one before", "chance 1e-8")
+    fine: float = _row(30.0, "steps of rounding", "that the noise has to be for that", "chance 1e-8")
+    outlier: float = _row(6.0, SIGMAS, "of a prediction error", "Gauss")
+    outlier_alone: float = _row(7.0, SIGMAS, "the same of fewer than three", "one in ten million recordings")
+    outlier_calm: float = _row(3.0, SIGMAS, "that the readings before and after stay below")
+    outlier_elsewhere: float = _row(4.0, SIGMAS, "that the other channels stay below at that sample")
+    outlier_wide: float = _row(3.0, NOISE, "least size of the wide distribution of outliers")
+    at_rest: float = _row(2.0, "rms", "of normalised errors of what rests; rounding has 1.73", "rounding")
+    torque_block: float = _row(1e-3, "chance", "measured torques: as `block`")
+    torque_alias: float = _row(9.2, ODDS, "measured torques: as `alias`")
+    torque_excited: float = _row(1e-4, SHARE, "measured torques: as `excited`")
+    torque_foreign: float = _row(0.7, "of the torque", "measured torques: as `foreign`")
+    stamps: float = _row(0.05, "intervals", "below which no delay is claimed: stamps are not that exact")
 
 
 THRESHOLDS = Thresholds()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -77,8 +78,7 @@ class HigherMode(Searched):
     def _at(self, changes: Sensitivities) -> HigherMode:
         """Return the candidate of the beam as it is fitted: its density and stiffness may have moved."""
         panel = find_appendage(changes.model, self.location)
-        assert isinstance(panel.appendage, BeamAppendage)
-        return HigherMode.of(panel.appendage, panel.placement, self.number, self.name)
+        return HigherMode.of(cast(BeamAppendage, panel.appendage), panel.placement, self.number, self.name)
 
     @property
     def _coarse(self) -> float:
@@ -140,8 +140,8 @@ class HigherMode(Searched):
         for offs, dampings in FINE:
             if best.odds(samples) <= 0.0:
                 break
-            effect = best.candidate.effect
-            assert isinstance(effect, BeamMode) and effect.damping is not None
+            effect = cast(BeamMode, best.candidate.effect)
+            assert effect.damping is not None
             grid = [(effect.frequency + float(f), d * effect.damping) for f in offs for d in dampings]
             changes = here._columns(found.changes, grid)
             (beside,) = found.projected([propagate(found.run, changes).reshape(-1, len(grid))])

@@ -26,6 +26,7 @@ WIDE = 10.0  # standard deviation of a density without a prior, relative to the 
 class Appendage(Effect):
     """What beam and modal appendages share: root placement, rigid properties, modes, stations."""
 
+    nominal = True
     family = "appendage"
     by_batch = True
     changes = {

@@ -75,6 +75,9 @@ class Effect(Table):
     needs_beam: ClassVar[str] = ""  # what it takes of a `beam_appendage`; the panel is identified as a beam
     in_modes: ClassVar[bool] = False  # whether `Appendage.described_modes` holds all that it does
     by_batch: ClassVar[bool] = False  # whether the batch likelihood knows all its parameters
+    # its parameters are the spacecraft's as designed: uncertain also where something else is looked for
+    nominal: ClassVar[bool] = False
+    may_begin: ClassVar[bool] = False  # whether it has a time from which it acts
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -318,6 +321,7 @@ class Starting(Effect):
     ``grows`` is ``True`` for one that begins from nothing, in proportion to the time since.
     """
 
+    may_begin: ClassVar[bool] = True
     grows: ClassVar[bool] = False
     start: float | None = Field(
         default=None, description="time from which it acts [s]; always when not given"

@@ -24,6 +24,7 @@ class BeamMode(BeamEffect):
     nothing else given this is the beam with one mode more.
     """
 
+    nominal = True
     summary = "a higher bending mode of a beam appendage, which its stations see"
     needs_beam = "its higher modes are"
     aliases = ("extra_mode", "slosh", "frequency_drift")

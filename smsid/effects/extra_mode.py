@@ -23,6 +23,7 @@ class ExtraMode(AppendageEffect):
     not known there.
     """
 
+    nominal = True
     summary = "one more bending mode of an appendage, as a mass on a spring"
     aliases = ("slosh", "frequency_drift")
     strength = ("mass",)

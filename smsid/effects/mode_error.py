@@ -18,6 +18,7 @@ class ModeError(ModeEffect):
     ``damping``. A beam's own parameters move all its modes together; this moves one.
     """
 
+    nominal = True
     summary = "frequency and damping of one mode, apart from the appendage's others"
     aliases = ("frequency_drift", "geometric_stiffness")
     strength = ("frequency", "damping")

@@ -21,6 +21,7 @@ class Slosh(Effect):
     ``position`` is its equilibrium c_s in ``frame`` (default: the bus frame) [m].
     """
 
+    nominal = True
     family = "slosh"
     by_batch = True
     aliases = ("body_error",)

@@ -25,6 +25,7 @@ class SloshPendulum(Effect):
     (1966), chapter 6; Dodge, The New Dynamic Behavior of Liquids in Moving Containers (2000), chapter 3.
     """
 
+    nominal = True
     family = "slosh"
     aliases = ("slosh", "body_error")
     summary = "fuel slosh under thrust: a pendulum, as stiff as the acceleration makes it"

@@ -91,11 +91,14 @@ class Fit:
 
         By projection, not by differences of Gram matrices, which lose what a tight prior leaves.
         """
-        return self._parted(columns)[0]
+        return self._parted([columns])[0]
 
-    def _parted(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is left of columns (N rows, d): (N rows + priors, d), and the rest (m, d), scaled."""
-        left = np.asfortranarray(np.vstack([columns, np.zeros((len(self.prior.off), columns.shape[1]))]))
+    def _parted(self, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is left of groups of columns (N rows, d each) together, (N rows + priors, d), and the
+        rest (m, d), scaled.
+        """
+        left = np.zeros((len(self.residual), sum(g.shape[1] for g in groups)), order="F")
+        np.concatenate(groups, axis=1, out=left[: len(groups[0])])
         before = np.einsum("ij,ij->j", left, left)
         q, r = self.factors
         own = q.T @ left
@@ -114,9 +117,8 @@ class Fit:
         while len(found) < len(groups):
             widths = np.cumsum([g.shape[1] for g in groups[len(found) :]])
             some = groups[len(found) :][: max(1, int(np.searchsorted(widths, TOGETHER)))]
-            whole = np.column_stack(some)
             ends = np.cumsum([g.shape[1] for g in some])[:-1]
-            left, taken = (np.split(x, ends, axis=1) for x in self._parted(whole))
+            left, taken = (np.split(x, ends, axis=1) for x in self._parted(some))
             found += [Projected(*x) for x in zip(some, left, taken, strict=True)]
         return found
 

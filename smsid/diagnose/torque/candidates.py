@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from smsid.arm.columns import JointStates, effect_columns
-from smsid.arm.motion import measured_channel
+from smsid.arm.motion import measured_channel, measured_states
 from smsid.arm.units import joint_unit, slides
+from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.effects import (
     ActuatorDelay,
@@ -32,7 +32,8 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
-from smsid.effects.friction_law import BY_FIELD, LAW_OF_SHAPE, SIMPLER, fields_of, sliding_state
+from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
+from smsid.effects.payload import point_parameters
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES, Regressor
 from smsid.recording import Recording
@@ -44,12 +45,8 @@ SLOW = 0.5
 """Share of a joint's largest rate (95 of 100 instants are below that) which such a rate is below: a curve as
 wide as the motion is none of breaking loose."""
 
-SHAPES: Mapping[str, tuple[str, ...]] = {
-    "viscous": ("viscous",),
-    "coulomb": ("coulomb",),
-    **{shape: fields_of(law) for shape, law in LAW_OF_SHAPE.items()},
-}
-"""Parameters of friction that a cause frees, by its name."""
+DRAGS = ("quadratic", "cubic")
+"""Friction that would push where it is negative: no cause, whatever it fits."""
 
 Moves = Literal["", "zero", "clock"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
@@ -110,26 +107,17 @@ def torque_candidates(
     found: list[TorqueCandidate] = []
     for j, joint in enumerate(equations.names):
         found += _friction(equations, joint, j)
-        found += _drivetrain(equations, joint, j)
-        if known:
-            found.append(_gain(joint, j))
-    for pair in combinations(range(len(equations.names)), 2):
-        found += _couplings(equations.names, pair)
-    found.append(_clock(measured_channel(recording, "joint_position").partition(".")[0]))
+        found += _drivetrain(equations, joint, j, known=known)
+    for pair in combinations(equations.names, 2):
+        found += _couplings(equations, pair)
+    source = measured_channel(recording, "joint_position").partition(".")[0]
+    clock = TimeOffset(name=_name("time_offset", source), sensor=source)
+    found.append(_one(equations, source, "time offset", clock, ["offset"], _slope, moves="clock"))
     if known:
         found += _bodies(equations)
     found += _users(equations)
-    found = [_in_own_units(c, equations) for c in found]
     taken = {(e.kind, getattr(e, "joint", None) or getattr(e, "joints", None)) for e in description.effect}
     return tuple(c for c in found if not _listed(c, taken))
-
-
-def _in_own_units(candidate: TorqueCandidate, equations: TorqueEquations) -> TorqueCandidate:
-    """Return a candidate at joints that slide in metres and newtons."""
-    joints = [j for j in candidate.joints if j in equations.names]
-    if not joints or len({slides(equations.model, j) for j in joints}) > 1:
-        return candidate
-    return replace(candidate, units=tuple(joint_unit(u, equations.model, *joints) for u in candidate.units))
 
 
 def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:
@@ -151,84 +139,86 @@ def _name(kind: str, location: str) -> str:
     return re.sub(r"\W+", "_", f"{kind}_{location}").strip("_")
 
 
-def _at(j: int, *parts: Callable[[TorqueEquations, np.ndarray], np.ndarray]) -> Columns:
-    """Columns that act on joint ``j`` alone, each part (N,) from the equations and the predicted torque."""
+def _one(
+    equations: TorqueEquations,
+    location: str,
+    shape: str,
+    effect: Effect,
+    fields: Sequence[str],
+    columns: Columns | None = None,
+    **more: Any,
+) -> TorqueCandidate:
+    """Return a candidate that frees fields of an effect, with its own columns where none are given."""
+    known, names = {p.name: p for p in effect.parameters()}, tuple(f"{effect.name}.{x}" for x in fields)
+    joints = [j for j in location.split(" + ") if j in equations.names]
+    units = tuple(joint_unit(known[n].unit, equations.model, *joints) for n in names)
+    lower = tuple(0.0 if f in DRAGS else known[n].lower for f, n in zip(fields, names, strict=True))
+    own = partial(_columns_of, effect, fields) if columns is None else columns
+    return TorqueCandidate(
+        effect.kind, location, effect.family, shape, effect, names, units, **{"lower": lower, **more},
+        columns=own,
+    )  # fmt: skip
+
+
+def _columns_of(
+    effect: Effect, fields: Sequence[str], equations: TorqueEquations, load: np.ndarray
+) -> np.ndarray:
+    states = replace(measured_states(equations.motion), load=load)
+    found = linear_torques(effect, fields, equations.model, states)
+    return np.stack([found[f"{effect.name}.{x}"] for x in fields], axis=2)
+
+
+def _on(j: int, column: Callable[[TorqueEquations, np.ndarray], np.ndarray]) -> Columns:
+    """Return of columns of all joints what acts on joint ``j`` alone."""
 
     def columns(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
-        out = np.zeros((*load.shape, len(parts)))
-        for i, part in enumerate(parts):
-            out[:, j, i] = part(e, load)
+        out = np.zeros((*load.shape, 1))
+        out[:, j] = column(e, load)[:, j]
         return out
 
     return columns
 
 
+def _slope(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
+    return np.gradient(load, e.motion.time, axis=0)[:, :, None]
+
+
 def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[TorqueCandidate]:
     effect = JointFriction(name=_name("joint_friction", joint), joint=joint)
-    units = {p.name.partition(".")[2]: p.unit for p in effect.parameters()}
-    lower = {p.name.partition(".")[2]: p.lower for p in effect.parameters()}
-    lower |= {"quadratic": 0.0, "cubic": 0.0}  # a drag that pushes is no cause, whatever it fits
-
-    def columns(*own: str, of: JointFriction = effect) -> tuple[Callable[..., np.ndarray], ...]:
-        def part(e: TorqueEquations, load: np.ndarray, name: str) -> np.ndarray:
-            at = sliding_state(of, e.motion.v[:, j], angle=e.angles[:, j], load=load[:, j])
-            return BY_FIELD[name].column(at)
-
-        return tuple(partial(part, name=name) for name in own)
-
-    def make(
-        shape: str,
-        fields: tuple[str, ...],
-        *parts,
-        with_: Effect = effect,
-        grid: int = 1,
-        needs: int | None = None,
-    ) -> TorqueCandidate:
-        names = tuple(f"{effect.name}.{x}" for x in fields)
-        return TorqueCandidate(
-            "joint_friction", joint, "friction", shape, with_, names,
-            tuple(units[x] for x in fields), tuple(lower[x] for x in fields), _at(j, *parts), grid, needs,
-        )  # fmt: skip
-
-    slide = slides(equations.model, joint)
-    for shape, own in SHAPES.items():
-        if slide and shape == "position-dependent":
+    for shape in ("viscous", "coulomb"):
+        yield _one(equations, joint, shape, effect, [shape])
+    for shape, law in LAW_OF_SHAPE.items():
+        if law == "position" and slides(equations.model, joint):
             continue  # a place has no cosine
-        yield make(shape, own, *columns(*own))
+        yield _one(equations, joint, shape, effect, fields_of(law))
     largest = float(np.quantile(np.abs(equations.motion.v[:, j]), 0.95))
     for rate in (x for x in STRIBECK_RATES if x < SLOW * largest):
         curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
-        own = ("coulomb", "stribeck")
-        yield make("stribeck", own, *columns(*own, of=curve), with_=curve, grid=len(STRIBECK_RATES), needs=1)
+        fields = ("coulomb", "stribeck")
+        yield _one(equations, joint, "stribeck", curve, fields, grid=len(STRIBECK_RATES), needs=1)
 
 
-def _drivetrain(equations: TorqueEquations, joint: str, j: int) -> Iterator[TorqueCandidate]:
-    def one(
-        effect: Effect, shape: str, field: str, columns: Columns, family: str, lower: float, moves: Moves = ""
-    ):
-        unit = next(p.unit for p in effect.parameters() if p.name == f"{effect.name}.{field}")
-        names = (f"{effect.name}.{field}",)
-        return TorqueCandidate(
-            effect.kind, joint, family, shape, effect, names, (unit,), (lower,), columns, moves=moves
-        )
+def _drivetrain(equations: TorqueEquations, joint: str, j: int, *, known: bool) -> Iterator[TorqueCandidate]:
+    one, pin_model = partial(_one, equations, joint), equations.model.pin
 
-    rotor = MotorInertia(name=_name("motor_inertia", joint), joint=joint, inertia=0.0)
-    bias = TorqueOffset(name=_name("torque_offset", joint), joint=joint)
-    late = ActuatorDelay(name=_name("actuator_delay", joint), actuator=joint)
-    listed = [e for e in equations.description.effect if isinstance(e, JointOffset) and e.joint == joint]
-    zero = listed[0] if listed else JointOffset(name=_name("joint_offset", joint), joint=joint, angle=0.0)
-    middle = float(np.mean(equations.angles[:, j]))  # what it pulls there is a constant torque
-    cable = JointCable(name=_name("joint_cable", joint), joint=joint, rest=middle)
-    pull = _at(j, lambda e, load: e.angles[:, j] - middle)
-    inertia = _at(j, lambda e, load: e.motion.a[:, j])
-    constant = _at(j, lambda e, load: np.ones(len(load)))
-    slope = _at(j, lambda e, load: np.gradient(load[:, j], e.motion.time))
-    yield one(rotor, "motor inertia", "inertia", inertia, "drivetrain", 0.0)
-    yield one(bias, "constant torque", "torque", constant, "drivetrain", -np.inf)
-    if equations.model.pin.joints[equations.model.pin.getJointId(joint)].nq == 1:
-        yield one(cable, "cable", "stiffness", pull, "drivetrain", 0.0)
-    yield one(late, "delay", "delay", slope, "actuator", 0.0)
-    yield one(zero, "zero of the joint", "angle", _turned(j), "drivetrain", -np.inf, "zero")
+    def named(cls: type[Effect], **fields: Any) -> Effect:
+        kind = str(cls.model_fields["kind"].default)
+        return cls.model_validate({"name": _name(kind, joint), **fields})
+
+    yield one("motor inertia", named(MotorInertia, joint=joint, inertia=0.0), ["inertia"])
+    yield one("constant torque", named(TorqueOffset, joint=joint), ["torque"])
+    if pin_model.joints[pin_model.getJointId(joint)].nq == 1:
+        middle = float(np.mean(equations.angles[:, j]))  # what it pulls there is a constant torque
+        yield one("cable", named(JointCable, joint=joint, rest=middle), ["stiffness"])
+    yield one("delay", named(ActuatorDelay, actuator=joint), ["delay"], _on(j, _slope))
+    zero = named(JointOffset, joint=joint, angle=0.0)
+    described = (e for e in equations.description.effect if e.kind == zero.kind)
+    zero = next((e for e in described if getattr(e, "joint", "") == joint), zero)
+    yield one("zero of the joint", zero, ["angle"], _turned(j), moves="zero")
+    if known:
+        gain = named(TorqueGain, joint=joint)
+        less = _on(j, lambda e, load: -load[:, :, None])
+        yield one("torque constant", gain, ["error"], less, lower=(-1.0,))
 
 
 def _turned(j: int) -> Columns:
@@ -241,116 +231,54 @@ def _turned(j: int) -> Columns:
     return columns
 
 
-def _gain(joint: str, j: int) -> TorqueCandidate:
-    effect = TorqueGain(name=_name("torque_gain", joint), joint=joint)
-    return TorqueCandidate(
-        "torque_gain", joint, "actuator", "torque constant", effect, (f"{effect.name}.error",), ("1",),
-        (-1.0,), _at(j, lambda e, load: -load[:, j]),
-    )  # fmt: skip
-
-
-def _couplings(names: Sequence[str], pair: tuple[int, int]) -> Iterator[TorqueCandidate]:
+def _couplings(equations: TorqueEquations, joints: tuple[str, str]) -> Iterator[TorqueCandidate]:
+    if len({slides(equations.model, j) for j in joints}) > 1:
+        return
+    location = " + ".join(joints)
     for ratio, shape in ((1.0, "turns with the sum"), (-1.0, "turns with the difference")):
-        joints = names[pair[0]], names[pair[1]]
-        location = " + ".join(joints)
         label = "motor_coupling" if ratio > 0.0 else "motor_coupling_minus"
         effect = MotorCoupling(name=_name(label, location), joints=joints, ratios=(1.0, ratio))
-
-        def columns(e: TorqueEquations, load: np.ndarray, effect: MotorCoupling = effect) -> np.ndarray:
-            found = effect_columns(effect, e.model, JointStates(e.motion.q, e.motion.v, e.motion.a, load))
-            by_name = {c.name.partition(".")[2]: c.values for c in found}
-            return np.stack([by_name[k] for k in ("viscous", "coulomb", "inertia")], axis=2)
-
-        fields = {"viscous": "N m s/rad", "coulomb": "N m", "inertia": "kg m^2"}
-        yield TorqueCandidate(
-            "motor_coupling", location, "drivetrain", shape, effect,
-            tuple(f"{effect.name}.{x}" for x in fields), tuple(fields.values()), (0.0,) * 3, columns, 2,
-        )  # fmt: skip
-
-
-def _clock(source: str) -> TorqueCandidate:
-    effect = TimeOffset(name=_name("time_offset", source), sensor=source)
-
-    def columns(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
-        return np.gradient(load, e.motion.time, axis=0)[:, :, None]
-
-    return TorqueCandidate(
-        "time_offset", source, "sensor", "time offset", effect, (f"{effect.name}.offset",), ("s",),
-        (-np.inf,), columns, moves="clock",
-    )  # fmt: skip
+        yield _one(equations, location, shape, effect, ("viscous", "coulomb", "inertia"), grid=2)
 
 
 def _bodies(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
     model = equations.model
-    regressor = Regressor(model)
-    units = {0: ("kg",), 1: ("kg m",) * 3, 2: ("kg m^2",) * 6}
-    fields = {0: ("mass",), 1: tuple(f"first_moment.{x}" for x in AXES[3]), 2: _inertia_fields()}
-    shapes = {0: "mass", 1: "centre of mass", 2: "inertia"}
-    slices = {0: slice(0, 1), 1: slice(1, 4), 2: slice(4, 10)}
+    groups = {
+        "mass": (slice(0, 1), ["mass"]),
+        "centre of mass": (slice(1, 4), [f"first_moment.{x}" for x in AXES[3]]),
+        "inertia": (slice(4, 10), [f"inertia.{x.removeprefix('I')}" for x in INERTIAL_NAMES[4:]]),
+    }
 
-    def of(start: int, part: slice) -> Columns:
+    def of(body: int, weights: np.ndarray) -> Columns:
         def columns(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
             every = Regressor(e.model).torque(e.motion.q, e.motion.v, e.motion.a)
-            return every[:, :, start : start + 10][:, :, part]
+            return every[:, :, 10 * body : 10 * body + 10] @ weights
 
         return columns
 
-    for k, body in enumerate(regressor.bodies):
+    for k, body in enumerate(Regressor(model).bodies):
         effect = BodyError(name=_name("body_error", body), body=body)
-        for which, shape in shapes.items():
-            names = tuple(f"{effect.name}.{x}" for x in fields[which])
-            yield TorqueCandidate(
-                "body_error", body, "inertia", shape, effect, names, units[which],
-                (-np.inf,) * len(names), of(10 * k, slices[which]),
-            )  # fmt: skip
+        for shape, (part, fields) in groups.items():
+            yield _one(equations, body, shape, effect, fields, of(k, np.eye(10)[:, part]))
     for arm in model.arms.values():
         last = int(arm.joints[-1])
         links = [f for f in model.pin.frames if f.parentJoint == last and f.type == pin.FrameType.BODY]
-        if not links:
-            continue
-        frame = links[-1]
-        effect = Payload(name=_name("payload", frame.name), frame=frame.name, mass=0.0)
-        place = np.asarray(frame.placement.translation)
-
-        def held(
-            e: TorqueEquations, load: np.ndarray, last: int = last, place: np.ndarray = place
-        ) -> np.ndarray:
-            from smsid.effects.payload import point_parameters
-
-            every = Regressor(e.model).torque(e.motion.q, e.motion.v, e.motion.a)
-            own = every[:, :, 10 * (last - 1) : 10 * last]
-            return (own @ point_parameters(1.0, place))[:, :, None]
-
-        yield TorqueCandidate(
-            "payload", frame.name, "inertia", "payload", effect, (f"{effect.name}.mass",), ("kg",), (0.0,),
-            held,
-        )  # fmt: skip
-
-
-def _inertia_fields() -> tuple[str, ...]:
-    return tuple(f"inertia.{x.removeprefix('I')}" for x in INERTIAL_NAMES[4:])
+        if links:
+            frame = links[-1]
+            held = Payload(name=_name("payload", frame.name), frame=frame.name, mass=0.0)
+            place = point_parameters(1.0, np.asarray(frame.placement.translation))
+            yield _one(equations, frame.name, "payload", held, ["mass"], of(last - 1, place[:, None]))
 
 
 def _users(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
-    """Candidates of effects whose columns someone registered."""
+    """Candidates of users' effects that enter torques linearly."""
     for cls in catalogue().values():
         own = getattr(cls, "candidates", None)
-        if own is None or cls.torque_columns is Effect.torque_columns:
-            continue
-        for c in own(equations.model):
-            parameters = {p.name: p for p in c.effect.parameters()}
-
-            def columns(e: TorqueEquations, load: np.ndarray, c=c) -> np.ndarray:
-                states = JointStates(e.motion.q, e.motion.v, e.motion.a, load)
-                found = {x.name: x.values for x in effect_columns(c.effect, e.model, states)}
-                return np.stack([found[name] for name in c.free], axis=2)
-
+        for c in () if own is None else own(equations.model):
+            fields = [name.removeprefix(f"{c.effect.name}.") for name in c.free]
+            one = _one(equations, c.location, c.shape, c.effect, fields, grid=c.grid)
             try:
-                columns(equations, equations.motion.torque)
+                one.columns(equations, equations.motion.torque)
             except (SmsidError, KeyError):
                 continue
-            yield TorqueCandidate(
-                c.kind, c.location, c.family, c.shape, c.effect, c.free,
-                tuple(parameters[n].unit for n in c.free), tuple(parameters[n].lower for n in c.free),
-                columns, c.grid,
-            )  # fmt: skip
+            yield one

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 from scipy.stats import chi2
@@ -109,8 +110,8 @@ def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
     yield "angle", [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
     yield "ripple over the angle", [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
     yield DELAY, [np.gradient(load, motion.time)]
-    for gear in found.equations.description.effect:
-        if isinstance(gear, Gear) and gear.joint == names[j]:
+    for gear in (cast(Gear, e) for e in found.equations.description.effect if e.kind == "gear"):
+        if gear.joint == names[j]:
             turned = gear.ratio * angle + sum(
                 ratio * found.equations.angles[:, names.index(n)]
                 for n, ratio in gear.also.items()

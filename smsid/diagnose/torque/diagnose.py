@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from smsid.description import Description
+from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -18,14 +19,14 @@ from smsid.diagnose.torque.equations import TorqueEquations, require_excitation,
 from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, links_known, prior_of
-from smsid.diagnose.torque.search import TorqueCause, TorqueLevels, TorqueSearch, search_torques
+from smsid.diagnose.torque.search import TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-SHORTEST = THRESHOLDS.torque_shortest
+SHORTEST = THRESHOLDS.shortest
 """Instants below which nothing is said."""
 
 FOREIGN = THRESHOLDS.torque_foreign
@@ -44,7 +45,7 @@ def diagnose_torques(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-    levels: TorqueLevels | None = None,
+    levels: DetectionThresholds | None = None,
     cutoff: float | None = None,
 ) -> tuple[Diagnosis, Description, TorqueSearch]:
     """Say what the torques of an arm ask for beyond its links; with the extended description.

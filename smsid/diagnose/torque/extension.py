@@ -7,10 +7,9 @@ import logging
 import numpy as np
 
 from smsid.description import Description
+from smsid.diagnose.extended_description import body_errors
 from smsid.diagnose.torque.fit import TorqueFit, effects_of
 from smsid.diagnose.torque.known import links_known
-from smsid.effects import BodyError
-from smsid.effects.sensor import SensorEffect
 from smsid.errors import SmsidError
 from smsid.export.bodies import identified_bodies, urdf_bodies
 from smsid.identify.estimate import Estimate, classify
@@ -29,10 +28,11 @@ def extended_description(found: TorqueFit) -> tuple[Description, tuple[str, ...]
     sensors = {s.name for s in described.sensor}
     effects, notes = [], []
     for effect in effects_of(found):
-        if isinstance(effect, SensorEffect) and effect.sensor not in sensors:
-            notes.append(f"'{effect.name}' is not written: the description has no sensor '{effect.sensor}'")
-            continue
-        effects.append(effect)
+        sensor = getattr(effect, "sensor", None)
+        if sensor is None or sensor in sensors:
+            effects.append(effect)
+        else:
+            notes.append(f"'{effect.name}' is not written: the description has no sensor '{sensor}'")
     extended = described.with_effects(*effects)
     if links_known(found.equations, found.prior):
         return extended, tuple(notes)
@@ -52,21 +52,7 @@ def _with_links(extended: Description, found: TorqueFit) -> Description:
     )
     model = build_model(extended)
     bodies = identified_bodies(model, Estimate(extended.name, "torque diagnosis", parameters)).parameters
-    errors = []
-    for joint, own in urdf_bodies(extended).items():
-        shift = bodies[joint] - own
-        if not np.any(shift):
-            continue
-        mass, *rest = shift.tolist()
-        errors.append(
-            BodyError(
-                name=f"body_error_{joint}".replace("/", "_"),
-                body=joint,
-                mass=mass,
-                first_moment=tuple(rest[:3]),
-                inertia=tuple(rest[3:]),
-            )
-        )
+    errors = body_errors({joint: bodies[joint] - own for joint, own in urdf_bodies(extended).items()})
     with_links = extended.with_effects(*errors)
     build_model(with_links)
     return with_links

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f
 
+from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
 from smsid.diagnose.torque.dependence import STAMPS
@@ -42,13 +43,8 @@ SETTLED = {"zero": 1e-3, "clock": 1e-4}
 """A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
 
 
-@dataclass(frozen=True)
-class TorqueLevels:
-    """Levels over all candidates and over all generic tests; ``alias`` as in `DetectionThresholds`."""
-
-    candidate: float = THRESHOLDS.torque_candidate
-    block: float = THRESHOLDS.torque_block
-    alias: float = THRESHOLDS.torque_alias
+TORQUE_LEVELS = DetectionThresholds(block=THRESHOLDS.torque_block, alias=THRESHOLDS.torque_alias)
+"""Levels over all candidates and over all generic tests of measured torques."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ class TorqueSearch:
     causes: tuple[TorqueCause, ...]
     scores: tuple[TorqueScore, ...]
     candidates: int
-    levels: TorqueLevels = field(default_factory=TorqueLevels)
+    levels: DetectionThresholds = TORQUE_LEVELS
 
 
 def search_torques(
@@ -79,7 +75,7 @@ def search_torques(
     recording: Recording | Sequence[Recording],
     prior: Prior,
     candidates: Sequence[TorqueCandidate],
-    levels: TorqueLevels | None = None,
+    levels: DetectionThresholds | None = None,
 ) -> TorqueSearch:
     """Return the effects that a recording's torques ask for, found one after the other.
 
@@ -90,7 +86,7 @@ def search_torques(
     Raises:
         RecordingError: as `torque_equations`.
     """
-    levels = levels or TorqueLevels()
+    levels = levels or TORQUE_LEVELS
     simple = [c for c in candidates if c.shape in SIMPLE]
     # laws that come after simpler ones are spanned by those well enough, and each column takes noise away
     whitening = learn_noise(equations, [c for c in candidates if not c.simpler])
@@ -132,7 +128,11 @@ def search_torques(
 
 
 def _simplest(
-    best: TorqueScore, scores: Sequence[TorqueScore], current: TorqueFit, tried: int, levels: TorqueLevels
+    best: TorqueScore,
+    scores: Sequence[TorqueScore],
+    current: TorqueFit,
+    tried: int,
+    levels: DetectionThresholds,
 ) -> TorqueScore:
     """Return the simplest law of the same joint that explains about as much as the best, or that one."""
     enough = best.gain(current.samples) - levels.alias
@@ -144,7 +144,7 @@ def _simplest(
     return best
 
 
-def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: TorqueLevels) -> bool:
+def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: DetectionThresholds) -> bool:
     if _unresolved(s.candidate, s.estimate, current.equations):
         return False
     return s.p_value * tried < levels.candidate and s.gain(current.samples) > 0.0
@@ -160,7 +160,7 @@ def _beside_all(
     causes: Sequence[TorqueCause],
     cause: TorqueCause,
     candidates: Sequence[TorqueCandidate],
-    levels: TorqueLevels,
+    levels: DetectionThresholds,
 ) -> TorqueCause:
     """Return a cause with its score beside all others, and what explains about as much in its place."""
     others = [c.term for c in causes if c is not cause]
@@ -229,7 +229,7 @@ def _pruned(
     current: TorqueFit,
     recording: Recording | Sequence[Recording],
     tried: int,
-    levels: TorqueLevels,
+    levels: DetectionThresholds,
 ) -> tuple[list[TorqueCause], TorqueFit]:
     """Leave out, one by one, causes that the others made unnecessary."""
     while causes:
