@@ -8,7 +8,8 @@ import pinocchio as pin
 from smsid.campaign.case import Case
 from smsid.effects.appendage import Appendage
 from smsid.identify.appendages import described_modes
-from smsid.identify.momentum import Regression, carried_by_bus
+from smsid.identify.momentum_regression import Regression
+from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.pipeline import Identification
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor

@@ -14,9 +14,10 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.exp2_errors import Steps, inflate_covariance, slosh_mass, with_carried_errors
 from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
-from smsid.identify.hidden_states import Modal, check_on_bus, hidden_states
-from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
+from smsid.identify.hidden_states import HiddenStates, Modal, check_on_bus, hidden_states
+from smsid.identify.momentum import StepA, step_a, step_b
 from smsid.identify.momentum_printed import step_b_printed
+from smsid.identify.momentum_regression import Regression
 from smsid.identify.momentum_rows import CORRELATION_TIME
 from smsid.identify.motion import Motion, prepare, raw_rates
 from smsid.identify.noise_replicates import add_noise_replicate
@@ -62,7 +63,6 @@ def identify_momentum(
     cutoff: float | None = 2.0,
     rate: float | None = 20.0,
     modal: Modal = "smoother",
-    prior: tuple[np.ndarray, np.ndarray] | None = None,
     perturbed: Sequence[tuple[SpacecraftModel, float]] = (),
     described: SpacecraftModel | None = None,
     refine: bool = False,
@@ -70,7 +70,7 @@ def identify_momentum(
     """Identify inertial parameters from one recording of Exp. 2, starting at rest, without thrust.
 
     ``model`` carries what Exp. 1 found for slosh and appendages, ``mass`` is M [kg]. ``modal``: 'smoother'
-    (with the identified modes) or 'printed' ((31)-(32) as printed). ``prior``: as in `step_b`. ``perturbed``
+    (with the identified modes) or 'printed' ((31)-(32) as printed). ``perturbed``
     are the model and mass with the results of Exp. 1 moved by a standard deviation in one direction after the
     other: what that moves is added to the covariance. ``refine`` corrects the tracked point first
     (`refine_pose_point`). ``described`` is the model that nominal values are taken from (default: ``model``).
@@ -106,7 +106,7 @@ def identify_momentum(
         motion = refined.motion
     hidden = timed("slosh and modal states", lambda: hidden_states(model, motion, modal))
     a = timed("Step A", lambda: step_a(model, motion, hidden, mass))
-    b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position, prior=prior))
+    b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position))
     without = hidden.without_slosh()
     a_printed = step_a(model, motion, without, mass)
     b_printed = None
@@ -124,10 +124,7 @@ def identify_momentum(
         recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
-    if prior is None:  # a prior's weight is set against the errors already
-        steps = timed(
-            "noise once more", lambda: inflate_covariance(steps, model, motion, mass, modal, noisier)
-        )
+    steps = timed("noise once more", lambda: inflate_covariance(steps, model, motion, mass, modal, noisier))
     if perturbed or b_printed is not None:
         steps = timed(
             "errors carried over",

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, classify
-from smsid.identify.momentum import HiddenStates, Regression, StepA
+from smsid.identify.hidden_states import HiddenStates
+from smsid.identify.momentum import StepA
 from smsid.identify.momentum_printed import printed_parameters
+from smsid.identify.momentum_regression import Regression
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.motion import Motion, Roles
 from smsid.identify.pose_point import PosePoint
@@ -110,7 +112,7 @@ def references(b: Regression, nominal: np.ndarray | None = None) -> list[float |
         sizes = np.where(known, sizes, np.minimum(sizes, np.abs(nominal)))
     out: list[float | None] = []
     for i, kind in enumerate(kinds):
-        if b.shares is None or b.shares[i] >= 0.01:
+        if b.shares[i] >= 0.01:
             out.append(None)
         else:
             out.append(float(max(v for v, other in zip(sizes, kinds, strict=True) if other == kind)))
