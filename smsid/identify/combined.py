@@ -103,6 +103,8 @@ def combine(estimates: Sequence[AxisEstimate]) -> Combined:
 
     Whether the axes agree is tested first (chi-squared, `CONTRADICTION`), each to no better than `ACCURACY`.
     """
+    if not estimates:
+        return Combined((), np.zeros(0), np.zeros((0, 0)))
     rows: dict[str, list[tuple[int, int]]] = {}
     for e, estimate in enumerate(estimates):
         for i, name in enumerate(estimate.names):

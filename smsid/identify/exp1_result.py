@@ -41,9 +41,7 @@ class TranslationResult:
     """What Exp. 1 identified.
 
     ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
-    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage. ``printed``: the axes by
-    the regression as printed, beside; an axis may be missing there. ``believed``: whether any axis gives a
-    total mass and tanks to go on from.
+    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
     """
 
     axes: tuple[AxisEstimate, ...]
@@ -53,12 +51,15 @@ class TranslationResult:
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
-    printed: tuple[AxisEstimate, ...] = ()
-    believed: bool = True
+
+    @property
+    def believed(self) -> bool:
+        """Whether any axis gives a total mass to go on from."""
+        return "M" in self.combined
 
     @property
     def mass(self) -> float:
-        """Total mass M [kg]."""
+        """Total mass M [kg], where the result is `believed`."""
         return self.combined["M"][0]
 
     def values(self, change: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -98,7 +99,6 @@ def assemble(
     axes: list[AxisEstimate],
     modes: dict[str, SeenModes],
     notes: list[str],
-    printed: tuple[AxisEstimate, ...] = (),
     shares: tuple[PanelShares, ...] = (),
 ) -> TranslationResult:
     """Bring axes and modes together as parameters of the description; what stays as described is noted.
@@ -107,8 +107,10 @@ def assemble(
     """
     notes = list(notes)
     found = combine(axes)
-    value, sigma = found["M"]
-    parameters = [classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
+    parameters: list[ParameterEstimate] = []
+    if "M" in found:
+        value, sigma = found["M"]
+        parameters.append(classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass))
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
     tanks = [s.tank for s in model.slosh]
     marks = tank_marks(tanks)
@@ -134,9 +136,7 @@ def assemble(
             )
         parameters += _mode_parameters(name, seen, described)
     conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
-    return TranslationResult(
-        tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions, printed
-    )
+    return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
 
 
 def _lost(found: Combined, mark: str) -> bool:
