@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.effects.appendage import Mode
+from smsid.effects.appendage import Appendage, Mode
 from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
 from smsid.identify.combined import Combined, combine
@@ -41,7 +41,8 @@ class TranslationResult:
     """What Exp. 1 identified.
 
     ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
-    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage.
+    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage; ``panels``: the appendages
+    as described.
     """
 
     axes: tuple[AxisEstimate, ...]
@@ -51,6 +52,7 @@ class TranslationResult:
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
+    panels: dict[str, Appendage] = field(default_factory=dict)
 
     @property
     def believed(self) -> bool:
