@@ -12,7 +12,7 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.exp2_errors import Steps, inflate_covariance, slosh_mass, with_carried_errors
+from smsid.identify.exp2_errors import Steps, slosh_mass, with_errors
 from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
 from smsid.identify.hidden_states import HiddenStates, Modal, check_on_bus, hidden_states
 from smsid.identify.momentum import StepA, step_a, step_b
@@ -124,12 +124,7 @@ def identify_momentum(
         recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
-    steps = timed("noise once more", lambda: inflate_covariance(steps, model, motion, mass, modal, noisier))
-    if perturbed or b_printed is not None:
-        steps = timed(
-            "errors carried over",
-            lambda: with_carried_errors(steps, model, motion, mass, modal, perturbed),
-        )
+    steps = timed("errors", lambda: with_errors(steps, model, motion, mass, modal, noisier, perturbed))
     if b_printed is not None and steps.printed is None:
         notes.append(
             "Step B as printed: the combinations it identifies change with the noise; it is left out"
