@@ -20,11 +20,12 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
-from smsid.identify.combined import combine
+from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import AS_PRINTED
-from smsid.identify.exp1 import axis_data, excited_axes
-from smsid.identify.pipeline import Identification, identify
-from smsid.identify.translation import AxisEstimate, identify_axis
+from smsid.identify.paper.combined import combine
+from smsid.identify.paper.exp1 import axis_data
+from smsid.identify.paper.pipeline import Identification, identify
+from smsid.identify.paper.translation import AxisEstimate, identify_axis
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording

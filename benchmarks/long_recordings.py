@@ -29,8 +29,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 from likelihood import twin
 
 from smsid.description.schema import Description
-from smsid.identify.exp2 import identify_momentum
 from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.paper.exp2 import identify_momentum
 from smsid.inputs.signals import Fourier
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor

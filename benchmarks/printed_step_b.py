@@ -18,7 +18,7 @@ from _common import ROOT, environment, write_result  # noqa: E402
 from scipy.stats import binom  # noqa: E402
 
 from smsid.description import load_description  # noqa: E402
-from smsid.identify.exp2 import identify_momentum  # noqa: E402
+from smsid.identify.paper.exp2 import identify_momentum  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.recording import import_recording  # noqa: E402
 from smsid.sensing import add_noise  # noqa: E402

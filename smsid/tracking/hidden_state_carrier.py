@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.identify.hidden_states import LEAST_NOISE, HiddenStates
-from smsid.identify.modal_state import ModalState, smooth_modes
-from smsid.identify.motion import Motion
+from smsid.identify.paper.hidden_states import LEAST_NOISE, HiddenStates
+from smsid.identify.paper.modal_state import ModalState, smooth_modes
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.slosh_state import estimate_slosh
 from smsid.identify.robust import white_sigma
-from smsid.identify.slosh_state import estimate_slosh
 from smsid.model.spacecraft import SpacecraftModel
 
 Chunk = tuple[Motion, HiddenStates]

@@ -11,14 +11,14 @@ from smsid.description.schema import Description
 from smsid.errors import EstimateError, RecordingError
 from smsid.identify.appendages import linear_appendages
 from smsid.identify.estimate import Estimate
-from smsid.identify.hidden_states import HiddenStates, check_on_bus
-from smsid.identify.momentum import rows_b, step_a
 from smsid.identify.momentum_rows import CORRELATION_TIME, carried_by_bus
-from smsid.identify.motion import Motion, prepare, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate
-from smsid.identify.recursive_tls import RecursiveTls
-from smsid.identify.rest import check_at_rest
-from smsid.identify.square_root_information import ScoreSums
+from smsid.identify.paper.hidden_states import HiddenStates, check_on_bus
+from smsid.identify.paper.momentum import rows_b, step_a
+from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.identify.paper.recursive_tls import RecursiveTls
+from smsid.identify.paper.rest import check_at_rest
+from smsid.identify.paper.square_root_information import ScoreSums
 from smsid.identify.stationary_joints import if_all_moved
 from smsid.model import build_model
 from smsid.model.regressor import Regressor

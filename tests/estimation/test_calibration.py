@@ -16,8 +16,8 @@ from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
-from smsid.identify.hidden_states import HiddenStates
-from smsid.identify.momentum_regression import regress
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum_regression import regress
 
 
 def test_the_likelihood_is_the_density_of_the_readings(known, problem):

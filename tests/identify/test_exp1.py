@@ -10,8 +10,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
-from smsid.identify.exp1 import averaged_at_steps, excited_axes, identify_translation
-from smsid.identify.exp1_result import assemble
+from smsid.identify.commanded import excited_axes
+from smsid.identify.paper.exp1 import averaged_at_steps, identify_translation
+from smsid.identify.paper.exp1_result import assemble
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor

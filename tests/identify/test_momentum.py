@@ -14,11 +14,11 @@ from twins.numbers import PAPER
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import HiddenStates, hidden_states
-from smsid.identify.modal_state import ModalState
-from smsid.identify.momentum import full_states, step_a, step_b
 from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments
-from smsid.identify.motion import prepare
+from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
+from smsid.identify.paper.modal_state import ModalState
+from smsid.identify.paper.momentum import full_states, step_a, step_b
+from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 

@@ -14,10 +14,10 @@ from twins.numbers import PAPER
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import HiddenStates, hidden_states
-from smsid.identify.modal_state import ModalState
-from smsid.identify.momentum_printed import PrintedTerms, printed_parameters, step_b_printed
-from smsid.identify.motion import prepare
+from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
+from smsid.identify.paper.modal_state import ModalState
+from smsid.identify.paper.momentum_printed import PrintedTerms, printed_parameters, step_b_printed
+from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 
 from .support import URDF, M, exact_motion, oracle, reference

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.identify import momentum_regression
-from smsid.identify.hidden_states import HiddenStates, hidden_states
-from smsid.identify.momentum import step_a, step_b
-from smsid.identify.momentum_printed import step_b_printed
-from smsid.identify.motion import Motion, prepare
-from smsid.identify.noise_replicates import add_noise_replicate
+from smsid.identify.paper import momentum_regression
+from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
+from smsid.identify.paper.momentum import step_a, step_b
+from smsid.identify.paper.momentum_printed import step_b_printed
+from smsid.identify.paper.motion import Motion, prepare
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.identify.paper.square_root_information import RowSums, ScoreSums
 from smsid.identify.robust import hac_covariance, inverse_root
-from smsid.identify.square_root_information import RowSums, ScoreSums
 from smsid.model import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import add_noise

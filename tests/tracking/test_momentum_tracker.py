@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.errors import EstimateError, NotIdentifiableError, RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
-from smsid.identify.hidden_states import hidden_states
-from smsid.identify.motion import prepare
-from smsid.identify.noise_replicates import add_noise_replicate
+from smsid.identify.paper.hidden_states import hidden_states
+from smsid.identify.paper.motion import prepare
+from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
 from smsid.sensing import add_noise

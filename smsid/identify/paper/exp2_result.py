@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, classify
-from smsid.identify.hidden_states import HiddenStates
-from smsid.identify.momentum import StepA
-from smsid.identify.momentum_printed import printed_parameters
-from smsid.identify.momentum_regression import Regression
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.identify.motion import Motion, Roles
-from smsid.identify.pose_point import PosePoint
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum import StepA
+from smsid.identify.paper.momentum_printed import printed_parameters
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.pose_point import PosePoint
+from smsid.identify.sensor_roles import Roles
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import HiddenStates, Modal, hidden_states
-from smsid.identify.momentum import StepA, step_a, step_b
-from smsid.identify.momentum_printed import step_b_printed
-from smsid.identify.momentum_regression import Regression
-from smsid.identify.motion import Motion
-from smsid.identify.noise_replicates import covariance_of_moves
+from smsid.identify.paper.hidden_states import HiddenStates, Modal, hidden_states
+from smsid.identify.paper.momentum import StepA, step_a, step_b
+from smsid.identify.paper.momentum_printed import step_b_printed
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.noise_replicates import covariance_of_moves
 from smsid.model.spacecraft import SpacecraftModel
 
 THINNED = 4  # every which sample serves to see how far results move

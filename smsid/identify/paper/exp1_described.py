@@ -10,9 +10,9 @@ import numpy as np
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate, classify
-from smsid.identify.exp1_result import participates, participation_along
+from smsid.identify.paper.exp1_result import participates, participation_along
+from smsid.identify.paper.translation import AxisEstimate
 from smsid.identify.stationary_joints import is_constant
-from smsid.identify.translation import AxisEstimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

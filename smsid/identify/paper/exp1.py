@@ -10,13 +10,15 @@ import numpy as np
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sample_channel
-from smsid.identify.commanded import actual_thrust
-from smsid.identify.exp1_panels import (
+from smsid.identify.commanded import actual_thrust, excited_axes
+from smsid.identify.panel_modes import panel_modes
+from smsid.identify.paper.exp1_described import check_possible, left_as_described
+from smsid.identify.paper.exp1_panels import (
     PanelShares,
     identify_axis_of_panels,
     symbol_of,
 )
-from smsid.identify.exp1_result import (
+from smsid.identify.paper.exp1_result import (
     SeenModes,
     TranslationResult,
     assemble,
@@ -24,14 +26,13 @@ from smsid.identify.exp1_result import (
     participation_along,
     tank_marks,
 )
-from smsid.identify.exp1_unseen import check_possible, left_as_described
-from smsid.identify.mode_noise import mode_sigmas
-from smsid.identify.motion import Roles, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate, covariance_of_moves
-from smsid.identify.panel_modes import panel_modes
-from smsid.identify.rest import check_at_rest, with_rest_before
+from smsid.identify.paper.mode_noise import mode_sigmas
+from smsid.identify.paper.motion import raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate, covariance_of_moves
+from smsid.identify.paper.rest import check_at_rest, with_rest_before
+from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, panel_weights
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, panel_weights
+from smsid.identify.sensor_roles import Roles
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import station_indices
@@ -47,18 +48,6 @@ HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
 NOISE_SIGMAS = 5.0  # of the gyro's stated noise that are no rotation
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
-
-__all__ = ["TranslationResult", "excited_axes", "identify_translation"]
-
-
-def excited_axes(recording: Recording) -> str:
-    """Return the body axes along which thrust acted, as letters of 'xyz'."""
-    if "command.force" not in recording:
-        return ""
-    peak = np.abs(recording["command.force"]).max(axis=0)
-    return "".join(
-        a for a, f in zip("xyz", peak, strict=True) if f > 1e-6 * max(peak.max(), 1e-30) and f > 0.0
-    )
 
 
 def identify_translation(model: SpacecraftModel, recordings: list[Recording]) -> TranslationResult:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.identify.hidden_states import HiddenStates
 from smsid.identify.momentum_rows import CORRELATION_TIME
-from smsid.identify.motion import Motion
-from smsid.identify.square_root_information import RowSums, ScoreSums
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.square_root_information import RowSums, ScoreSums
 from smsid.identify.tls import TlsSolution
 from smsid.model.identifiable import BaseParameters, base_parameters
 

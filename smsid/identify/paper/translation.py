@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.axis_parameters import (
+from smsid.identify.paper.axis_parameters import (
     Kind,
     column_names,
     fractions,
@@ -121,7 +121,7 @@ class AxisEstimate:
 def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = None) -> AxisEstimate:
     """Identify one axis as printed: total least squares on (22), for any number of tanks, none included.
 
-    The reference that `smsid.identify.translation_tied` is held against. The thrust columns are exact,
+    The reference that `smsid.identify.paper.translation_tied` is held against. The thrust columns are exact,
     repeated integrals of white noise are far smaller than the noise itself and count as exact, so the errors
     of a row are those of a and p (generalised TLS). The covariance follows the sensors' white noise through
     the integrals, in which it is no longer white, and adds what constant biases do. Where several tanks are

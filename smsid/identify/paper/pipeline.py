@@ -15,13 +15,15 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
+from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
-from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
-from smsid.identify.exp1_unseen import check_moves
-from smsid.identify.exp2 import MomentumResult, identify_momentum
 from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
-from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
+from smsid.identify.paper.exp1 import identify_translation
+from smsid.identify.paper.exp1_described import check_moves
+from smsid.identify.paper.exp1_result import TranslationResult
+from smsid.identify.paper.exp2 import MomentumResult, identify_momentum
+from smsid.identify.paper.hidden_states import Modal, check_on_bus
 from smsid.identify.sensor_correction import correct_readings
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.column_order import order_columns
@@ -55,7 +57,7 @@ def identify(
     Recordings with thrust count as Exp. 1, those without as Exp. 2; the description's values are starting
     guesses only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken
     as known. ``modal``: how Exp. 2 estimates bending, see `identify_momentum`. ``refine_pose_point``: take
-    the position of the pose sensor (and the IMU beside it) for a guess too, see `smsid.identify.pose_point`.
+    the position of the pose sensor (and the IMU beside it) for a guess too, see `PosePoint`.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
     identify what is asked.

@@ -9,10 +9,10 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.modal_state import ModalState, integrate_accelerometers, smooth_modes
-from smsid.identify.motion import Motion
+from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.slosh_state import estimate_slosh
 from smsid.identify.robust import white_sigma
-from smsid.identify.slosh_state import estimate_slosh
 from smsid.model.spacecraft import SpacecraftModel
 
 Modal = Literal["smoother", "printed"]

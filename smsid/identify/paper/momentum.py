@@ -13,10 +13,10 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import HiddenStates
-from smsid.identify.momentum_regression import BLOCK, Regression, regress
 from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, skew
-from smsid.identify.motion import Motion
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum_regression import BLOCK, Regression, regress
+from smsid.identify.paper.motion import Motion
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 

@@ -12,17 +12,17 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.exp2_errors import Steps, slosh_mass, with_errors
-from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
-from smsid.identify.hidden_states import HiddenStates, Modal, check_on_bus, hidden_states
-from smsid.identify.momentum import StepA, step_a, step_b
-from smsid.identify.momentum_printed import step_b_printed
-from smsid.identify.momentum_regression import Regression
 from smsid.identify.momentum_rows import CORRELATION_TIME
-from smsid.identify.motion import Motion, prepare, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate
-from smsid.identify.pose_point import PosePoint, refine_pose_point
-from smsid.identify.rest import check_at_rest
+from smsid.identify.paper.exp2_errors import Steps, slosh_mass, with_errors
+from smsid.identify.paper.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
+from smsid.identify.paper.hidden_states import HiddenStates, Modal, check_on_bus, hidden_states
+from smsid.identify.paper.momentum import StepA, step_a, step_b
+from smsid.identify.paper.momentum_printed import step_b_printed
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.identify.paper.pose_point import PosePoint, refine_pose_point
+from smsid.identify.paper.rest import check_at_rest
 from smsid.identify.stationary_joints import Still, not_seen
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel

@@ -17,10 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.axis_parameters import Kind, fractions, parameter_names, tied_parameters
-from smsid.identify.robust import inverse_root
-from smsid.identify.tls import total_least_squares
-from smsid.identify.translation import (
+from smsid.identify.paper.axis_parameters import Kind, fractions, parameter_names, tied_parameters
+from smsid.identify.paper.translation import (
     AxisData,
     AxisEstimate,
     adjoint,
@@ -32,7 +30,9 @@ from smsid.identify.translation import (
     regression_columns,
     row_noise,
 )
-from smsid.identify.whitening import Section, sections_of, whiten, whiten_transposed
+from smsid.identify.paper.whitening import Section, sections_of, whiten, whiten_transposed
+from smsid.identify.robust import inverse_root
+from smsid.identify.tls import total_least_squares
 
 STEPS = 40  # at most; a good record takes about six
 SETTLED = 1e-3  # of a standard deviation: a smaller step ends the iteration
@@ -47,7 +47,7 @@ DRIFT_NODES, DRIFT_SHAPES = 61, 12
 
 
 def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = None) -> AxisEstimate:
-    """Identify one axis as `smsid.identify.translation.identify_axis` does, whitened, tied, biases estimated.
+    """Identify one axis as `identify_axis` does, but whitened, its products tied, biases estimated.
 
     Arguments, names and units as there; no starting values are needed. Wandering errors of the accelerometers
     widen the covariance. ``pi`` are (24) or (27) at the estimate.

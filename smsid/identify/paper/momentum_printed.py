@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import HiddenStates
-from smsid.identify.momentum import full_states, thinned
-from smsid.identify.momentum_regression import Regression, regress
 from smsid.identify.momentum_rows import Split, first_moments, skew
-from smsid.identify.motion import Motion
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum import full_states, thinned
+from smsid.identify.paper.momentum_regression import Regression, regress
+from smsid.identify.paper.motion import Motion
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel

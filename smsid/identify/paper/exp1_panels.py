@@ -14,8 +14,8 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import IDENTIFIABLE_BELOW
-from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis
-from smsid.identify.translation_tied import identify_axis_tied
+from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, identify_axis
+from smsid.identify.paper.translation_tied import identify_axis_tied
 
 PREFIX, JOIN = "rho.", "+"
 ALIKE = 0.02  # of a signal: what two panels' forces may differ by and still count as one where needed
