@@ -12,7 +12,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sample_channel
 from smsid.identify.commanded import actual_thrust, excited_axes
 from smsid.identify.panel_modes import panel_modes
-from smsid.identify.paper.exp1_described import check_possible, left_as_described
+from smsid.identify.paper.exp1_described import check_length, check_possible, left_as_described
 from smsid.identify.paper.exp1_panels import (
     PanelShares,
     identify_axis_of_panels,
@@ -75,12 +75,14 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 data = axis_data(model, recording, axis)
                 found, own = identify_axis_of_panels(data, len(model.slosh), _marks(model, "xyz".index(axis)))
                 check_possible(found)
+                check_length(model, data, found)
             except NotIdentifiableError as error:
                 notes.append(f"axis {axis} of '{recording.name}': {error}")
                 reasons[axis] = str(error.message).rstrip(".")
                 hidden = hidden or bool(error.evidence.get("hidden"))
                 continue
             axes[axis] = found
+            notes += [f"axis {axis}: {found.note}"] if found.note else []
             shares |= {s.symbol: s for s in own}
         if len(model.slosh) > 1:
             _widen_several_tanks(model, recording, axes, notes)

@@ -11,7 +11,7 @@ from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.identify.paper.exp1_result import participates, participation_along
-from smsid.identify.paper.translation import AxisEstimate
+from smsid.identify.paper.translation import AxisData, AxisEstimate
 from smsid.identify.stationary_joints import is_constant
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -33,6 +33,20 @@ def check_possible(axis: AxisEstimate) -> None:
                 advice="Noise hides it, or thrust and acceleration contradict each other.",
                 hidden=True,
             )
+
+
+def check_length(model: SpacecraftModel, data: AxisData, found: AxisEstimate) -> None:
+    """Raise `NotIdentifiableError` for an axis taken as printed from less than a period of its slosh."""
+    k, tanks = AXES.index(data.axis), [s.tank for s in model.slosh]
+    softest = 1e-12  # [N/m], of a tank without springs
+    periods = [2.0 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[k], softest))) for e in tanks]
+    length = float(data.time[-1] - data.time[0])
+    if found.note and length < max(periods):
+        raise NotIdentifiableError(
+            f"The record of {length:.3g} s is shorter than a period of the slosh along {data.axis}.",
+            advice=f"Record at least {max(periods):.3g} s.",
+            hidden=True,
+        )
 
 
 def left_as_described(

@@ -18,6 +18,7 @@ from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce,
 from smsid.identify.paper.translation_tied import identify_axis_tied
 
 PREFIX, JOIN = "rho.", "+"
+AS_PRINTED = "the tanks are not told apart: taken as printed, accelerometer biases not estimated"
 ALIKE = 0.02  # of a signal: what two panels' forces may differ by and still count as one where needed
 NOISY = 3.0  # times the noise: a difference below is not seen
 
@@ -52,8 +53,8 @@ def identify_axis_of_panels(
 
     Two panels whose forces differ by less than noise are one from the start. Of the rest, those whose density
     comes out worse than `IDENTIFIABLE_BELOW`, or not at all, are joined with the panel that bends most alike,
-    to 2 %; what bends otherwise keeps its own column and its wide interval. Returns the estimate and what
-    its common factors are made of.
+    to 2 %; what bends otherwise keeps its own column and its wide interval. Several tanks that are not told
+    apart are taken as printed, and noted. Returns the estimate and what its common factors are made of.
 
     Raises `NotIdentifiableError` as `identify_axis_tied`.
     """
@@ -71,7 +72,8 @@ def identify_axis_of_panels(
                 if tanks < 2:
                     raise
                 # tanks that are alike do not settle, and leave the total mass as it is
-                return identify_axis(joined, tanks, marks), _shares_of(alone, groups)
+                found = replace(identify_axis(joined, tanks, marks), note=AS_PRINTED)
+                return found, _shares_of(alone, groups)
         else:
             poor = [g for g in groups if not _told(found, _sum(alone, g).name)]
             pair = _most_alike(data, alone, groups, among=poor)

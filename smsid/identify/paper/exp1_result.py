@@ -114,7 +114,7 @@ def assemble(
         value, sigma = found["M"]
         parameters.append(classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass))
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
-    tanks = [s.tank for s in model.slosh]
+    tanks = [s.tank for s in model.slosh] if axes else []
     marks = tank_marks(tanks)
     merged = len(tanks) > 1 and any(_lost(found, mark) for mark in marks)
     if merged:
@@ -137,8 +137,16 @@ def assemble(
                 f"{', '.join(missing)} stays as described. {seen.modes.status}"
             )
         parameters += _mode_parameters(name, seen, described)
-    conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
-    return TranslationResult(tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions)
+    return TranslationResult(
+        axes=tuple(axes),
+        combined=found,
+        symbols=symbols,
+        modes=modes,
+        parameters=tuple(parameters),
+        notes=tuple(notes),
+        conditions={f"Exp. 1, axis {e.axis}": e.condition for e in axes},
+        panels=appendages,
+    )
 
 
 def _lost(found: Combined, mark: str) -> bool:

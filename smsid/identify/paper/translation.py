@@ -97,7 +97,8 @@ class AxisEstimate:
     """What one axis of Exp. 1 says.
 
     ``names``, ``values``, ``covariance`` of the physical parameters: M, per tank m_s, k_s, b_s, and rho.
-    ``pi`` are the regression parameters of (24) or (27), in the order printed, for one tank.
+    ``pi`` are the regression parameters of (24) or (27), in the order printed, for one tank. ``note`` says
+    what is to be known of it.
     """
 
     axis: str
@@ -106,6 +107,7 @@ class AxisEstimate:
     covariance: np.ndarray
     pi: np.ndarray
     condition: float
+    note: str = ""
 
     @property
     def sigma(self) -> np.ndarray:
