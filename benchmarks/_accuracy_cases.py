@@ -20,9 +20,12 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
-from smsid.identify.combined import combine
+from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import AS_PRINTED
-from smsid.identify.pipeline import Identification, identify
+from smsid.identify.paper.combined import combine
+from smsid.identify.paper.exp1 import axis_data
+from smsid.identify.paper.pipeline import Identification, identify
+from smsid.identify.paper.translation import AxisEstimate, identify_axis
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording
@@ -123,8 +126,8 @@ def run(case: Case, seed: int, data: Data, folder: Path) -> tuple[dict[str, Any]
     for axis in found.translation.axes if found.translation else ():
         for symbol in axis.names:
             values[f"axis {axis.axis}|{symbol}"] = axis[symbol]
-    if found.translation and found.translation.printed:
-        together = combine(found.translation.printed)
+    if found.translation:
+        together = combine(_as_printed(description, recordings))
         values |= {f"printed|{symbol}": together[symbol] for symbol in together.names}
     if found.momentum:
         a = found.momentum.a_printed
@@ -139,6 +142,18 @@ def run(case: Case, seed: int, data: Data, folder: Path) -> tuple[dict[str, Any]
     record["timing"] = dict(estimate.timing)
     record["notes"] = list(estimate.notes)
     return record, found
+
+
+def _as_printed(description: Description, recordings: Iterable[Recording]) -> list[AxisEstimate]:
+    """Return what the regression as printed says of every axis, where it says anything."""
+    model, out = build_model(description), []
+    for recording in recordings:
+        for axis in excited_axes(recording):
+            try:
+                out.append(identify_axis(axis_data(model, recording, axis), len(model.slosh)))
+            except SmsidError:
+                continue
+    return out
 
 
 def bare(name: str) -> str:

@@ -19,7 +19,7 @@ from _common import RESULTS
 
 from smsid.control.identified_model import identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 
 STORE = RESULTS / "table4_identified.jsonl"
 RECORDINGS = ("exp1_xyz_modal3", "exp2_modal3")

@@ -24,7 +24,7 @@ from _likelihood_cases import runs as study
 from _likelihood_summary import SEEN
 
 from smsid.errors import SmsidError
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import refine
 from smsid.likelihood.pseudo_inertia import is_body
 

@@ -21,9 +21,10 @@ from _common import ROOT, environment, write_result  # noqa: E402
 
 from smsid.control.closed_loop import track  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
+from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
-from smsid.control.robust import check_design  # noqa: E402
+from smsid.control.robust import flexible_plant, named_poles  # noqa: E402
 from smsid.control.shaper import shaper  # noqa: E402
 from smsid.control.trajectory import (  # noqa: E402
     Motion,
@@ -82,7 +83,8 @@ def _trapezoid(start: np.ndarray, duration: float) -> Motion:
 def main() -> None:
     model = build_model(load_description(ROOT / "urdf" / "paper_sms.toml"))
     dynamics, k = ReducedDynamics(model), gains(6, 4.0, 4.0)
-    poles = check_design(model, dynamics, k)
+    home = model.joint_angles(model.home)
+    poles = named_poles(flexible_plant(model, home), inertia_at(dynamics, home), k)
     panel = next(p for p in poles if p.name == "panel.mode1")
     tank = next(p for p in poles if p.name.startswith("tank"))
     start = model.joint_angles(model.home) - 0.5 * TRAVEL

@@ -29,7 +29,7 @@ from _likelihood_summary import markdown, summary
 
 from smsid._files import atomic_write
 from smsid.errors import SmsidError
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.pseudo_inertia import is_body
 

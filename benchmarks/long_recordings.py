@@ -1,14 +1,13 @@
-"""Steps A and B of Exp. 2 from recordings of minutes to days: computing time and peak memory.
+"""Exp. 2 by the paper's method from recordings of minutes to hours: computing time and peak memory.
 
-    python benchmarks/long_recordings.py 100000 1000000 10000000
+    python benchmarks/long_recordings.py 100000 1000000
 
 Each length is run in a process of its own, of which the CPU time and the largest resident memory are taken;
-one that only imports and prepares is the offset. The recording is made window by window as it is read: the
-rigid spacecraft (no slosh, no panel) goes to and fro along one free-floating motion of 80 s. What floats at
-zero momentum follows the same path at any pace, so this is exact however long it lasts. Noise is that of
-preset `reference`, drawn by block, so that a sample has the same noise whenever it is read. Errors of the
-estimate are given in standard deviations, and should be of size one. Nothing moves above 0.3 Hz: the motion
-is low-passed at 1 Hz and taken at 5 Hz.
+one that only imports and prepares is the offset. The rigid spacecraft (no slosh, no panel) goes to and fro
+along one free-floating motion of 80 s. What floats at zero momentum follows the same path at any pace, so
+this is exact however long it lasts. Noise is that of preset `reference`. Errors of the estimate are given in
+standard deviations, and should be of size one. Nothing moves above 0.3 Hz: the motion is low-passed at 1 Hz
+and taken at 5 Hz.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import resource
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +30,7 @@ from likelihood import twin
 
 from smsid.description.schema import Description
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.identify.streamed import identify_streamed
+from smsid.identify.paper.exp2 import identify_momentum
 from smsid.inputs.signals import Fourier
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor
@@ -41,7 +39,6 @@ from smsid.simulate import Inputs, simulate
 
 NAME = "long_recordings"
 RATE, PATH, PERIOD = 100.0, 80.0, 160.0
-BLOCK = 1000  # samples of noise drawn at a time
 CHANNELS = (
     "pose.position",
     "pose.attitude",
@@ -61,77 +58,58 @@ def rigid() -> Description:
     return d.model_copy(update={"effect": (), "sensor": sensors})
 
 
-@dataclass
-class ToAndFro:
-    """A recording that is made where it is read: `smsid.identify.streamed.Windows`."""
+def to_and_fro(model: SpacecraftModel, samples: int) -> Recording:
+    """So many samples of the motion, with the sensors' noise."""
+    sensors = {s.name: s for s in model.description.sensor}
+    inputs = Inputs(
+        wheel_torque=Fourier(1 / 40.0, twin.WHEEL_COS, twin.WHEEL_SIN, np.zeros(3)),
+        joint_torque=Fourier(1 / 40.0, twin.JOINT_COS, twin.JOINT_SIN, np.zeros(3)),
+    )
+    times = np.arange(round(PATH * RATE) + 1) / RATE
+    states = simulate(model, inputs, PATH).states(times)
+    quaternions = states.q[:, 3:7]
+    signs = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    quaternions = quaternions * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
+    arm, wheels = model.arm_joints, model.wheels
+    columns = [states.q[:, :3], quaternions, states.v[:, :6], states.q[:, arm.q], states.v[:, arm.v]]
+    path = CubicSpline(times, np.hstack([*columns, states.v[:, wheels.v]]))
+    once = period(path, np.array(sensors["pose"].position))
+    count, rng = np.arange(samples), np.random.default_rng(9)
+    channels = {}
+    for name in CHANNELS:
+        source, quantity = name.split(".")
+        exact = once[name][count % round(PERIOD * RATE)]
+        noise = sensors[source].error(quantity).white_sigma(RATE) * rng.standard_normal((samples, 3))
+        if quantity == "attitude":
+            half = np.column_stack([0.5 * noise, np.ones(samples)])
+            channels[name] = product(exact, half / np.linalg.norm(half, axis=1, keepdims=True))
+        else:
+            channels[name] = exact + noise
+    return Recording.from_arrays(count / RATE, channels, role="estimation", name="to and fro")
 
-    model: SpacecraftModel
-    start: float
-    stop: float
 
-    def __post_init__(self) -> None:
-        self.sensors = {s.name: s for s in self.model.description.sensor}
-        self.point = np.array(self.sensors["pose"].position)
-        inputs = Inputs(
-            wheel_torque=Fourier(1 / 40.0, twin.WHEEL_COS, twin.WHEEL_SIN, np.zeros(3)),
-            joint_torque=Fourier(1 / 40.0, twin.JOINT_COS, twin.JOINT_SIN, np.zeros(3)),
-        )
-        times = np.arange(round(PATH * RATE) + 1) / RATE
-        states = simulate(self.model, inputs, PATH).states(times)
-        quaternions = states.q[:, 3:7]
-        signs = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-        quaternions = quaternions * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
-        arm, wheels = self.model.arm_joints, self.model.wheels
-        columns = [states.q[:, :3], quaternions, states.v[:, :6], states.q[:, arm.q], states.v[:, arm.v]]
-        path = CubicSpline(times, np.hstack([*columns, states.v[:, wheels.v]]))
-        self.period = self._period(path)
-
-    def _period(self, path: CubicSpline) -> dict[str, np.ndarray]:
-        """One time there and back, without noise."""
-        phase = 2 * np.pi * np.arange(round(PERIOD * RATE)) / round(PERIOD * RATE)
-        at = 0.5 * PATH * (1.0 - np.cos(phase))
-        pace = (0.5 * PATH * 2 * np.pi / PERIOD * np.sin(phase))[:, None]
-        change = (0.5 * PATH * (2 * np.pi / PERIOD) ** 2 * np.cos(phase))[:, None]
-        x, slope = path(at), path(at, 1)
-        position, quaternion, velocity, rate = x[:, :3], x[:, 3:7], x[:, 7:10], x[:, 10:13]
-        quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-        own = velocity + np.cross(rate, self.point)
-        own_slope = slope[:, 7:10] + np.cross(slope[:, 10:13], self.point)
-        acceleration = own_slope * pace**2 + own * change + np.cross(rate * pace, own * pace)
-        return {
-            "pose.position": position + turned(quaternion, np.broadcast_to(self.point, position.shape)),
-            "pose.attitude": quaternion,
-            "pose.velocity": turned(quaternion, own * pace),
-            "imu.angular_rate": rate * pace,
-            "imu.acceleration": acceleration,
-            "encoder.joint_position": x[:, 13:16],
-            "encoder.joint_velocity": x[:, 16:19] * pace,
-            "tachometer.wheel_rate": x[:, 19:22] * pace,
-        }
-
-    def window(self, t0: float, t1: float) -> Recording:
-        first, last = round((t0 - self.start) * RATE), round((t1 - self.start) * RATE)
-        count = np.arange(first, last + 1)
-        times = self.start + count / RATE
-        place = count % round(PERIOD * RATE)
-        channels = {name: values[place] for name, values in self.period.items()}
-        noise = self._noise(first, last)
-        for k, name in enumerate(CHANNELS):
-            source, quantity = name.split(".")
-            sigma = self.sensors[source].error(quantity).white_sigma(RATE)
-            own_noise = sigma * noise[:, 3 * k : 3 * k + 3]
-            if quantity == "attitude":
-                half = np.column_stack([0.5 * own_noise, np.ones(len(own_noise))])
-                channels[name] = product(channels[name], half / np.linalg.norm(half, axis=1, keepdims=True))
-            else:
-                channels[name] = channels[name] + own_noise
-        return Recording.from_arrays(times, channels, role="estimation", name="to and fro")
-
-    def _noise(self, first: int, last: int) -> np.ndarray:
-        blocks = range(first // BLOCK, last // BLOCK + 1)
-        size = (BLOCK, 3 * len(CHANNELS))
-        drawn = np.concatenate([np.random.default_rng([9, b]).standard_normal(size) for b in blocks])
-        return drawn[first - BLOCK * blocks[0] : last + 1 - BLOCK * blocks[0]]
+def period(path: CubicSpline, point: np.ndarray) -> dict[str, np.ndarray]:
+    """One time there and back, without noise."""
+    phase = 2 * np.pi * np.arange(round(PERIOD * RATE)) / round(PERIOD * RATE)
+    at = 0.5 * PATH * (1.0 - np.cos(phase))
+    pace = (0.5 * PATH * 2 * np.pi / PERIOD * np.sin(phase))[:, None]
+    change = (0.5 * PATH * (2 * np.pi / PERIOD) ** 2 * np.cos(phase))[:, None]
+    x, slope = path(at), path(at, 1)
+    position, quaternion, velocity, rate = x[:, :3], x[:, 3:7], x[:, 7:10], x[:, 10:13]
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    own = velocity + np.cross(rate, point)
+    own_slope = slope[:, 7:10] + np.cross(slope[:, 10:13], point)
+    acceleration = own_slope * pace**2 + own * change + np.cross(rate * pace, own * pace)
+    return {
+        "pose.position": position + turned(quaternion, np.broadcast_to(point, position.shape)),
+        "pose.attitude": quaternion,
+        "pose.velocity": turned(quaternion, own * pace),
+        "imu.angular_rate": rate * pace,
+        "imu.acceleration": acceleration,
+        "encoder.joint_position": x[:, 13:16],
+        "encoder.joint_velocity": x[:, 16:19] * pace,
+        "tachometer.wheel_rate": x[:, 19:22] * pace,
+    }
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -149,17 +127,17 @@ def turned(q: np.ndarray, x: np.ndarray) -> np.ndarray:
 def one(samples: int) -> dict[str, Any]:
     """Time, memory and errors of one length; of none, what there is before anything is read."""
     model = build_model(rigid())
-    source = ToAndFro(model, 0.0, max(samples - 1, 0) / RATE)
+    recording = to_and_fro(model, samples) if samples else None
     begin = time.process_time()
     result: dict[str, Any] = {"samples": samples}
-    if samples:
-        found = identify_streamed(model, source, model.mass, length=500.0, cutoff=1.0, rate=5.0)
+    if recording is not None:
+        found = identify_momentum(model, recording, model.mass, cutoff=1.0, rate=5.0)
         regressor = Regressor(model)
         theta = regressor.parameters + carried_by_bus(model, regressor)
         chosen = [regressor.names.index(n) for n in found.b.theta_names]
         off = (found.b.values - found.b.base.values(theta[chosen])) / found.b.sigma
         result |= {
-            "rows": 9 * found.samples,
+            "rows": 9 * len(found.motion),
             "parameters": len(off),
             "rms error / sigma": float(np.sqrt(np.mean(off**2))),
             "median sigma, relative": float(

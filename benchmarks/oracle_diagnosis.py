@@ -32,7 +32,7 @@ from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.identify.estimate import Estimate
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import refine
 
 NAME = "oracle_diagnosis"

@@ -35,7 +35,7 @@ from smsid.control.robustness import robust_stability  # noqa: E402
 from smsid.control.uncertain_plant import uncertain_plant  # noqa: E402
 from smsid.control.uncertainty import perturbed  # noqa: E402
 from smsid.description import load_description  # noqa: E402
-from smsid.identify.pipeline import identify  # noqa: E402
+from smsid.identify.paper.pipeline import identify  # noqa: E402
 from smsid.likelihood import refine  # noqa: E402
 from smsid.model import SpacecraftModel, build_model  # noqa: E402
 from smsid.paper.table4 import Study, Variant, cases  # noqa: E402

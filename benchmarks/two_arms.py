@@ -26,7 +26,7 @@ from paper_coverage import coverage  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.errors import SmsidError  # noqa: E402
 from smsid.experiments import fly, fourier_experiment, thrust_experiment  # noqa: E402
-from smsid.identify.pipeline import identify  # noqa: E402
+from smsid.identify.paper.pipeline import identify  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.recording import Recording  # noqa: E402
 from smsid.sensing import Sensor, add_noise  # noqa: E402

@@ -22,7 +22,7 @@ from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.control.uncertainty import perturbed
 from smsid.description import load_description
 from smsid.experiments import fly, named_experiment
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 from smsid.model import build_model
 from smsid.paths import urdf_folder
 

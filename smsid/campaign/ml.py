@@ -7,8 +7,8 @@ import numpy as np
 from smsid.campaign.case import Case
 from smsid.campaign.outcome import Findings, Outcome
 from smsid.effects.inertial_parameters import pseudo_inertia
-from smsid.identify.hidden_states import Modal
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.hidden_states import Modal
+from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.refine import reported_parameters

@@ -5,12 +5,12 @@ from __future__ import annotations
 from smsid.campaign.case import Case
 from smsid.campaign.outcome import Findings, Outcome
 from smsid.campaign.truth import true_values
-from smsid.identify.hidden_states import Modal
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.hidden_states import Modal
+from smsid.identify.paper.pipeline import identify
 
 
 def run_paper(case: Case, *, modal: Modal = "smoother") -> Findings:
-    """Fly the experiments, identify by `smsid.identify.pipeline.identify`, compare with the truth.
+    """Fly the experiments, identify by `smsid.identify.paper.pipeline.identify`, compare with the truth.
 
     ``modal`` as there. Raises what flying and identifying raise.
     """

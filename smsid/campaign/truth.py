@@ -7,8 +7,9 @@ import pinocchio as pin
 
 from smsid.campaign.case import Case
 from smsid.effects.appendage import Appendage
-from smsid.identify.momentum import Regression, carried_by_bus
-from smsid.identify.pipeline import Identification
+from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.pipeline import Identification
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor
 

@@ -51,7 +51,7 @@ class PaperRun:
 def identify_craft(which: Demonstration) -> tuple[Description, Recording, Recording, Refinement, float]:
     """Identify the bundled craft by the default method; return it all with the seconds it took."""
     from smsid.description import load_description
-    from smsid.identify.pipeline import identify
+    from smsid.identify.paper.pipeline import identify
     from smsid.likelihood import refine
     from smsid.recording import load_recording
 
@@ -73,7 +73,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     from smsid.description import load_description
     from smsid.experiments import fly, named_experiment
     from smsid.identify.estimate import save_estimate
-    from smsid.identify.pipeline import identify
+    from smsid.identify.paper.pipeline import identify
     from smsid.likelihood import refine
     from smsid.model import build_model
     from smsid.paths import urdf_folder

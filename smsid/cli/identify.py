@@ -140,7 +140,7 @@ def identify_command(
     from smsid.description import load_description
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
-    from smsid.identify.pose_point import with_tracked_point
+    from smsid.identify.paper.pose_point import with_tracked_point
     from smsid.recording import load_recording
 
     _method(method)
@@ -281,7 +281,7 @@ def _write_report(
 def _by_the_paper(described: Description, loaded: list[Recording], printed: bool, find: bool) -> Identified:
     """Return what the paper's method finds, bending as ``printed``, the tracked point unknown to ``find``."""
     from smsid.estimation.identify import Identified
-    from smsid.identify.pipeline import identify
+    from smsid.identify.paper.pipeline import identify
 
     linear = identify(described, loaded, modal="printed" if printed else "smoother", refine_pose_point=find)
     return Identified(linear.estimate, linear)

@@ -20,12 +20,10 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.trajectory import sampled_motion
 from smsid.control.wheels import WheelLayout
-from smsid.errors import ControlError, SimulationError
+from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor
-from smsid.simulate.chart_derivative import ChartDerivative
 from smsid.simulate.fixed_step import simulate_closed_loop
-from smsid.simulate.integrate import initial_state
 from smsid.simulate.truth import rotations
 
 logger = logging.getLogger(__name__)
@@ -64,9 +62,9 @@ class Tracking:
 class Actuators:
     """From Q_c to generalised forces of the spacecraft, within limits; ``hits`` counts samples at a limit."""
 
-    def __init__(self, model: SpacecraftModel, period: float, *, unload: float = 0.0) -> None:
+    def __init__(self, model: SpacecraftModel, period: float) -> None:
         """Take the limits of wheels from the description, those of joints from the URDF (0: none)."""
-        self.model, self.period, self.unload = model, period, unload
+        self.model, self.period = model, period
         self.layout = WheelLayout.of(model)
         effort = np.asarray(model.pin.effortLimit)[model.arm_joints.v]
         self.effort = np.where(effort > 0.0, effort, np.inf)
@@ -74,7 +72,7 @@ class Actuators:
 
     def __call__(self, torques: np.ndarray, wheel_rates: np.ndarray) -> np.ndarray:
         """Return the generalised forces (nv,) for Q_c (3 + n,) at the true wheel rates (w,) [rad/s]."""
-        found = self.layout.allocate(torques[:3], wheel_rates, self.period, unload=self.unload)
+        found = self.layout.allocate(torques[:3], wheel_rates, self.period)
         joints = np.clip(torques[3:], -self.effort, self.effort)
         for k in np.flatnonzero(found.torque_limited):
             self._hit(f"{self.layout.names[k]} torque")
@@ -183,49 +181,6 @@ def track_many(
             for controller, rng in zip(controllers, draws, strict=True)
         ]
         return [flight.result() for flight in flights]
-
-
-def track_continuously(
-    model: SpacecraftModel, controller: ModelBasedController, *, dt: float, duration: float | None = None
-) -> Tracking:
-    """Fly with the exact state fed back continuously: the controller is part of the state derivative.
-
-    Fourth-order Runge-Kutta with steps of ``dt`` [s], no limits; without robust term, whose state is sampled.
-    Raises `ControlError` for a controller with one, `SimulationError` when the loop blows up.
-    """
-    if controller.filter is not None:
-        raise ControlError("The robust term runs at its own rate.", advice="Use `track`.")
-    duration = controller.reference.duration if duration is None else duration
-    layout = WheelLayout.of(model)
-
-    def force(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        torques = controller.command(t, measured_truth(model, q, v)).torques
-        tau = np.zeros(model.nv)
-        tau[model.wheels.v], tau[model.arm_joints.v] = -layout.inverse @ torques[:3], torques[3:]
-        return tau
-
-    def acceleration(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return model.acceleration(t, q, v, force(t, q, v))
-
-    steps, nv = round(duration / dt), model.nv
-    q, v = initial_state(model, starting_point(model, controller), None)
-    rows = [(0.0, q, v, force(0.0, q, v))]
-    for i in range(steps):
-        t, k = i * dt, np.empty((4, 2 * nv))
-        slope = ChartDerivative(model, acceleration, q)
-        y = np.concatenate([np.zeros(nv), v])
-        slope(t, y, k[0])
-        slope(t + dt / 2, y + dt / 2 * k[0], k[1])
-        slope(t + dt / 2, y + dt / 2 * k[1], k[2])
-        # just before the end of the step, where the reference may jump
-        slope(t + dt * (1.0 - 1e-9), y + dt * k[2], k[3])
-        y = y + dt / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
-        q, v = pin.integrate(model.pin, q, y[:nv]), y[nv:]
-        if not np.isfinite(v).all():
-            raise SimulationError(f"The closed loop blew up at t = {t:.6g} s.", advice="Try a smaller `dt`.")
-        rows.append((t + dt, q, v, force(t + dt, q, v)))
-    time, qs, vs, tau = (np.array(x) for x in zip(*rows, strict=True))
-    return tracking_of(model, controller, time, qs, vs, tau, Actuators(model, dt))
 
 
 def starting_point(model: SpacecraftModel, controller: ModelBasedController) -> np.ndarray:

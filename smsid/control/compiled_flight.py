@@ -11,6 +11,7 @@ import numpy as np
 from smsid.control.attitude import SMALLEST_COSINE
 from smsid.control.pd import Measured, ModelBasedController
 from smsid.control.sensed import SensedState
+from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import sampled_motion
 from smsid.kernel.arrays import Kernel, tree_of
 from smsid.kernel.flight import COMMAND, FLOWN, Craft, Law, Path, Senses, fly
@@ -53,12 +54,12 @@ class CompiledFlight:
     ) -> CompiledFlight | None:
         """Return the flight in steps of ``dt`` [s], ``None`` where the plain way has to be taken.
 
-        That is for forces that the kernel does not know, Euler angles, rounded attitudes, unmeasured wheels,
-        wheels that are unloaded. Raises `ExperimentError` when periods are not whole numbers of steps.
+        That is for forces that the kernel does not know, Euler angles, rounded attitudes and unmeasured
+        wheels. Raises `ExperimentError` when periods are not whole numbers of steps.
         """
         kernel, d = Kernel.of(model), controller.dynamics
         inside = tree_of(d.pin, True)
-        if kernel is None or inside is None or controller.coordinates != "quaternion" or actuators.unload:
+        if kernel is None or inside is None or controller.coordinates != "quaternion":
             return None
         hold = whole_steps(1.0 / rate, dt, "The control period")
         count, rest = divmod(whole_steps(duration, dt, "The duration"), hold)
@@ -69,9 +70,8 @@ class CompiledFlight:
         senses = _perfect(count, 12 + 2 * n + w) if sensed is None else sensed.table(time[:-1])
         if senses is None:
             return None
-        size, f = d.size, controller.filter
-        none = np.zeros((0, 0)), np.zeros((0, 2 * size)), np.zeros((size, 0)), np.zeros((size, 2 * size))
-        a, b, c, through = (np.ascontiguousarray(x) for x in (none if f is None else (f.a, f.b, f.c, f.d)))
+        f = controller.filter or StateSpace.nothing(d.size, 2 * d.size)
+        a, b, c, through = (np.ascontiguousarray(x) for x in (f.a, f.b, f.c, f.d))
         law = Law(
             *inside.arrays,
             d.arm.v - 6,

@@ -121,12 +121,7 @@ def _verified(plant: Plant, controller: StateSpace, gamma: float, optimum: float
 
 def _bracket(plant: Plant) -> tuple[float, float]:
     """Return a level below and one above the least feasible gamma."""
-    nothing = StateSpace(
-        np.zeros((0, 0)),
-        np.zeros((0, plant.measurements)),
-        np.zeros((plant.controls, 0)),
-        np.zeros((plant.controls, plant.measurements)),
-    )
+    nothing = StateSpace.nothing(plant.controls, plant.measurements)
     passive, _ = hinf_norm(lower_lft(plant.system, nothing))
     high = 1.01 * passive + 1e-9 if np.isfinite(passive) else 1.0
     low = 0.0

@@ -11,7 +11,6 @@ factors have four digits there.)
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +21,7 @@ from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
 from smsid.errors import ControlError
+from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
 from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.consistent import consistent_inertias
@@ -35,7 +35,6 @@ from smsid.model.spacecraft import SpacecraftModel
 logger = logging.getLogger(__name__)
 SHARPEST = 1e-4
 """Smallest standard deviation, relative to the body's size, that a combination is weighed with: rounding."""
-_TERM = re.compile(r"(?:^|\s)([+-]?)\s*(?:(\d[\d.e+-]*)\s+)?([^\s+-]\S*)")
 
 
 @short_repr
@@ -167,23 +166,14 @@ def combinations(
     for p in estimate.parameters:
         if p.group in BY_PRODUCT_GROUPS or not np.isfinite(p.value):
             continue
-        row = parsed(p.name, index)
-        if row is not None:
+        terms = parse_combination(p.name)
+        if terms and all(name in index for name in terms):
+            row = np.zeros(len(names))
+            for name, factor in terms.items():
+                row[index[name]] = factor
             rows.append(row)
             found.append(p)
     return np.array(rows).reshape(-1, len(names)), tuple(found)
-
-
-def parsed(name: str, index: dict[str, int]) -> np.ndarray | None:
-    """Return the factors (names,) of a combination like ``link2.mx + 2 link3.m``, or nothing."""
-    row, end = np.zeros(len(index)), 0
-    for match in _TERM.finditer(name):
-        sign, factor, parameter = match.groups()
-        if match.start() != end or parameter not in index:
-            return None
-        row[index[parameter]] += (-1.0 if sign == "-" else 1.0) * float(factor or 1.0)
-        end = match.end()
-    return row if end == len(name) and end else None
 
 
 def _with_effects(described: Parameters, estimate: Estimate) -> tuple[Parameters, list[str], list[str]]:

@@ -14,7 +14,6 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.control.gains import Gains
-from smsid.control.reduced import ReducedDynamics
 from smsid.control.statespace import StateSpace
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
@@ -107,9 +106,7 @@ def closed_loop_matrix(
             f"An inertia of shape {inertia.shape} and gains of {gains.size} coordinates do not fit a "
             f"plant with {k} actuated ones."
         )
-    c = controller or StateSpace(
-        np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k))
-    )
+    c = controller or StateSpace.nothing(k, 2 * k)
     law = law_of(gains, c, inertia)
     force = np.zeros((m, 2 * m + c.order))
     force[:, :m], force[:, m : 2 * m] = -plant.stiffness, -plant.damping
@@ -157,23 +154,6 @@ def least_damping(plant: FlexiblePlant) -> dict[str, float]:
             if p.value.imag > 0.0:
                 least[p.name] = min(p.damping, least.get(p.name, np.inf))
     return least
-
-
-def check_design(
-    model: SpacecraftModel,
-    dynamics: ReducedDynamics,
-    gains: Gains,
-    controller: StateSpace | None = None,
-    *,
-    angles: np.ndarray | None = None,
-) -> tuple[Pole, ...]:
-    """Return the named poles of a design before it flies; ``angles`` (n,) [rad] default to home.
-
-    Raises `ControlError` naming the mode when the design destabilises the complete spacecraft.
-    """
-    at = model.joint_angles(model.home) if angles is None else angles
-    inertia = dynamics.body_terms(np.zeros(3), at, np.zeros(len(at))).inertia
-    return refuse_unstable(named_poles(flexible_plant(model, at), inertia, gains, controller))
 
 
 def refuse_unstable(poles: tuple[Pole, ...]) -> tuple[Pole, ...]:

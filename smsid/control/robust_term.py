@@ -200,8 +200,7 @@ def _none_found(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndar
     No term at all, u_inf = 0, is a controller as well: where it meets the norm, one exists.
     """
     plant, k = error_plant(kp, kd, weights, error), len(kp)
-    nothing = StateSpace(np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k)))
-    alone, _ = hinf_norm(lower_lft(plant.system.balanced(), nothing))
+    alone, _ = hinf_norm(lower_lft(plant.system.balanced(), StateSpace.nothing(k, 2 * k)))
     if alone < 1.0:
         return ControlError(
             f"The H-infinity synthesis failed numerically: PD alone meets its bound (norm {alone:.3g}), but "

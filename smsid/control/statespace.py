@@ -36,6 +36,12 @@ class StateSpace:
                 )
             object.__setattr__(self, name, value)
 
+    @classmethod
+    def nothing(cls, outputs: int, inputs: int) -> StateSpace:
+        """Return the system without states whose outputs are zero."""
+        none = np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), np.zeros((outputs, inputs))
+        return cls(*none)
+
     @property
     def order(self) -> int:
         """Number of states."""

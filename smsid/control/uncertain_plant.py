@@ -169,9 +169,7 @@ class UncertainPlant:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return A, B, C, D of states (x, x', controller), w entering the forces, z as the sinks say."""
         n, k = len(self.kept), self.actuated
-        c = controller or StateSpace(
-            np.zeros((0, 0)), np.zeros((0, 2 * k)), np.zeros((k, 0)), np.zeros((k, 2 * k))
-        )
+        c = controller or StateSpace.nothing(k, 2 * k)
         states = 2 * n + c.order
         law = law_of(gains, c, inertia)
         force = np.zeros((len(mass), states))

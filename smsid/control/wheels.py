@@ -100,21 +100,13 @@ class WheelLayout:
         """Return the angular momentum (3,) of spin relative to the base, for rates (w,) [rad/s]."""
         return self.axes @ (self.inertia * rates)
 
-    def allocate(
-        self,
-        torque: np.ndarray,
-        rates: np.ndarray,
-        period: float,
-        *,
-        unload: float = 0.0,
-    ) -> Allocation:
+    def allocate(self, torque: np.ndarray, rates: np.ndarray, period: float) -> Allocation:
         """Return motor torques that put ``torque`` (3,) [N m], body axes, on the base.
 
         The least-norm torques; where one is beyond its limit, those of least largest share of the limits;
         where that is still beyond, all scaled so that the direction is kept. A wheel whose speed would pass
-        its limit within ``period`` [s] gets what takes it just to the limit. ``unload`` [1/s] moves the
-        wheels' speeds, ``rates`` (w,) [rad/s], towards the least-norm ones that store the same momentum
-        (redundant layouts).
+        its limit within ``period`` [s] gets what takes it just to the limit, ``rates`` (w,) [rad/s] being the
+        wheels' speeds.
 
         Raises `ControlError` when ``torque`` or ``rates`` has another shape.
         """
@@ -124,11 +116,9 @@ class WheelLayout:
                 f"given, not (3,) and ({len(self.names)},)."
             )
         wheels = -self.inverse @ torque
-        if unload and self.null_space.shape[1]:
-            wheels = wheels - unload * self.null_space @ (self.null_space.T @ (self.inertia * rates))
         torque_limited = np.abs(wheels) > self.max_torque * (1.0 + 1e-12)
         if torque_limited.any():
-            wheels = self._spread(-self.inverse @ torque)
+            wheels = self._spread(wheels)
             share = float((np.abs(wheels) / self.max_torque).max())
             torque_limited = np.abs(wheels) >= self.max_torque * (1.0 + 1e-9)
             if share > 1.0:

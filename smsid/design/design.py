@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid.description.schema import Description
 from smsid.design.forecast import exact_covariance
 from smsid.design.goal import CRITERIA, Criterion, needs_motion
-from smsid.design.limits import Limits
+from smsid.design.limits import Limits, experiment_use
 from smsid.design.minimum_time import minimum_time_design
 from smsid.design.moving import Moving, design_motion, within_limits
 from smsid.design.result import Design
@@ -25,7 +25,6 @@ from smsid.design.thrusting import (
     limit_share,
     paper_thrust,
     scale_thrust,
-    thrust_use,
 )
 from smsid.design.watch import Progress, Watch
 from smsid.errors import ExperimentError
@@ -143,14 +142,14 @@ def _thrust(
             duration or LONGEST,
             whole,
             watch,
-            lambda m: _held_back(thrust_use(model, m.experiment, limits), limits),
+            lambda m: _held_back(experiment_use(model, m.experiment, limits), limits),
         )
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
-    uses = thrust_use(model, made.experiment, limits)
+    uses = experiment_use(model, made.experiment, limits)
     over = limit_share(uses, limits)
     if over > 1.0 + 1e-6:
         made = scale_thrust(made, 0.9999 / over)
-        uses = thrust_use(model, made.experiment, limits)
+        uses = experiment_use(model, made.experiment, limits)
     reference = paper_thrust(model, made, limits)
     return _finished(model, made, uses, reference, watch, to, limits)
 

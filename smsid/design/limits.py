@@ -12,8 +12,11 @@ from smsid.effects.appendage import Appendage
 from smsid.effects.assembly import AppendageJoints
 from smsid.effects.beam import Cantilever
 from smsid.errors import ExperimentError
+from smsid.experiments import Experiment
+from smsid.experiments.excitation import DRAFT
 from smsid.experiments.fly import LimitUse, limit_use
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate import simulate
 from smsid.simulate.trajectory import States
 
 
@@ -71,7 +74,7 @@ class Limits:
         for u in limit_use(model, states, hold_attitude):
             kind, name = _kind(u.quantity, model)
             limit = own.get(kind)
-            found.append(u if limit is None else replace(u, limit=_least(u.limit, limit)))
+            found.append(u if limit is None else replace(u, limit=least(u.limit, limit)))
         if len(model.arm_joints) and self.swing is not None:
             home = model.joint_angles(model.home)
             swing = np.abs(model.joint_angles(states.q) - home).max(axis=0)
@@ -107,6 +110,19 @@ class Limits:
         return 0.0 if use.limit is None else use.value / (self.usable * use.limit)
 
 
+def experiment_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -> tuple[LimitUse, ...]:
+    """Return what the simulated motion of an experiment uses of every limit."""
+    duration = experiment.duration
+    motion = simulate(model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT)
+    states = motion.states(np.linspace(0.0, duration, int(8 * duration) + 1))
+    return limits.use(model, states, experiment.hold_attitude)
+
+
+def least(*limits: float | None) -> float | None:
+    """Return the least of limits, ``None`` standing for none."""
+    return min((x for x in limits if x is not None), default=None)
+
+
 def tip_shapes(appendage: Appendage) -> np.ndarray:
     """Return the displacement per modal coordinate (points, modes, 3), of a beam's tip or of all stations."""
     length = getattr(appendage, "length", None)
@@ -139,7 +155,3 @@ def _kind(quantity: str, model: SpacecraftModel) -> tuple[str, str]:
     if name in model.arm_joints.names:
         return f"{what} of joint", name
     return quantity, ""
-
-
-def _least(first: float | None, second: float) -> float:
-    return second if first is None else min(first, second)

@@ -10,15 +10,13 @@ import pinocchio as pin
 
 from smsid.design.forecast import Forecast
 from smsid.design.goal import Criterion, Goal, goal_of
-from smsid.design.limits import Limits
+from smsid.design.limits import Limits, experiment_use
 from smsid.design.series import SeriesSpace
 from smsid.design.watch import Watch
 from smsid.errors import ExperimentError, SmsidError
 from smsid.experiments import Experiment, LimitUse
-from smsid.experiments.excitation import DRAFT
 from smsid.likelihood.prediction import Prediction
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate import simulate
 from smsid.simulate.trajectory import States
 
 HARMONICS, PERIODS = 5, 2  # as in the paper
@@ -116,7 +114,7 @@ def within_limits(
     shrink = made.shrink
     for _ in range(PASSES):
         experiment = space.experiment(made.point, shrink, made.experiment.name)
-        uses = motion_use(model, experiment, limits)
+        uses = experiment_use(model, experiment, limits)
         broken = limits.broken(uses)
         if not broken:
             return Moving(experiment, made.goal, made.covariance, made.point, shrink), uses
@@ -128,13 +126,6 @@ def within_limits(
         advice="Loosen them, or design for a longer duration.",
         limits=broken,
     )
-
-
-def motion_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -> tuple[LimitUse, ...]:
-    """Return what the simulated motion uses of every limit."""
-    duration = experiment.duration
-    motion = simulate(model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT)
-    return limits.use(model, motion.states(np.linspace(0.0, duration, int(8 * duration) + 1)), False)
 
 
 def as_states(model: SpacecraftModel, prediction: Prediction) -> States:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from smsid.design.forecast import once_integrated, wheel_inertias
-from smsid.design.limits import Limits
+from smsid.design.limits import Limits, least
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, FourierProfile
 from smsid.inputs.signals import Fourier
@@ -130,8 +130,8 @@ class SeriesSpace:
         spin = np.abs(once_integrated(series, times)).max(axis=0) / wheel_inertias(self.model)
         factor = np.full(len(a), np.inf)
         for i, wheel in enumerate(self.model.description.wheel):
-            torque = _least(wheel.max_torque, self.limits.wheel_torque)
-            rate = _least(wheel.max_rate, self.limits.wheel_rate)
+            torque = least(wheel.max_torque, self.limits.wheel_torque)
+            rate = least(wheel.max_rate, self.limits.wheel_rate)
             if torque is None and rate is None:
                 raise ExperimentError(
                     f"{wheel.name} has no limit of torque or rate.",
@@ -142,11 +142,6 @@ class SeriesSpace:
                     factor[i] = min(factor[i], self.limits.usable * limit / max(value, 1e-12))
         factor *= np.minimum(1.0, np.linalg.norm(parts.reshape(len(a), -1), axis=1))
         return a * factor[:, None], b * factor[:, None]
-
-
-def _least(first: float | None, second: float | None) -> float | None:
-    known = [x for x in (first, second) if x is not None]
-    return min(known) if known else None
 
 
 def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:

@@ -9,15 +9,13 @@ import numpy as np
 
 from smsid.design.forecast import Forecast
 from smsid.design.goal import Criterion, Goal, goal_of
-from smsid.design.limits import Limits
+from smsid.design.limits import Limits, experiment_use
 from smsid.design.pulses import Feasible, Pulses, best_pulses, random_start
 from smsid.design.thrust import ThrustSpace, thrust_space
 from smsid.design.watch import Watch
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
-from smsid.experiments.excitation import DRAFT
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate import simulate
 
 TICK = 0.01  # [s] that intervals are whole multiples of, where the duration allows it
 INTERVALS = (40, 72)  # how many there may be
@@ -132,18 +130,10 @@ def paper_thrust(model: SpacecraftModel, made: Thrusting, limits: Limits) -> Exp
     axes = axes_of(made.thrust)
     duration = made.experiment.duration
     unit = thrust_experiment(axes, force=1.0, duration=duration)
-    share = limit_share(thrust_use(model, unit, limits), limits)
+    share = limit_share(experiment_use(model, unit, limits), limits)
     return thrust_experiment(
         axes, force=round(min(1.0 / share, largest_thrust(model, limits)), 4), duration=duration
     )
-
-
-def thrust_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -> tuple[LimitUse, ...]:
-    """Return what the simulated motion uses of every limit."""
-    duration = experiment.duration
-    motion = simulate(model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT)
-    states = motion.states(np.linspace(0.0, duration, int(8 * duration) + 1))
-    return limits.use(model, states, experiment.hold_attitude)
 
 
 def limit_share(uses: Sequence[LimitUse], limits: Limits) -> float:

@@ -14,8 +14,8 @@ from smsid.estimation.fit_quality import FitQuality
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
 from smsid.identify.estimate import Estimate
-from smsid.identify.pipeline import Identification
-from smsid.identify.pipeline import identify as by_the_paper
+from smsid.identify.paper.pipeline import Identification
+from smsid.identify.paper.pipeline import identify as by_the_paper
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording

@@ -9,7 +9,6 @@ its bodies is therefore the description's.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from smsid._short_repr import short_repr
 from smsid.description import Description
 from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.errors import DescriptionError
+from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
@@ -39,8 +39,6 @@ ROUNDED = 5e-5
 THINNEST = 1e-3
 """Smallest second moment a start may have, relative to the largest."""
 
-_TERM = re.compile(r"^(?:(?P<factor>[\d.]+(?:e[+-]?\d+)?) )?(?P<name>\S+)$")
-
 
 @short_repr
 @dataclass(frozen=True)
@@ -55,19 +53,6 @@ class IdentifiedBodies:
     misfit: float
     combinations: int
     notes: tuple[str, ...]
-
-
-def parse_combination(text: str) -> dict[str, float] | None:
-    """Return factors by parameter of a combination such as ``bus.mx - 2 link1.m``; None if it is none."""
-    out: dict[str, float] = {}
-    parts = re.split(r" ([+-]) ", text)
-    for sign, term in zip(["+", *parts[1::2]], parts[::2], strict=True):
-        found = _TERM.match(term)
-        if found is None:
-            return None
-        size = float(found["factor"] or 1.0)
-        out[found["name"]] = out.get(found["name"], 0.0) + (size if sign == "+" else -size)
-    return out
 
 
 def urdf_bodies(description: Description) -> dict[str, np.ndarray]:

@@ -6,27 +6,27 @@ least squares.
 """
 
 from smsid._callable import make_callable
-from smsid.identify.combined import Agreement, Combined, combine
 from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate, save_estimate
-from smsid.identify.exp1 import identify_translation
-from smsid.identify.exp1_result import TranslationResult
-from smsid.identify.exp2 import MomentumResult, identify_momentum
-from smsid.identify.modal_state import ModalState, integrate_accelerometers, smooth_modes
 from smsid.identify.modes import Mode, Poles, mac
-from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
-from smsid.identify.momentum_printed import step_b_printed
-from smsid.identify.motion import Motion, prepare
 from smsid.identify.panel_modes import PanelModes, panel_modes
-from smsid.identify.pipeline import Identification, identify, with_translation
-from smsid.identify.pose_point import PosePoint, refine_pose_point
-from smsid.identify.recursive_tls import RecursiveTls
-from smsid.identify.slosh_state import estimate_slosh
+from smsid.identify.paper.combined import Agreement, Combined, combine
+from smsid.identify.paper.exp1 import identify_translation
+from smsid.identify.paper.exp1_result import TranslationResult
+from smsid.identify.paper.exp2 import MomentumResult, identify_momentum
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
+from smsid.identify.paper.momentum import StepA, step_a, step_b
+from smsid.identify.paper.momentum_printed import step_b_printed
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion, prepare
+from smsid.identify.paper.pipeline import Identification, identify, with_translation
+from smsid.identify.paper.pose_point import PosePoint, refine_pose_point
+from smsid.identify.paper.recursive_tls import RecursiveTls
+from smsid.identify.paper.slosh_state import estimate_slosh
+from smsid.identify.paper.translation import AxisData, AxisEstimate, identify_axis
 from smsid.identify.ssi import ssi_cov
 from smsid.identify.ssi_input import ssi_cov_input
-from smsid.identify.ssi_uncertainty import UncertainPoles, ssi_cov_uncertain
-from smsid.identify.streamed import StreamedMomentum, identify_streamed
 from smsid.identify.tls import TlsSolution, total_least_squares
-from smsid.identify.translation import AxisData, AxisEstimate, identify_axis
 
 __all__ = [
     "Agreement",
@@ -47,16 +47,13 @@ __all__ = [
     "RecursiveTls",
     "Regression",
     "StepA",
-    "StreamedMomentum",
     "TlsSolution",
     "TranslationResult",
-    "UncertainPoles",
     "combine",
     "estimate_slosh",
     "identify",
     "identify_axis",
     "identify_momentum",
-    "identify_streamed",
     "identify_translation",
     "integrate_accelerometers",
     "load_estimate",
@@ -68,7 +65,6 @@ __all__ = [
     "smooth_modes",
     "ssi_cov",
     "ssi_cov_input",
-    "ssi_cov_uncertain",
     "step_a",
     "step_b",
     "step_b_printed",

@@ -26,6 +26,16 @@ class Acting:
     steps: bool
 
 
+def excited_axes(recording: Recording) -> str:
+    """Return the body axes along which thrust acted, as letters of 'xyz'."""
+    if "command.force" not in recording:
+        return ""
+    peak = np.abs(recording["command.force"]).max(axis=0)
+    return "".join(
+        a for a, f in zip("xyz", peak, strict=True) if f > 1e-6 * max(peak.max(), 1e-30) and f > 0.0
+    )
+
+
 def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool = False) -> Acting:
     """Return the thrust of a recording after every effect's `drive`; with the commanded ``torque``, or zero.
 
@@ -66,6 +76,3 @@ def _driven(model: SpacecraftModel, commanded: Acting) -> Acting:
     at = at[np.concatenate([[True], np.diff(at) > 1e-6 * step])]
     values = [np.array([s(t) for t in at]) if s is not None else np.zeros((len(at), 3)) for s in signals]
     return Acting(at, np.hstack(values), commanded.steps)
-
-
-__all__ = ["Acting", "actual_thrust"]

@@ -1,4 +1,4 @@
-"""What the regressions of Exp. 2 share: which parameters are sought, first moments, and solving by TLS."""
+"""What the regressions of Exp. 2 share: which parameters are sought, and first moments."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.effects.inertial_parameters import move_parameters
-from smsid.identify.motion import Motion
-from smsid.identify.recursive_tls import RecursiveTls
-from smsid.identify.robust import hac_covariance
-from smsid.identify.tls import TlsSolution, total_least_squares
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -87,77 +83,6 @@ class Split:
             tuple(regressor.names[i] for i in unknown),
             tuple(regressor.units[i] for i in unknown),
         )
-
-
-def scaled_tls(
-    rows: np.ndarray,
-    rhs: np.ndarray,
-    names: tuple[str, ...] | list[str],
-    motion: Motion,
-    *,
-    weights: np.ndarray | None = None,
-    prior: tuple[np.ndarray, np.ndarray] | None = None,
-    again: tuple[np.ndarray, np.ndarray] | None = None,
-) -> TlsSolution:
-    """Total least squares, columns brought to the length of the right-hand side, results in physical units.
-
-    ``rows`` (N k, n) and ``rhs`` (N k,) hold k equations for each of the motion's N samples, sample by
-    sample; ``weights`` (N k,) is a factor on each. The covariance allows for equation errors correlated in
-    time (`hac_covariance`). ``prior`` (mean (n,), covariance (n, n)) enters through recursive TLS, its weight
-    set against equations made as much weaker as their correlation in time makes them. ``again``: rows and
-    right-hand side with the sensors' noise once more; what differs tells how large the errors of the columns
-    are and how they go together. Without it all columns, at equal length, count as equally uncertain.
-    """
-    if weights is not None:
-        rows, rhs = rows * weights[:, None], rhs * weights
-        again = (again[0] * weights[:, None], again[1] * weights) if again else None
-    scale = np.linalg.norm(rows, axis=0) / np.linalg.norm(rhs)
-    lags = max(1, round(CORRELATION_TIME / motion.step))
-    noise = None if again is None else _row_noise(rows, rhs, *again, scale)
-    found = total_least_squares(rows / scale, rhs, names=names, noise=noise)
-    x = found.x / scale
-    covariance = hac_covariance(rows, rhs - rows @ x, len(motion), lags)
-    if prior is not None:
-        # a row's error in absolute terms: that of the residual, times what correlation costs
-        white = np.diag(found.covariance / np.outer(scale, scale))
-        inflation = max(float(np.median(np.diag(covariance) / white)), 1.0)
-        size = found.sigma * np.sqrt(inflation)
-        recursive = RecursiveTls(
-            len(scale),
-            prior_mean=prior[0] * scale,
-            prior_covariance=prior[1] * np.outer(scale, scale),
-            noise=np.full(len(scale) + 1, size),
-            names=names,
-        )
-        found = recursive.update(rows / scale, rhs).solution()
-        x = found.x / scale
-        covariance = found.covariance / np.outer(scale, scale) / found.sigma**2  # the noise is absolute
-    return TlsSolution(
-        x, covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
-    )
-
-
-def _row_noise(
-    rows: np.ndarray, rhs: np.ndarray, other_rows: np.ndarray, other_rhs: np.ndarray, scale: np.ndarray
-) -> np.ndarray | None:
-    """Covariance of the errors of a scaled row of [A b]; None without noise."""
-    moved = np.column_stack([(other_rows - rows) / scale, other_rhs - rhs])
-    covariance = moved.T @ moved / len(moved)
-    size = float(np.trace(covariance))
-    return covariance + 1e-12 * size * np.eye(len(covariance)) if size > 0.0 else None
-
-
-def select_unknowns(found: TlsSolution, chosen: slice) -> TlsSolution:
-    """Return the solution of the ``chosen`` unknowns alone."""
-    return TlsSolution(
-        found.x[chosen],
-        found.covariance[chosen, chosen],
-        found.sigma,
-        found.singular_values,
-        found.condition,
-        found.rows,
-        found.status,
-    )
 
 
 def skew(w: np.ndarray) -> np.ndarray:

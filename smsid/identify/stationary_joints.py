@@ -14,8 +14,8 @@ import numpy as np
 
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, skew
-from smsid.identify.motion import Roles
 from smsid.identify.robust import white_sigma
+from smsid.identify.sensor_roles import Roles
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles

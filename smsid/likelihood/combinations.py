@@ -1,8 +1,8 @@
 """What is reported: parameters by name, as functions of the parameter vector with their gradients.
 
-Inertias are reported as the base parameters of Step B (`smsid.identify.momentum.step_b`), by the same names:
-total mass given, the combinations that angular momentum about the CM and the place of the CM depend on;
-"bus" includes its wheels and undeformed appendages.
+Inertias are reported as the base parameters of Step B (`smsid.identify.step_b`), by the same names: total
+mass given, the combinations that angular momentum about the CM and the place of the CM depend on; "bus"
+includes its wheels and undeformed appendages.
 """
 
 from __future__ import annotations

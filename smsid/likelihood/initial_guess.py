@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.errors import SimulationError
-from smsid.identify.pipeline import BRIDGED, Identification
+from smsid.identify.paper.pipeline import BRIDGED, Identification
 from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.fit import evaluate
 from smsid.likelihood.parameters import Parameters

@@ -10,10 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.clocks import event_times
-from smsid.identify.commanded import actual_thrust
-from smsid.identify.exp1 import excited_axes
-from smsid.identify.motion import Roles
+from smsid.identify.commanded import actual_thrust, excited_axes
 from smsid.identify.robust import white_sigma
+from smsid.identify.sensor_roles import Roles
 from smsid.identify.stationary_joints import Still, resting_value
 from smsid.likelihood.spline import MeasuredMotion, Samples, fit_motion
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles

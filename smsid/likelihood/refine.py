@@ -13,7 +13,7 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
-from smsid.identify.pipeline import Identification
+from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit

@@ -11,7 +11,7 @@ from smsid._listing import some_of
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
-from smsid.identify.pipeline import Identification
+from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording

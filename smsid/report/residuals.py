@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
-from smsid.identify.pipeline import Identification
+from smsid.identify.paper.pipeline import Identification
 from smsid.identify.robust import white_sigma
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.fit import minimise

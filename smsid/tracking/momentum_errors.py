@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.identify.momentum_rows import CORRELATION_TIME
-from smsid.identify.noise_replicates import small_sample_factor
+from smsid.identify.paper.noise_replicates import small_sample_factor
 from smsid.identify.robust import hac_covariance
 
 

@@ -11,27 +11,27 @@ from smsid.description.schema import Description
 from smsid.errors import EstimateError, RecordingError
 from smsid.identify.appendages import linear_appendages
 from smsid.identify.estimate import Estimate
-from smsid.identify.hidden_states import check_on_bus
-from smsid.identify.momentum import HiddenStates, rows_b, step_a
-from smsid.identify.momentum_rows import CORRELATION_TIME, Split, carried_by_bus
-from smsid.identify.motion import Motion, prepare, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate
-from smsid.identify.recursive_tls import RecursiveTls
-from smsid.identify.rest import check_at_rest
-from smsid.identify.square_root_information import ScoreSums
-from smsid.identify.streamed import MARGIN, Chunk, HiddenStateCarrier
+from smsid.identify.momentum_rows import CORRELATION_TIME, carried_by_bus
+from smsid.identify.paper.hidden_states import HiddenStates, check_on_bus
+from smsid.identify.paper.momentum import rows_b, step_a
+from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.identify.paper.recursive_tls import RecursiveTls
+from smsid.identify.paper.rest import check_at_rest
+from smsid.identify.paper.square_root_information import ScoreSums
+from smsid.identify.stationary_joints import if_all_moved
 from smsid.model import build_model
-from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
-from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.hidden_state_carrier import Chunk, HiddenStateCarrier
 from smsid.tracking.momentum_errors import RowErrors, row_errors, variance_factor
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import EventLog
 from smsid.tracking.update import Update
 
+MARGIN = 5.0  # [s] read on both sides of a window, in which filters settle
 WINDOW = 40.0  # [s] of motion taken in together: a few periods of a panel, many of the errors' correlation
 CUTOFF, RATE = 2.0, 20.0  # [Hz] as Exp. 2 is prepared
 REPLICATES = 3  # of noise once more
@@ -81,8 +81,7 @@ class MomentumTracker:
         self.mass = self.model.mass if mass is None else mass
         self.window, self.memory = round(window * RATE) / RATE, memory
         self.regressor = Regressor(self.model)
-        self.split = Split.of(self.model, self.regressor, bus_first=True)
-        self.base = structural_base(self.model, self.regressor, self.split, self.mass)
+        self.base, self.split = if_all_moved(self.model)
         theta = self.regressor.parameters
         self._carried = self.base.matrix @ carried_by_bus(self.model, self.regressor)[self.split.unknown]
         self.nominal = self.base.matrix @ theta[self.split.unknown] + self._carried
@@ -354,24 +353,3 @@ class MomentumTracker:
             self._mean[i] = p.value - self._carried[i]
             self._covariance[i, :] = self._covariance[:, i] = 0.0
             self._covariance[i, i] = p.sigma**2
-
-
-def structural_base(
-    model: SpacecraftModel, regressor: Regressor, split: Split, mass: float, samples: int = 60
-) -> BaseParameters:
-    """Return the base parameters of Step B when every joint moves: of random states."""
-    rng = np.random.default_rng(0)
-    arm, wheels = len(model.arm_joints), len(model.wheels)
-
-    def draw(width: int) -> np.ndarray:
-        return rng.uniform(-1.0, 1.0, (samples, width))
-
-    turned = np.linalg.qr(rng.normal(size=(samples, 3, 3)))[0]
-    turned *= np.sign(np.linalg.det(turned))[:, None, None]
-    motion = Motion(
-        np.arange(samples) / RATE, draw(3), turned, draw(3), draw(3), draw(3), draw(3),
-        draw(arm), draw(arm), draw(wheels), {}, {}, np.zeros(3), np.zeros(3),
-    )  # fmt: skip
-    full, _ = rows_b(model, regressor, split, motion, HiddenStates({}, {}), mass, np.zeros(3))
-    columns = full[:, :, : len(split.names)].reshape(6 * samples, -1)
-    return base_parameters(columns, split.names, split.units)

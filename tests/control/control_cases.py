@@ -9,9 +9,15 @@ import ctrlsys
 import numpy as np
 import pinocchio as pin
 
+from smsid.control.closed_loop import Actuators, Tracking, starting_point, tracking_of
+from smsid.control.pd import ModelBasedController
+from smsid.control.sensed import measured_truth
 from smsid.control.statespace import StateSpace
+from smsid.control.wheels import WheelLayout
 from smsid.description import Description, load_description
 from smsid.model import SpacecraftModel, build_model
+from smsid.simulate.chart_derivative import ChartDerivative
+from smsid.simulate.integrate import initial_state
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 
@@ -57,3 +63,42 @@ def slicot_norm(s: StateSpace) -> float:
     gain, _, info = ctrlsys.ab13dd("C", "I", "N", "D", s.order, *size, guess, *f, 1e-12)
     assert info == 0
     return gain[0] / gain[1]
+
+
+def track_continuously(
+    model: SpacecraftModel, controller: ModelBasedController, *, dt: float, duration: float | None = None
+) -> Tracking:
+    """Fly with the exact state fed back continuously: the controller is part of the state derivative.
+
+    Fourth-order Runge-Kutta with steps of ``dt`` [s], no limits; without robust term, whose state is sampled.
+    """
+    assert controller.filter is None
+    duration = controller.reference.duration if duration is None else duration
+    layout = WheelLayout.of(model)
+
+    def force(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        torques = controller.command(t, measured_truth(model, q, v)).torques
+        tau = np.zeros(model.nv)
+        tau[model.wheels.v], tau[model.arm_joints.v] = -layout.inverse @ torques[:3], torques[3:]
+        return tau
+
+    def acceleration(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return model.acceleration(t, q, v, force(t, q, v))
+
+    steps, nv = round(duration / dt), model.nv
+    q, v = initial_state(model, starting_point(model, controller), None)
+    rows = [(0.0, q, v, force(0.0, q, v))]
+    for i in range(steps):
+        t, k = i * dt, np.empty((4, 2 * nv))
+        slope = ChartDerivative(model, acceleration, q)
+        y = np.concatenate([np.zeros(nv), v])
+        slope(t, y, k[0])
+        slope(t + dt / 2, y + dt / 2 * k[0], k[1])
+        slope(t + dt / 2, y + dt / 2 * k[1], k[2])
+        # just before the end of the step, where the reference may jump
+        slope(t + dt * (1.0 - 1e-9), y + dt * k[2], k[3])
+        y = y + dt / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
+        q, v = pin.integrate(model.pin, q, y[:nv]), y[nv:]
+        rows.append((t + dt, q, v, force(t + dt, q, v)))
+    time, qs, vs, tau = (np.array(x) for x in zip(*rows, strict=True))
+    return tracking_of(model, controller, time, qs, vs, tau, Actuators(model, dt))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from control_cases import described, paper, random_state, rigid_paper, two_arms
+from control_cases import described, paper, random_state, rigid_paper, track_continuously, two_arms
 
 from smsid.control.attitude import attitude_error, attitude_errors, euler_jacobian, euler_rotation
-from smsid.control.closed_loop import Actuators, track, track_continuously
+from smsid.control.closed_loop import Actuators, track
 from smsid.control.disturbance import disturbance, left_out, sensor_noise
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
@@ -333,12 +333,6 @@ def test_perturbed_models_stay_physical_and_within_the_level():
             "attitude error is",
         ),
         (lambda: track(paper(), pd(paper(), coordinates="x")), "no coordinates of an attitude"),
-        (
-            lambda: track_continuously(
-                paper(), pd(paper(), robust=robust_for(paper(), 6), period=0.01), dt=0.1
-            ),
-            "runs at its own rate",
-        ),
     ],
 )
 def test_bad_input_is_refused(make, words):

@@ -71,13 +71,6 @@ def test_no_wheel_passes_its_speed():
     assert not back.saturated
 
 
-def test_unloading_moves_speeds_and_not_the_base():
-    rates = 100.0 * PYRAMID.null_space[:, 0]
-    found = PYRAMID.allocate(np.zeros(3), rates, 0.01, unload=0.01)
-    np.testing.assert_allclose(found.base, 0.0, atol=1e-12)
-    assert found.wheels @ rates < 0.0
-
-
 def test_bad_layouts_are_refused():
     with pytest.raises(ControlError, match=r"cannot turn the base about body axis"):
         WheelLayout(("a", "b", "c"), np.eye(3)[:, [0, 1, 1]], np.ones(3), np.ones(3), np.ones(3))

@@ -16,7 +16,8 @@ from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
-from smsid.identify.momentum_rows import scaled_tls
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum_regression import regress
 
 
 def test_the_likelihood_is_the_density_of_the_readings(known, problem):
@@ -84,12 +85,13 @@ def test_errors_that_stay_make_an_estimate_as_uncertain_as_they_do():
     rows = np.column_stack([np.sin(0.4 * t), np.cos(0.25 * t)])
     keep = np.exp(-step / 0.3)
     values, sigmas = [], []
-    motion = type("Motion", (), {"step": step, "__len__": lambda self: n})()
+    motion = type("Motion", (), {"step": step, "again": None, "__len__": lambda self: n})()
     for _ in range(120):
         error = rng.standard_normal(n) * 0.01
         for k in range(1, n):
             error[k] += keep * error[k - 1]
-        found = scaled_tls(rows, rows @ [1.0, 2.0] + error, ("a", "b"), motion)
+        made = rows[:, None], (rows @ [1.0, 2.0] + error)[:, None]
+        _, found = regress(motion, HiddenStates({}, {}), lambda *_, made=made: made, ("a", "b"), ("1", "1"))
         values.append(found.x)
         sigmas.append(np.sqrt(np.diag(found.covariance)))
     np.testing.assert_allclose(np.std(values, axis=0), np.mean(sigmas, axis=0), rtol=0.25)

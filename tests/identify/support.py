@@ -11,7 +11,7 @@ import pytest
 import scipy.signal
 
 from smsid.description import Description, load_description
-from smsid.identify.motion import Motion
+from smsid.identify.paper.motion import Motion
 from smsid.recording import Recording, import_recording
 from smsid.sensing import add_noise
 

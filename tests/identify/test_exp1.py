@@ -10,8 +10,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
-from smsid.identify.exp1 import averaged_at_steps, excited_axes, identify_translation
-from smsid.identify.exp1_result import assemble
+from smsid.identify.commanded import excited_axes
+from smsid.identify.paper.exp1 import averaged_at_steps, identify_translation
+from smsid.identify.paper.exp1_result import assemble
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -88,8 +89,6 @@ def test_intervals_cover_with_noise(model):
     for name, value in true.items():
         assert abs(by_name[name].value - value) < 4 * by_name[name].sigma, name
     assert by_name["tank.stiffness.x"].relative_sigma == pytest.approx(0.00285, rel=0.1)
-    k_s = next(axis for axis in found.printed if axis.axis == "x")["k_s"]
-    assert k_s[1] / TANK[1] == pytest.approx(0.007, rel=0.3)  # as printed
     assert by_name["tank.mass"].status == "identifiable"
     assert by_name["tank.damping.x"].status == "not_identifiable"  # the paper's ">>"
 
@@ -223,21 +222,19 @@ def test_a_tactical_imu_cannot_see_the_slosh():
     d = paper()
     imu = Sensor(name="imu", kind="imu", preset="stim300", position=(0.5, 1.5, 0.6))
     d = d.with_sensors(imu, *(s for s in d.sensor if s.name != "imu"))
-    model, outcomes = build_model(d), set()
+    model, hidden = build_model(d), 0
     for seed in range(3):
-        try:
-            found = identify_translation(model, [noisy(recording("z"), d, seed)])
-        except NotIdentifiableError as error:
-            assert "accelerometer's bias" in str(error)
-            outcomes.add("refused")
-            continue
-        outcomes.add("doubted")
-        own = [p for p in found.parameters if p.group == "exp1"]
-        assert all(p.status == "not_identifiable" for p in own if p.name.startswith("tank."))
-        for p in own:
+        found = identify_translation(model, [noisy(recording("z"), d, seed)])
+        own = {p.name: p for p in found.parameters if p.group == "exp1"}
+        assert all(p.status == "not_identifiable" for n, p in own.items() if n.startswith("tank."))
+        assert "total.mass" in own
+        if not found.believed:  # nothing is told: all stays as described, with the reason
+            hidden += 1
+            assert all(p.value == p.nominal and "stays as described" in p.note for p in own.values())
+        for p in own.values():
             if p.status == "identifiable":
                 assert abs(p.value - p.nominal) < 4 * p.sigma
-    assert "doubted" in outcomes
+    assert hidden
 
 
 def test_excited_axes():

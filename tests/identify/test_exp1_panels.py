@@ -27,7 +27,7 @@ SHAPE = np.array([m.shape for m in MODES])[:, :, 2]  # (modes, stations)
 @pytest.fixture(autouse=True)
 def without_modes(monkeypatch):
     """Bending modes, found apart and shown elsewhere, take most of the time."""
-    monkeypatch.setattr("smsid.identify.exp1._modes", lambda *_: {})
+    monkeypatch.setattr("smsid.identify.paper.exp1._modes", lambda *_: {})
 
 
 @dataclass(frozen=True)

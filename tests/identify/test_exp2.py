@@ -10,8 +10,8 @@ from twins.state import State
 
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.identify.exp2 import identify_momentum
-from smsid.identify.exp2_result import references
+from smsid.identify.paper.exp2 import identify_momentum
+from smsid.identify.paper.exp2_result import references
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.simulate import Fourier, Inputs, JointMotion, simulate, truth_of

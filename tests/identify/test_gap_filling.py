@@ -10,7 +10,7 @@ from likelihood.faulty import changed, dead, missing, never_commanded, not_finit
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.gap_filling import LONGEST, bridge, even_clock, fill_gaps
-from smsid.identify.pipeline import BRIDGED, identify
+from smsid.identify.paper.pipeline import BRIDGED, identify
 from smsid.likelihood.combinations import effects_and_mass
 from smsid.likelihood.parameters import Parameters
 from smsid.recording import Recording

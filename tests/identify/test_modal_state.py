@@ -15,10 +15,10 @@ from twins.state import State
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import hidden_states
 from smsid.identify.identified import identified_modes
-from smsid.identify.modal_state import ModalState, integrate_accelerometers, smooth_modes
-from smsid.identify.motion import prepare
+from smsid.identify.paper.hidden_states import hidden_states
+from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
+from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 from smsid.sensing import Sensor
 

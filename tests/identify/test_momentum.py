@@ -13,16 +13,16 @@ from twins.mujoco_twin import MujocoTwin
 from twins.numbers import PAPER
 
 from smsid.description import load_description
-from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.hidden_states import hidden_states
-from smsid.identify.modal_state import ModalState
-from smsid.identify.momentum import HiddenStates, full_states, step_a, step_b
+from smsid.errors import NotIdentifiableError
 from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments
-from smsid.identify.motion import prepare
+from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
+from smsid.identify.paper.modal_state import ModalState
+from smsid.identify.paper.momentum import full_states, step_a, step_b
+from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 
-from .support import M, exact_motion, noisy, oracle, paper, reference
+from .support import M, exact_motion, oracle, reference
 
 COM = np.array([0.2157532, -0.02001622, 0.10408559])  # of the whole at the start, from the base's CM [m]
 
@@ -198,55 +198,6 @@ def test_step_b_on_the_reference_recording(model):
     moments = np.array([u == "kg m" for u in found.base.units])
     for group in (moments, ~moments):
         assert np.abs(found.values - expected)[group].max() < 1e-3 * np.abs(expected[group]).max()
-
-
-@oracle
-def test_prior_far_off_and_loose_changes_nothing(model):
-    """Recursive TLS with a prior equals batch when the prior says nothing."""
-    a, motion, hidden = steps(model, noisy(reference("exp2_modal3"), paper(), 0))
-    batch = step_b(model, motion, hidden, M, a.position)
-    n = len(batch.base)
-    loose = step_b(model, motion, hidden, M, a.position, prior=(np.zeros(n), 1e12 * np.eye(n)))
-    np.testing.assert_allclose(loose.values, batch.values, atol=0.02 * batch.sigma.min())
-
-
-@oracle
-def test_tight_prior_holds(model):
-    """The truth as a prior of 1e-3 sigma: the result is the prior, with its interval."""
-    a, motion, hidden = steps(model, noisy(reference("exp2_modal3"), paper(), 0))
-    batch = step_b(model, motion, hidden, M, a.position)
-    tight = 1e-3 * batch.sigma
-    mean = batch.values + 2.0 * batch.sigma
-    found = step_b(model, motion, hidden, M, a.position, prior=(mean, np.diag(tight**2)))
-    np.testing.assert_allclose(found.values, mean, atol=0.05 * batch.sigma.min())
-    assert (found.sigma <= 1.01 * tight).all()
-
-
-@oracle
-def test_prior_counts_the_more_the_fewer_the_data(model):
-    """The prior is two (long record's) sigmas off: 25 s of data give way to it further than 80 s."""
-    recording = noisy(reference("exp2_modal3"), paper(), 0)
-    a, motion, hidden = steps(model, recording)
-    full = step_b(model, motion, hidden, M, a.position)
-    mean, covariance = full.values + 2 * full.sigma, np.diag((2 * full.sigma) ** 2)
-    pulls = []
-    for stop in (80.0, 25.0):
-        short = prepare(model, recording.window(0.0, stop))
-        states = hidden_states(model, short)
-        free = step_b(model, short, states, M, a.position)
-        held = step_b(model, short, states, M, a.position, prior=(mean, covariance))
-        before, after = (np.linalg.norm((x.values - mean) / full.sigma) for x in (free, held))
-        assert after < before
-        assert (held.sigma < 2 * full.sigma).all()
-        pulls.append(after / before)
-    assert pulls[1] < pulls[0]
-
-
-@oracle
-def test_prior_of_another_size_is_told(model):
-    a, motion, hidden = steps(model, reference("exp2_modal3"))
-    with pytest.raises(SmsidError, match=r"mean \(3,\).* has 30 base parameters"):
-        step_b(model, motion, hidden, M, a.position, prior=(np.zeros(3), np.eye(3)))
 
 
 def test_no_known_momentum_is_told(case):

@@ -14,11 +14,10 @@ from twins.numbers import PAPER
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import hidden_states
-from smsid.identify.modal_state import ModalState
-from smsid.identify.momentum import HiddenStates
-from smsid.identify.momentum_printed import printed_parameters, printed_regressor, step_b_printed
-from smsid.identify.motion import prepare
+from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
+from smsid.identify.paper.modal_state import ModalState
+from smsid.identify.paper.momentum_printed import PrintedTerms, printed_parameters, step_b_printed
+from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 
 from .support import URDF, M, exact_motion, oracle, reference
@@ -46,21 +45,15 @@ def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_regressor_times_true_parameters_closes(case):
     """With slosh eliminated and products put in, to round-off relative to the terms that add up."""
     model, numbers, motion, hidden = case
-    y, b, _, _ = printed_regressor(model, motion, hidden, numbers.total_mass, numbers.slosh_mass, CENTRE)
+    terms = PrintedTerms.of(model, motion, hidden)
+    y, b = terms.rows(motion, hidden, numbers.total_mass, numbers.slosh_mass, CENTRE)
     pi = printed_parameters(model, motion, hidden, numbers.slosh_mass)
-    assert y.shape[1] == len(pi)
-    size = np.abs(y * pi).sum(axis=1) + np.abs(b)
+    assert y.shape[2] == len(pi) == len(terms.names)
+    size = np.abs(y * pi).sum(axis=2) + np.abs(b)
     assert (np.abs(y @ pi - b) < 1e-11 * size).all()
     # the products matter: without them it does not close
-    single = np.array(
-        [
-            "*" not in n
-            for n in printed_regressor(model, motion, hidden, numbers.total_mass, numbers.slosh_mass, CENTRE)[
-                2
-            ]
-        ]
-    )
-    assert np.abs(y[:, single] @ pi[single] - b).max() > 1e-3 * np.abs(b).max()
+    single = np.array(["*" not in n for n in terms.names])
+    assert np.abs(y[:, :, single] @ pi[single] - b).max() > 1e-3 * np.abs(b).max()
 
 
 def test_pi_m_comes_back(case):

@@ -13,7 +13,8 @@ from twins.description import Ordering
 from twins.mujoco_twin import Drive, MujocoTwin
 
 from smsid.errors import RecordingError
-from smsid.identify.motion import Roles, prepare, raw_rates
+from smsid.identify.paper.motion import prepare, raw_rates
+from smsid.identify.sensor_roles import Roles
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor

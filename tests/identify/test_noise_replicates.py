@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.identify.noise_replicates import covariance_of_moves, small_sample_factor
+from smsid.identify.paper.noise_replicates import covariance_of_moves, small_sample_factor
 
 REPLICATES = 8
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.hidden_states import hidden_states
-from smsid.identify.momentum import step_a
-from smsid.identify.motion import prepare
-from smsid.identify.pose_point import refine_pose_point
+from smsid.identify.paper.hidden_states import hidden_states
+from smsid.identify.paper.momentum import step_a
+from smsid.identify.paper.motion import prepare
+from smsid.identify.paper.pose_point import refine_pose_point
 
 from .support import M, noisy, oracle, paper, reference
 

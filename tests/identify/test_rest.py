@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.rest import check_at_rest, starting_value
+from smsid.identify.paper.rest import check_at_rest, starting_value
 
 T = np.arange(2000) / 100.0
 

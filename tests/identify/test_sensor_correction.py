@@ -9,8 +9,8 @@ from likelihood import twin
 from smsid.effects.sensor_errors import LeverArm, SensorBias, SensorMisalignment, SensorScale, TimeOffset
 from smsid.effects.sensor_faults import Stuck
 from smsid.identify.clocks import event_times
-from smsid.identify.motion import Roles
 from smsid.identify.sensor_correction import correct_readings
+from smsid.identify.sensor_roles import Roles
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor, add_noise

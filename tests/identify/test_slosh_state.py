@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.motion import Motion, prepare
-from smsid.identify.slosh_state import estimate_slosh
+from smsid.identify.paper.motion import Motion, prepare
+from smsid.identify.paper.slosh_state import estimate_slosh
 
 from .support import TANK, noisy, oracle, paper, reference
 

@@ -9,7 +9,7 @@ import pytest
 from likelihood import twin
 
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.pipeline import identify
+from smsid.identify.paper.pipeline import identify
 from smsid.identify.stationary_joints import Still, is_constant
 from smsid.likelihood import refine
 

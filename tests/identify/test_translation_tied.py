@@ -9,8 +9,8 @@ import pytest
 import scipy.signal
 
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.translation import identify_axis
-from smsid.identify.translation_tied import identify_axis_tied
+from smsid.identify.paper.translation import identify_axis
+from smsid.identify.paper.translation_tied import identify_axis_tied
 
 from .support import TANK, TWO_TANKS, M, fly_exp1
 from .test_translation import axis_data, truth
@@ -27,7 +27,7 @@ def cramer_rao(rate: float, noise: float, panel: bool) -> np.ndarray:
 
     def acceleration(theta: np.ndarray) -> np.ndarray:
         m, m_s, k, b = theta[:4]
-        force = data.force - (theta[4] * data.panel if panel else 0.0)
+        force = data.force - (theta[4] * data.panels[0].force if panel else 0.0)
         m_r = m - m_s
         top = np.array([1.0, b / m_s, k / m_s]) / m_r
         return scipy.signal.lsim((top, [1.0, b * m / (m_r * m_s), k * m / (m_r * m_s)]), force, data.time)[1]
@@ -61,7 +61,8 @@ def test_biases_are_no_part_of_the_answer(panel: bool):
     data = axis_data((TANK,), panel)
     moved = replace(data, acceleration=data.acceleration + size)
     if panel:
-        moved = replace(moved, panel=data.panel - 0.7 * size * data.panel_weights.sum())
+        (own,) = data.panels
+        moved = replace(moved, panels=(replace(own, force=own.force - 0.7 * size * own.weights.sum()),))
     clean, found = (identify_axis_tied(d).values for d in (data, moved))
     np.testing.assert_allclose(found, clean, rtol=1e-6)
 

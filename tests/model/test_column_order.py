@@ -164,7 +164,7 @@ def test_one_reading_is_ordered_as_a_recording_is(channel, labels):
 
 def consumers():
     from smsid.estimation.measurements import measurements_of
-    from smsid.identify.motion import prepare
+    from smsid.identify.paper.motion import prepare
     from smsid.likelihood.nuisance_parameters import Nuisance
     from smsid.likelihood.recording_term import piece_of
     from smsid.report.stabilisation import diagrams
@@ -219,7 +219,7 @@ def test_permuting_columns_with_their_labels_changes_no_result(name):
 
 def test_identification_takes_columns_by_their_labels():
     """Of maximum likelihood it is the terms, above, that are the same to the last bit."""
-    from smsid.identify.pipeline import identify
+    from smsid.identify.paper.pipeline import identify
 
     given_, description = flown("exp2", 40.0), paper().description
     first = identify(description, [given_]).estimate
@@ -233,7 +233,7 @@ def test_identification_takes_columns_by_their_labels():
 
 def test_every_entry_refuses_a_wrong_label_by_name():
     from smsid.diagnose.diagnose import diagnose
-    from smsid.identify.pipeline import identify
+    from smsid.identify.paper.pipeline import identify
     from smsid.view.recorded import recorded_motion
 
     wrong = relabelled(flown("exp2", 20.0), "wheel", ("wheel_x", "wheel_y", "wheel_w"))

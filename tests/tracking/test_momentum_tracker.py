@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,9 +16,14 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.errors import EstimateError, NotIdentifiableError, RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
+from smsid.identify.paper.hidden_states import hidden_states
+from smsid.identify.paper.motion import prepare
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.model import build_model
 from smsid.recording import Recording, save_recording
 from smsid.sensing import add_noise
 from smsid.tracking import MomentumTracker, Sample
+from smsid.tracking.hidden_state_carrier import HiddenStateCarrier
 from smsid.tracking.sample import samples_of
 from tests.identify.support import from_twin, paper
 
@@ -115,3 +123,25 @@ def test_the_command_follows_by_momentum(flight: Recording, urdf, tmp_path):
     for wrong in (["momentum", "--follow", "bus.m"], ["filter", "--memory", "9"], ["guess"]):
         with pytest.raises(SmsidError, match=r"--follow is for|--memory is for|no method 'guess'"):
             CliRunner().invoke(app, [*words, *wrong], catch_exceptions=False)
+
+
+def test_hidden_states_are_carried_on(flight: Recording):
+    model = build_model(paper())
+    noisier = add_noise_replicate(flight, model.description.sensor, np.random.default_rng(0))
+    whole = replace(prepare(model, flight), again=prepare(model, noisier))
+    hidden = hidden_states(model, whole)
+    edges = [0, 250, 500, len(whole)]
+    carrier = HiddenStateCarrier(model)
+    pushed = [carrier.push(m) for m in (*(whole.only(slice(a, b)) for a, b in pairwise(edges)), None)]
+    assert pushed[0] is None  # a motion comes out when the one after it is there
+    found = [chunk[1] for chunk in pushed[1:] if chunk is not None]
+    assert [len(x.slosh["tank"][0]) for x in found] == np.diff(edges).tolist()
+    for own, theirs in ((found, hidden), ([x.again for x in found], hidden.again)):
+        assert theirs is not None
+        for k in range(2):
+            joined = np.concatenate([x.slosh["tank"][k] for x in own])
+            np.testing.assert_allclose(joined, theirs.slosh["tank"][k], atol=1e-12)
+        modes = np.concatenate([x.modes["panel"].position for x in own])
+        expected = theirs.modes["panel"].position
+        # what lies further ahead than the next piece hardly matters
+        assert np.abs(modes - expected).max() < 0.01 * np.abs(expected).max()

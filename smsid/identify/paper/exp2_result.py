@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, classify
-from smsid.identify.momentum import HiddenStates, Regression, StepA
-from smsid.identify.momentum_printed import printed_parameters
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.identify.motion import Motion, Roles
-from smsid.identify.pose_point import PosePoint
+from smsid.identify.paper.hidden_states import HiddenStates
+from smsid.identify.paper.momentum import StepA
+from smsid.identify.paper.momentum_printed import printed_parameters
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.pose_point import PosePoint
+from smsid.identify.sensor_roles import Roles
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -110,7 +113,7 @@ def references(b: Regression, nominal: np.ndarray | None = None) -> list[float |
         sizes = np.where(known, sizes, np.minimum(sizes, np.abs(nominal)))
     out: list[float | None] = []
     for i, kind in enumerate(kinds):
-        if b.shares is None or b.shares[i] >= 0.01:
+        if b.shares[i] >= 0.01:
             out.append(None)
         else:
             out.append(float(max(v for v, other in zip(sizes, kinds, strict=True) if other == kind)))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
-from smsid.identify.translation import AxisEstimate
+from smsid.identify.paper.translation import AxisEstimate
 
 CONTRADICTION = 1e-3  # probability below which axes that agree are said to contradict each other
 ACCURACY = 1e-3  # of a value: what filters' ends and interpolated clocks leave without any noise
@@ -103,6 +103,8 @@ def combine(estimates: Sequence[AxisEstimate]) -> Combined:
 
     Whether the axes agree is tested first (chi-squared, `CONTRADICTION`), each to no better than `ACCURACY`.
     """
+    if not estimates:
+        return Combined((), np.zeros(0), np.zeros((0, 0)))
     rows: dict[str, list[tuple[int, int]]] = {}
     for e, estimate in enumerate(estimates):
         for i, name in enumerate(estimate.names):

@@ -109,33 +109,36 @@ def sensitivity(theta: np.ndarray, kinds: list[Kind], tanks: int) -> np.ndarray:
     return np.array([regression_parameters(row, kinds, tanks).imag / STEP for row in moved]).T
 
 
-def physical(theta: np.ndarray, tanks: int, panel: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return M, per tank (m_s, k_s, b_s), rho, and their Jacobian with respect to theta (k, n)."""
-    values, rows = [theta[0]], [np.eye(len(theta))[0]]
+def physical(theta: np.ndarray, tanks: int, panels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return M, per tank (m_s, k_s, b_s), each rho, and their Jacobian with respect to theta (k, n)."""
+    unit = np.eye(len(theta))
+    values, rows = [theta[0]], [unit[0]]
     for i in range(tanks):
         at = 1 + 4 * i
         kappa, beta, mass = theta[at : at + 3]
-        unit = np.eye(len(theta))[at : at + 3]
         values[0] += mass
-        rows[0] = rows[0] + unit[2]
+        rows[0] = rows[0] + unit[at + 2]
         values += [mass, kappa * mass, beta * mass]
-        rows += [unit[2], mass * unit[0] + kappa * unit[2], mass * unit[1] + beta * unit[2]]
-    if panel:
-        values.append(theta[1 + 4 * tanks])
-        rows.append(np.eye(len(theta))[1 + 4 * tanks])
-    return np.array(values), np.array(rows)
+        rows += [
+            unit[at + 2],
+            mass * unit[at] + kappa * unit[at + 2],
+            mass * unit[at + 1] + beta * unit[at + 2],
+        ]
+    own = slice(1 + 4 * tanks, 1 + 4 * tanks + panels)
+    return np.array([*values, *theta[own]]), np.array([*rows, *unit[own]])
 
 
 def without_tanks(pi: np.ndarray, kinds: list[Kind], tanks: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `physical` does, with respect to pi, when tanks cannot be told apart: M and rho alone.
+    """Return what `physical` does, with respect to pi, when tanks cannot be told apart: M and each rho alone.
 
     ``pi`` (k,); values (n,) and derivatives (n, k). M is f*/a at s = 0, the ratio of the last coefficients;
     the tanks are not-a-number.
     """
-    panel = ("p", 0) in kinds
-    values = np.full(1 + 3 * tanks + panel, np.nan)
+    densities = [k for k in kinds if k[0].startswith("p") and k[1] == 0]
+    values = np.full(1 + 3 * tanks + len(densities), np.nan)
     rows = np.full((len(values), len(pi)), np.nan)
-    pairs = [(0, ("a", 2 * tanks), ("f", 2 * tanks))] + ([(-1, ("p", 0), ("f", 0))] if panel else [])
+    pairs = [(0, ("a", 2 * tanks), ("f", 2 * tanks))]
+    pairs += [(1 + 3 * tanks + i, k, ("f", 0)) for i, k in enumerate(densities)]
     for k, over, under in pairs:
         i, j = kinds.index(over), kinds.index(under)
         values[k] = pi[i] / pi[j]

@@ -4,66 +4,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
-from smsid.identify.combined import is_shared
 from smsid.identify.estimate import ParameterEstimate, classify
-from smsid.identify.exp1_result import participates, participation_along
+from smsid.identify.paper.exp1_result import participates, participation_along
+from smsid.identify.paper.translation import AxisData, AxisEstimate
 from smsid.identify.stationary_joints import is_constant
-from smsid.identify.translation import AxisEstimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 AXES = "xyz"
-UNTOLD = "what the tank's mass is cannot be told from the rest, and the interval does not hold"
-FALLEN = f"from the regression as printed, as noise or a short record hides the slosh: {UNTOLD}"
 MOTION = ("encoder", "tachometer")
 SEE_NOTES = "not found: the notes say more; stays as described"
 
 
-def period(model: SpacecraftModel, axis: int) -> float:
-    """Return the period [s] of the slowest slosh along an axis, as described; zero without tanks."""
-    tanks = [s.tank for s in model.slosh]
-    softest = 1e-12  # [N/m], of a tank without springs
-    periods = [2 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[axis], softest))) for e in tanks]
-    return max(periods, default=0.0)
+def check_possible(axis: AxisEstimate) -> None:
+    """Raise `NotIdentifiableError` for an axis' estimate of one tank that nothing can have.
 
-
-def why_impossible(axis: AxisEstimate) -> str:
-    """Return why an axis' estimate is of nothing that can be, empty if it can.
-
-    Of one tank: several may share what they have in a way that cannot be, and the total mass be right.
+    Several tanks may share what they have in a way that cannot be, and the total mass be right.
     """
     for name, value in zip(axis.names, axis.values, strict=True):
         if (name in ("m_s", "k_s") or name.startswith("rho")) and not value > 0.0:
-            return f"{name} along {axis.axis} comes out as {value:.3g}, which is impossible"
-    return ""
+            raise NotIdentifiableError(
+                f"{name} along {axis.axis} comes out as {value:.3g}, which is impossible.",
+                advice="Noise hides it, or thrust and acceleration contradict each other.",
+                hidden=True,
+            )
 
 
-def without_shared(axis: AxisEstimate) -> AxisEstimate:
-    """Return the estimate of an axis without what axes share: its variance there is not known."""
-    covariance = axis.covariance.copy()
-    shared = [i for i, n in enumerate(axis.names) if is_shared(n)]
-    covariance[shared, :] = covariance[:, shared] = np.nan
-    return replace(axis, covariance=covariance)
-
-
-def mark_doubted(p: ParameterEstimate, fallen: Mapping[str, str], *, everything: bool) -> ParameterEstimate:
-    """Return a parameter of Exp. 1, not identifiable if it comes from a ``fallen`` axis, or with them all."""
-    if p.group != "exp1" or p.status != "identifiable":
-        return p
-    own = [why for axis, why in fallen.items() if everything or p.name.endswith(f".{axis}")]
-    return replace(p, status="not_identifiable", note=own[0]) if own else p
+def check_length(model: SpacecraftModel, data: AxisData, found: AxisEstimate) -> None:
+    """Raise `NotIdentifiableError` for an axis taken as printed from less than a period of its slosh."""
+    k, tanks = AXES.index(data.axis), [s.tank for s in model.slosh]
+    softest = 1e-12  # [N/m], of a tank without springs
+    periods = [2.0 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[k], softest))) for e in tanks]
+    length = float(data.time[-1] - data.time[0])
+    if found.note and length < max(periods):
+        raise NotIdentifiableError(
+            f"The record of {length:.3g} s is shorter than a period of the slosh along {data.axis}.",
+            advice=f"Record at least {max(periods):.3g} s.",
+            hidden=True,
+        )
 
 
 def left_as_described(
     model: SpacecraftModel, found: Collection[str], reasons: Mapping[str, str]
 ) -> list[ParameterEstimate]:
-    """Return the parameters of tanks and appendages that are not among ``found`` names, none identifiable.
+    """Return mass, tanks' and appendages' parameters that are not among ``found`` names, none identifiable.
 
     ``reasons`` says of an axis why it gave nothing.
     """
@@ -75,6 +64,7 @@ def left_as_described(
             note = f"{'; '.join(known)}: stays as described" if known else SEE_NOTES
             out.append(classify(name, value, unit, math.inf, group, nominal=value, note=note))
 
+    add("total.mass", model.mass, "kg", "exp1", AXES)
     for tank in (s.tank for s in model.slosh):
         add(f"{tank.name}.mass", tank.mass, "kg", "exp1", AXES)
         for k, axis in enumerate(AXES):

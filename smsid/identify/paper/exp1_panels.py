@@ -14,10 +14,11 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import IDENTIFIABLE_BELOW
-from smsid.identify.translation import AxisData, AxisEstimate, PanelForce
-from smsid.identify.translation_tied import identify_axis_tied
+from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, identify_axis
+from smsid.identify.paper.translation_tied import identify_axis_tied
 
 PREFIX, JOIN = "rho.", "+"
+AS_PRINTED = "the tanks are not told apart: taken as printed, accelerometer biases not estimated"
 ALIKE = 0.02  # of a signal: what two panels' forces may differ by and still count as one where needed
 NOISY = 3.0  # times the noise: a difference below is not seen
 
@@ -52,12 +53,12 @@ def identify_axis_of_panels(
 
     Two panels whose forces differ by less than noise are one from the start. Of the rest, those whose density
     comes out worse than `IDENTIFIABLE_BELOW`, or not at all, are joined with the panel that bends most alike,
-    to 2 %; what bends otherwise keeps its own column and its wide interval. Returns the estimate and what
-    its common factors are made of.
+    to 2 %; what bends otherwise keeps its own column and its wide interval. Several tanks that are not told
+    apart are taken as printed, and noted. Returns the estimate and what its common factors are made of.
 
     Raises `NotIdentifiableError` as `identify_axis_tied`.
     """
-    alone = {p.name: p for p in data.panel_forces}
+    alone = {p.name: p for p in data.panels}
     groups: list[tuple[str, ...]] = [(name,) for name in alone]
     while (pair := _most_alike(data, alone, groups, by_noise=True)) is not None:
         groups = _joined(groups, pair)
@@ -68,13 +69,16 @@ def identify_axis_of_panels(
         except NotIdentifiableError:
             pair = _most_alike(data, alone, groups)
             if pair is None:
-                raise
+                if tanks < 2:
+                    raise
+                # tanks that are alike do not settle, and leave the total mass as it is
+                found = replace(identify_axis(joined, tanks, marks), note=AS_PRINTED)
+                return found, _shares_of(alone, groups)
         else:
             poor = [g for g in groups if not _told(found, _sum(alone, g).name)]
             pair = _most_alike(data, alone, groups, among=poor)
             if pair is None:
-                shares = tuple(_shares(alone, g) for g in groups if len(g) > 1)
-                return found, shares
+                return found, _shares_of(alone, groups)
         groups = _joined(groups, pair)
 
 
@@ -147,11 +151,17 @@ def _sum(alone: Mapping[str, PanelForce], group: tuple[str, ...]) -> PanelForce:
         float(np.linalg.norm([p.noise * s for p, s in zip(parts, sizes, strict=True)])) / norm,
         float(np.linalg.norm([p.drift * s for p, s in zip(parts, sizes, strict=True)])) / norm,
         max(p.drift_time for p in parts),
+        max(p.bias for p in parts),
     )
 
 
-def _shares(alone: Mapping[str, PanelForce], group: tuple[str, ...]) -> PanelShares:
-    whole = _sum(alone, group)
-    size = float(whole.force @ whole.force)
-    parts = {panels_of(n)[0]: float(alone[n].force @ whole.force) / size for n in group}
-    return PanelShares(whole.name, parts)
+def _shares_of(alone: Mapping[str, PanelForce], groups: Sequence[tuple[str, ...]]) -> tuple[PanelShares, ...]:
+    """Return what the factors that several panels share are the means of."""
+    out = []
+    for group in groups:
+        if len(group) > 1:
+            whole = _sum(alone, group)
+            size = float(whole.force @ whole.force)
+            parts = {panels_of(n)[0]: float(alone[n].force @ whole.force) / size for n in group}
+            out.append(PanelShares(whole.name, parts))
+    return tuple(out)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.identify.modes import Mode
-from smsid.identify.noise_replicates import small_sample_factor
 from smsid.identify.panel_modes import PanelModes, panel_modes
+from smsid.identify.paper.noise_replicates import small_sample_factor
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def mode_sigmas(
     to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where
     estimates answer noise linearly they scatter about the estimate as it does about the truth. With 8
     replicates a standard deviation is itself known to about a quarter: it is widened by what Student's t asks
-    for (`smsid.identify.noise_replicates.small_sample_factor`).
+    for (`smsid.identify.paper.noise_replicates.small_sample_factor`).
     """
     highest = 1.5 * max((m.frequency for m in (*found.clamped, *found.coupled)), default=1.0)
     again = [

@@ -9,14 +9,14 @@ two per tank (21). Divided by the highest power of s this is linear in f*, a and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.axis_parameters import (
+from smsid.identify.paper.axis_parameters import (
     Kind,
     column_names,
     fractions,
@@ -38,8 +38,9 @@ ROUND_OFF = 1e-9  # share of a variance
 class PanelForce:
     """The inertia force of one panel's bending (or of several that are not told apart) along an axis.
 
-    ``name`` of its density among the parameters; ``force`` (N,) p per unit of density, ``weights`` as in
-    `AxisData`; one sigma of ``noise`` and ``drift`` [m/s^2], and the drift's correlation time [s].
+    ``name`` of its density among the parameters; ``force`` (N,) p per unit of density, ``weights``
+    (stations,) how it follows from the panel's accelerometers, p = (y - a) @ weights; one sigma of ``noise``,
+    constant ``bias`` and ``drift`` [m/s^2], and the drift's correlation time [s].
     """
 
     name: str
@@ -48,6 +49,7 @@ class PanelForce:
     noise: float
     drift: float = 0.0
     drift_time: float = 1.0
+    bias: float = 0.0
 
 
 @short_repr
@@ -55,15 +57,13 @@ class PanelForce:
 class AxisData:
     """One axis of Exp. 1, all (N,): thrust ``force`` [N], base ``acceleration`` [m/s^2].
 
-    ``panel`` (N,) is p, the panel's inertia force per unit of density, ``panel_weights`` (stations,) how it
-    follows from the panel accelerometers (p = (y - a) @ weights); noise levels are one sigma of the samples
-    [m/s^2]. ``filtered`` applies to white noise whatever filter the signals went through,
-    ``filter_transposed`` its transpose (N, N). The first ``before`` samples are the rest before the record,
-    without noise; ``constant`` (N,) is what became of a constant error of one from the record's beginning on
-    (ones when not given). ``bias`` and ``panel_bias`` [m/s^2] are one sigma of constant errors: where they
-    are not estimated they widen the covariance. ``drift`` and ``panel_drift`` [m/s^2] with their correlation
-    times [s] are errors that wander (first-order Gauss-Markov), which always do. ``panels``: the forces of
-    several panels that ``panel`` is the sum of, each with a density of its own (`identify_axis_tied` only).
+    ``panels`` are the inertia forces of the panels that bend along the axis, each with a density of its own;
+    noise levels are one sigma of the samples [m/s^2]. ``filtered`` applies to white noise whatever filter the
+    signals went through, ``filter_transposed`` its transpose (N, N). The first ``before`` samples are the
+    rest before the record, without noise; ``constant`` (N,) is what became of a constant error of one from
+    the record's beginning on (ones when not given). ``bias`` [m/s^2] is one sigma of a constant error, which
+    matters where it is not estimated, ``drift`` [m/s^2] with its correlation time [s] that of one that
+    wanders (first-order Gauss-Markov).
     """
 
     axis: str
@@ -71,18 +71,12 @@ class AxisData:
     force: np.ndarray
     acceleration: np.ndarray
     noise: float
-    panel: np.ndarray | None = None
-    panel_weights: np.ndarray | None = None
-    panel_noise: float = 0.0
+    panels: tuple[PanelForce, ...] = ()
     filtered: Callable[[np.ndarray], np.ndarray] | None = None
     filter_transposed: Callable[[np.ndarray], np.ndarray] | None = None
-    bias: float = 0.0
-    panel_bias: float = 0.0
     drift: float = 0.0
     drift_time: float = 1.0
-    panel_drift: float = 0.0
-    panel_drift_time: float = 1.0
-    panels: tuple[PanelForce, ...] = ()
+    bias: float = 0.0
     before: int = 0
     constant: np.ndarray | None = None
 
@@ -92,12 +86,9 @@ class AxisData:
         return np.ones_like(self.time) if self.constant is None else self.constant
 
     @property
-    def panel_forces(self) -> tuple[PanelForce, ...]:
-        """Return the forces that have a density each: ``panels``, or ``panel`` as one."""
-        if self.panels or self.panel is None or self.panel_weights is None:
-            return self.panels
-        drift = self.panel_drift, self.panel_drift_time
-        return (PanelForce("rho", self.panel, self.panel_weights, self.panel_noise, *drift),)
+    def signals(self) -> tuple[str, ...]:
+        """Return the names of the panels' signals among the columns: p, p2, ..."""
+        return panel_signals(len(self.panels))
 
 
 @short_repr
@@ -106,7 +97,8 @@ class AxisEstimate:
     """What one axis of Exp. 1 says.
 
     ``names``, ``values``, ``covariance`` of the physical parameters: M, per tank m_s, k_s, b_s, and rho.
-    ``pi`` are the regression parameters of (24) or (27), in the order printed, for one tank.
+    ``pi`` are the regression parameters of (24) or (27), in the order printed, for one tank. ``note`` says
+    what is to be known of it.
     """
 
     axis: str
@@ -115,6 +107,7 @@ class AxisEstimate:
     covariance: np.ndarray
     pi: np.ndarray
     condition: float
+    note: str = ""
 
     @property
     def sigma(self) -> np.ndarray:
@@ -128,41 +121,71 @@ class AxisEstimate:
 
 
 def identify_axis(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = None) -> AxisEstimate:
-    """Identify one axis by total least squares on (22), for any number of tanks, none included.
+    """Identify one axis as printed: total least squares on (22), for any number of tanks, none included.
 
-    The thrust columns are exact, repeated integrals of white noise are far smaller than the noise itself and
-    count as exact, so the errors of a row are those of a and p (generalised TLS). The covariance follows the
-    sensor noise through the integrals, in which it is no longer white, and adds what constant biases do.
-    ``marks`` tell the tanks apart in the names, in the order of rising frequency along this axis (default:
-    nothing for one tank, 1, 2, ... for more).
+    The reference that `smsid.identify.paper.translation_tied` is held against. The thrust columns are exact,
+    repeated integrals of white noise are far smaller than the noise itself and count as exact, so the errors
+    of a row are those of a and p (generalised TLS). The covariance follows the sensors' white noise through
+    the integrals, in which it is no longer white, and adds what constant biases do. Where several tanks are
+    not told apart they are not-a-number. ``marks`` tell the tanks apart in the names, in the order of rising
+    frequency along this axis (default: nothing for one tank, 1, 2, ... for more).
 
     Raises `NotIdentifiableError` without thrust along the axis, for too short a record, or when the mass
     comes out negative; `SmsidError` for a noise that is not positive.
     """
-    t, f, a = data.time, data.force, data.acceleration
     check_axis(data, tanks)
-    order = 2 * tanks
-    fs, accs = integrals(f, t, order), integrals(a, t, order)
-    ps = integrals(data.panel, t, order) if data.panel is not None else None
-    kinds = kinds_of(tanks, int(data.panel is not None))
-    signals = {"f": [-x for x in fs], "a": accs, "p": ps or []}
-    columns = np.column_stack([signals[signal][j] for signal, j in kinds])
-    scale = np.linalg.norm(columns, axis=0) / np.linalg.norm(a)
+    kinds, columns = regression_columns(data, tanks)
+    scale = np.linalg.norm(columns, axis=0) / np.linalg.norm(data.acceleration)
     full = np.append(scale, 1.0)
     noise = row_noise(data, kinds) / np.outer(full, full)
-    found = total_least_squares(columns / scale, -a, noise=noise, names=column_names(kinds))
+    found = total_least_squares(columns / scale, -data.acceleration, noise=noise, names=column_names(kinds))
     pi = found.x / scale
-    names = parameter_names(tanks, ("rho",) if data.panel is not None else (), marks)
     theta = fractions(pi, kinds, tanks)
     if np.isfinite(theta).all():
         turned = columns @ sensitivity(theta, kinds, tanks)
-        values, jacobian = physical(theta, tanks, data.panel is not None)
-        influence = jacobian @ _influence(data, turned, kinds, pi, order)
+        values, jacobian = physical(theta, tanks, len(data.panels))
     else:
+        turned = columns
         values, jacobian = without_tanks(pi, kinds, tanks)
-        influence = jacobian @ _influence(data, columns, kinds, pi, order)
+    influence = jacobian @ _influence(data, turned, errors_through(kinds, pi, 2 * tanks))
     check_mass(data.axis, values[0])
+    names = parameter_names(tanks, [p.name for p in data.panels], marks)
     return AxisEstimate(data.axis, names, values, influence @ influence.T, pi, found.condition)
+
+
+def _influence(data: AxisData, columns: np.ndarray, through: dict[str, np.ndarray]) -> np.ndarray:
+    """Return F (n, ...) with F F' the covariance of the parameters of ``columns``.
+
+    Noise, sample by sample, and biases are carried through filter and integrals into the equation and from
+    there into the parameters. Kept as a factor: its square would lose what is left of sums that nearly
+    cancel.
+    """
+    ramps = np.column_stack(integrals(data.unit, data.time, len(through["a"]) - 1))
+    sources = [(data.noise, data.bias, from_imu(data, through))]
+    for signal, p in zip(data.signals, data.panels, strict=True):
+        size = float(np.linalg.norm(p.weights))
+        sources.append((size * p.noise, size * p.bias, through[signal]))
+    factors = []
+    for noise, bias, polynomial in sources:
+        factors += [
+            noise * adjoint(columns.T, polynomial, data),
+            bias * (columns.T @ (ramps @ polynomial))[:, None],
+        ]
+    root = inverse_root(columns)
+    return root @ (root.T @ np.concatenate(factors, axis=1))
+
+
+def regression_columns(data: AxisData, tanks: int) -> tuple[list[Kind], np.ndarray]:
+    """Return what each column of (25) or (27) is, and the columns (N, n): ``columns @ pi = -a``."""
+    order = 2 * tanks
+    kinds = kinds_of(tanks, len(data.panels))
+    signals = {
+        "f": [-x for x in integrals(data.force, data.time, order)],
+        "a": integrals(data.acceleration, data.time, order),
+    }
+    for signal, panel in zip(data.signals, data.panels, strict=True):
+        signals[signal] = integrals(panel.force, data.time, order)
+    return kinds, np.column_stack([signals[s][j] for s, j in kinds])
 
 
 def check_axis(data: AxisData, tanks: int) -> None:
@@ -216,18 +239,14 @@ def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     return out
 
 
-def row_noise(data: AxisData, kinds: list[Kind], panels: Sequence[PanelForce] | None = None) -> np.ndarray:
-    """Covariance (n + 1, n + 1) of the errors of a row of [Y, b]: b = -a and the columns of p carry them.
-
-    ``panels``: whose columns p, p2, ... are; by default the data's ``panel`` as one.
-    """
+def row_noise(data: AxisData, kinds: list[Kind]) -> np.ndarray:
+    """Covariance (n + 1, n + 1) of the errors of a row of [Y, b]: b = -a and the columns of p carry them."""
     n = len(kinds)
     noise = np.zeros((n + 1, n + 1))
     noise[n, n] = data.noise**2
-    one = replace(data, panels=()).panel_forces if panels is None else tuple(panels)
-    places = [kinds.index((s, 0)) for s in panel_signals(len(one))]
-    sums = [float(p.weights.sum()) for p in one]
-    for k, p, total in zip(places, one, sums, strict=True):
+    places = [kinds.index((s, 0)) for s in data.signals]
+    sums = [float(p.weights.sum()) for p in data.panels]
+    for k, p, total in zip(places, data.panels, sums, strict=True):
         for j, other in zip(places, sums, strict=True):
             noise[k, j] = data.noise**2 * total * other
         # perfect panel sensors leave p the IMU's error alone; a little more keeps the covariance positive
@@ -235,31 +254,6 @@ def row_noise(data: AxisData, kinds: list[Kind], panels: Sequence[PanelForce] | 
         noise[k, k] += p.noise**2 * float(p.weights @ p.weights)
         noise[k, n] = noise[n, k] = data.noise**2 * total  # both contain -n_a
     return noise
-
-
-def _influence(
-    data: AxisData, columns: np.ndarray, kinds: list[Kind], pi: np.ndarray, order: int
-) -> np.ndarray:
-    """Return F (n, ...) with F F' the covariance of the parameters of ``columns``.
-
-    Noise, sample by sample, and biases are carried through filter and integrals into the equation and from
-    there into the parameters. Kept as a factor: its square would lose what is left of sums that nearly
-    cancel.
-    """
-    through = errors_through(kinds, pi, order)
-    ramps = np.array(integrals(data.unit, data.time, order))
-    from_a = through["a"].copy()
-    factors = []
-    if data.panel is not None and data.panel_weights is not None:
-        w = data.panel_weights
-        size = np.linalg.norm(w)
-        from_a -= w.sum() * through["p"]
-        factors.append(data.panel_noise * size * adjoint(columns.T, through["p"], data))
-        factors.append(data.panel_bias * size * (columns.T @ (through["p"] @ ramps))[:, None])
-    factors.append(data.noise * adjoint(columns.T, from_a, data))
-    factors.append(data.bias * (columns.T @ (from_a @ ramps))[:, None])
-    root = inverse_root(columns)
-    return root @ (root.T @ np.concatenate(factors, axis=1))
 
 
 def errors_through(kinds: list[Kind], pi: np.ndarray, order: int) -> dict[str, np.ndarray]:
@@ -270,6 +264,12 @@ def errors_through(kinds: list[Kind], pi: np.ndarray, order: int) -> dict[str, n
         if signal in through:
             through[signal][j] += value
     return through
+
+
+def from_imu(data: AxisData, through: dict[str, np.ndarray]) -> np.ndarray:
+    """Return by which polynomial the IMU's errors enter: they are in every p as well."""
+    shares = [float(p.weights.sum()) * through[s] for s, p in zip(data.signals, data.panels, strict=True)]
+    return through["a"] - sum(shares, start=np.zeros_like(through["a"]))
 
 
 def adjoint(rows: np.ndarray, through: np.ndarray, data: AxisData) -> np.ndarray:

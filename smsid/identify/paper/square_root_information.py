@@ -15,9 +15,8 @@ from smsid.identify.tls import TlsSolution, solve_factor, triangular
 class RowSums:
     """Triangular factors of the rows of several kinds of equation, ``kinds`` of them in every sample.
 
-    ``factors`` (n + 1, n + 1) of [A b] by kind; ``moved`` of what noise once more changes of it (see
-    `smsid.identify.momentum_rows.scaled_tls`). The Gram matrix would do too, at the square of the condition
-    number.
+    ``factors`` (n + 1, n + 1) of [A b] by kind; ``moved`` of what noise once more changes of it. The Gram
+    matrix would do too, at the square of the condition number.
     """
 
     kinds: int
@@ -55,9 +54,10 @@ class RowSums:
     def solved(
         self, chosen: Sequence[int], weights: np.ndarray, names: Sequence[str]
     ) -> tuple[TlsSolution, np.ndarray]:
-        """Return what `scaled_tls` gives for rows with ``weights`` (kinds,), but for the covariance.
+        """Return the total-least-squares solution of rows with ``weights`` (kinds,), for white errors.
 
-        With W (n, n), W W' = (rows' rows)^-1. Raises what `solve_factor` raises.
+        With W (n, n), W W' = (rows' rows)^-1. Columns are brought to the length of the right-hand side; their
+        errors are as ``moved`` shows them. Raises what `solve_factor` raises.
         """
         full = [*chosen, -1]
         weighted = [w * f[:, full] for w, f in zip(weights, self.factors, strict=True)]

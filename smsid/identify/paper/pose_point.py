@@ -14,10 +14,11 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, NotIdentifiableError
-from smsid.identify.hidden_states import Modal, hidden_states
-from smsid.identify.momentum import Regression, StepA, step_a, step_b
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.identify.motion import Motion
+from smsid.identify.paper.hidden_states import Modal, hidden_states
+from smsid.identify.paper.momentum import StepA, step_a, step_b
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from smsid.effects.appendage import Appendage
-from smsid.identify.combined import Combined
 from smsid.identify.estimate import ParameterEstimate, classify
-from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
+from smsid.identify.paper.combined import Combined
+from smsid.identify.paper.exp1_panels import PanelShares, is_density, panels_of
 from smsid.model.spacecraft import SpacecraftModel
 
 Density = tuple[str, str, float]  # the parameter's name, unit and described value

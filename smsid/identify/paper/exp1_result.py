@@ -8,17 +8,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.effects.appendage import Mode
+from smsid.effects.appendage import Appendage, Mode
 from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
-from smsid.identify.combined import Combined, combine
 from smsid.identify.estimate import ParameterEstimate, classify
-from smsid.identify.exp1_densities import densities, mark_contradictions, refuse_nonpositive
-from smsid.identify.exp1_panels import PanelShares, is_density, panels_of
 from smsid.identify.identified import match_modes
-from smsid.identify.mode_noise import ModeSigma
 from smsid.identify.panel_modes import PanelModes
-from smsid.identify.translation import AxisEstimate
+from smsid.identify.paper.combined import Combined, combine
+from smsid.identify.paper.exp1_densities import densities, mark_contradictions, refuse_nonpositive
+from smsid.identify.paper.exp1_panels import PanelShares, is_density, panels_of
+from smsid.identify.paper.mode_noise import ModeSigma
+from smsid.identify.paper.translation import AxisEstimate
 from smsid.model.spacecraft import SpacecraftModel
 
 LEAST_MASS = 1e-3  # [kg]
@@ -41,9 +41,8 @@ class TranslationResult:
     """What Exp. 1 identified.
 
     ``combined``: parameters by symbol with their joint covariance; ``symbols``: the description's parameter
-    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage. ``printed``: the axes by
-    the regression as printed, beside; an axis may be missing there. ``believed``: whether any axis gives a
-    total mass and tanks to go on from.
+    name of a symbol (``tank.mass`` of ``m_s`` and so on); ``modes`` by appendage; ``panels``: the appendages
+    as described.
     """
 
     axes: tuple[AxisEstimate, ...]
@@ -53,12 +52,16 @@ class TranslationResult:
     parameters: tuple[ParameterEstimate, ...]
     notes: tuple[str, ...] = ()
     conditions: dict[str, float] = field(default_factory=dict)
-    printed: tuple[AxisEstimate, ...] = ()
-    believed: bool = True
+    panels: dict[str, Appendage] = field(default_factory=dict)
+
+    @property
+    def believed(self) -> bool:
+        """Whether any axis gives a total mass to go on from."""
+        return "M" in self.combined
 
     @property
     def mass(self) -> float:
-        """Total mass M [kg]."""
+        """Total mass M [kg], where the result is `believed`."""
         return self.combined["M"][0]
 
     def values(self, change: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -98,7 +101,6 @@ def assemble(
     axes: list[AxisEstimate],
     modes: dict[str, SeenModes],
     notes: list[str],
-    printed: tuple[AxisEstimate, ...] = (),
     shares: tuple[PanelShares, ...] = (),
 ) -> TranslationResult:
     """Bring axes and modes together as parameters of the description; what stays as described is noted.
@@ -107,10 +109,12 @@ def assemble(
     """
     notes = list(notes)
     found = combine(axes)
-    value, sigma = found["M"]
-    parameters = [classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass)]
+    parameters: list[ParameterEstimate] = []
+    if "M" in found:
+        value, sigma = found["M"]
+        parameters.append(classify("total.mass", value, "kg", sigma, "exp1", nominal=model.mass))
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
-    tanks = [s.tank for s in model.slosh]
+    tanks = [s.tank for s in model.slosh] if axes else []
     marks = tank_marks(tanks)
     merged = len(tanks) > 1 and any(_lost(found, mark) for mark in marks)
     if merged:
@@ -133,9 +137,15 @@ def assemble(
                 f"{', '.join(missing)} stays as described. {seen.modes.status}"
             )
         parameters += _mode_parameters(name, seen, described)
-    conditions = {f"Exp. 1, axis {e.axis}": e.condition for e in axes}
     return TranslationResult(
-        tuple(axes), found, symbols, modes, tuple(parameters), tuple(notes), conditions, printed
+        axes=tuple(axes),
+        combined=found,
+        symbols=symbols,
+        modes=modes,
+        parameters=tuple(parameters),
+        notes=tuple(notes),
+        conditions={f"Exp. 1, axis {e.axis}": e.condition for e in axes},
+        panels=appendages,
     )
 
 

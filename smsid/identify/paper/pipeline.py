@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,13 +15,15 @@ from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
+from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
-from smsid.identify.exp1 import TranslationResult, excited_axes, identify_translation
-from smsid.identify.exp1_unseen import check_moves
-from smsid.identify.exp2 import MomentumResult, identify_momentum
 from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
-from smsid.identify.hidden_states import Modal, check_on_bus
 from smsid.identify.identified import identified_modes
+from smsid.identify.paper.exp1 import identify_translation
+from smsid.identify.paper.exp1_described import check_moves
+from smsid.identify.paper.exp1_result import TranslationResult
+from smsid.identify.paper.exp2 import MomentumResult, identify_momentum
+from smsid.identify.paper.hidden_states import Modal, check_on_bus
 from smsid.identify.sensor_correction import correct_readings
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.column_order import order_columns
@@ -54,7 +57,7 @@ def identify(
     Recordings with thrust count as Exp. 1, those without as Exp. 2; the description's values are starting
     guesses only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken
     as known. ``modal``: how Exp. 2 estimates bending, see `identify_momentum`. ``refine_pose_point``: take
-    the position of the pose sensor (and the IMU beside it) for a guess too, see `smsid.identify.pose_point`.
+    the position of the pose sensor (and the IMU beside it) for a guess too, see `PosePoint`.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
     identify what is asked.
@@ -142,14 +145,18 @@ def _identify(
         notes=tuple(notes),
         conditions=conditions,
     )
-    return Identification(estimate, _as_given(given, linear, description), translation, momentum)
+    panels = translation.panels if translation else {}
+    return Identification(estimate, _as_given(given, linear, description, panels), translation, momentum)
 
 
-def _as_given(given: Description, linear: Description, identified: Description) -> Description:
+def _as_given(
+    given: Description, linear: Description, identified: Description, panels: Mapping[str, Appendage]
+) -> Description:
     """Return the given description with what was identified in the linear one."""
     changed = [e for e in identified.effect if e not in linear.effect]
-    found = given.with_effects(*(e for e in changed if not isinstance(e, Appendage)))
-    return as_described(found, [e for e in changed if isinstance(e, ModalAppendage)])
+    own = {e.name for e in changed} & set(panels)
+    bending = [cast(ModalAppendage, identified.get_effect(name)) for name in own]
+    return as_described(given.with_effects(*(e for e in changed if e.name not in own)), bending)
 
 
 def _mended(description: Description, recordings: Sequence[Recording]) -> list[Mended]:
@@ -205,12 +212,10 @@ def with_translation(
     effects = []
     for effect in description.effect:
         own = {k: v for k, v in values.items() if k.startswith(f"{effect.name}.")}
+        panel, seen = found.panels.get(effect.name), found.modes.get(effect.name)
+        factor = found.density_factor(effect.name, change)
         if own:
             effects.append(effect.with_values(own))
-        elif isinstance(effect, Appendage) and (
-            effect.name in found.modes or found.density_factor(effect.name, change) != 1.0
-        ):
-            factor = found.density_factor(effect.name, change)
-            panel = found.modes.get(effect.name)
-            effects.append(identified_modes(effect, factor, panel.modes.clamped if panel else ()))
+        elif panel is not None and (seen is not None or factor != 1.0):
+            effects.append(identified_modes(panel, factor, seen.modes.clamped if seen else ()))
     return description.with_effects(*effects)

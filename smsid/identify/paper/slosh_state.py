@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.motion import Motion
+from smsid.identify.paper.motion import Motion
 
 FASTEST = 0.5  # step times natural frequency, step times damping rate: twice that and the steps blow up
 

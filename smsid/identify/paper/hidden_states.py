@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.modal_state import integrate_accelerometers, smooth_modes
-from smsid.identify.momentum import HiddenStates
-from smsid.identify.motion import Motion
+from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
+from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.slosh_state import estimate_slosh
 from smsid.identify.robust import white_sigma
-from smsid.identify.slosh_state import estimate_slosh
 from smsid.model.spacecraft import SpacecraftModel
 
 Modal = Literal["smoother", "printed"]
 LEAST_NOISE = 1e-9  # [m/s^2], so that a noise-free recording weighs finitely
+
+
+@short_repr
+@dataclass(frozen=True)
+class HiddenStates:
+    """What Exp. 2 does not measure, estimated: slosh by tank, modes by appendage.
+
+    ``slosh`` holds (rho, rho') each (N, 3) bus axes, ``modes`` a `ModalState` each. ``again``: the same from
+    the motion with as much noise once more, where there is one.
+    """
+
+    slosh: dict[str, tuple[np.ndarray, np.ndarray]]
+    modes: dict[str, ModalState]
+    again: HiddenStates | None = None
+
+    def without_slosh(self) -> HiddenStates:
+        """Return the modes alone: the slosh at rest, as (34) takes it."""
+        return HiddenStates({}, self.modes, self.again.without_slosh() if self.again else None)
+
+    def only(self, kept: slice) -> HiddenStates:
+        """Return some of the samples."""
+        slosh = {name: (rho[kept], rate[kept]) for name, (rho, rate) in self.slosh.items()}
+        modes = {name: ModalState(m.position[kept], m.velocity[kept]) for name, m in self.modes.items()}
+        return HiddenStates(slosh, modes, self.again.only(kept) if self.again else None)
 
 
 def hidden_states(model: SpacecraftModel, motion: Motion, modal: Modal = "smoother") -> HiddenStates:

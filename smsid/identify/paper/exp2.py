@@ -12,16 +12,17 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.exp2_errors import Steps, inflate_covariance, slosh_mass, with_carried_errors
-from smsid.identify.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
-from smsid.identify.hidden_states import Modal, check_on_bus, hidden_states
-from smsid.identify.momentum import HiddenStates, Regression, StepA, step_a, step_b
-from smsid.identify.momentum_printed import step_b_printed
 from smsid.identify.momentum_rows import CORRELATION_TIME
-from smsid.identify.motion import Motion, prepare, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate
-from smsid.identify.pose_point import PosePoint, refine_pose_point
-from smsid.identify.rest import check_at_rest
+from smsid.identify.paper.exp2_errors import Steps, slosh_mass, with_errors
+from smsid.identify.paper.exp2_result import of_pose_point, of_printed, of_step_a, of_step_b
+from smsid.identify.paper.hidden_states import HiddenStates, Modal, check_on_bus, hidden_states
+from smsid.identify.paper.momentum import StepA, step_a, step_b
+from smsid.identify.paper.momentum_printed import step_b_printed
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate
+from smsid.identify.paper.pose_point import PosePoint, refine_pose_point
+from smsid.identify.paper.rest import check_at_rest
 from smsid.identify.stationary_joints import Still, not_seen
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -62,7 +63,6 @@ def identify_momentum(
     cutoff: float | None = 2.0,
     rate: float | None = 20.0,
     modal: Modal = "smoother",
-    prior: tuple[np.ndarray, np.ndarray] | None = None,
     perturbed: Sequence[tuple[SpacecraftModel, float]] = (),
     described: SpacecraftModel | None = None,
     refine: bool = False,
@@ -70,7 +70,7 @@ def identify_momentum(
     """Identify inertial parameters from one recording of Exp. 2, starting at rest, without thrust.
 
     ``model`` carries what Exp. 1 found for slosh and appendages, ``mass`` is M [kg]. ``modal``: 'smoother'
-    (with the identified modes) or 'printed' ((31)-(32) as printed). ``prior``: as in `step_b`. ``perturbed``
+    (with the identified modes) or 'printed' ((31)-(32) as printed). ``perturbed``
     are the model and mass with the results of Exp. 1 moved by a standard deviation in one direction after the
     other: what that moves is added to the covariance. ``refine`` corrects the tracked point first
     (`refine_pose_point`). ``described`` is the model that nominal values are taken from (default: ``model``).
@@ -106,7 +106,7 @@ def identify_momentum(
         motion = refined.motion
     hidden = timed("slosh and modal states", lambda: hidden_states(model, motion, modal))
     a = timed("Step A", lambda: step_a(model, motion, hidden, mass))
-    b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position, prior=prior))
+    b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position))
     without = hidden.without_slosh()
     a_printed = step_a(model, motion, without, mass)
     b_printed = None
@@ -124,15 +124,7 @@ def identify_momentum(
         recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
-    if prior is None:  # a prior's weight is set against the errors already
-        steps = timed(
-            "noise once more", lambda: inflate_covariance(steps, model, motion, mass, modal, noisier)
-        )
-    if perturbed or b_printed is not None:
-        steps = timed(
-            "errors carried over",
-            lambda: with_carried_errors(steps, model, motion, mass, modal, perturbed),
-        )
+    steps = timed("errors", lambda: with_errors(steps, model, motion, mass, modal, noisier, perturbed))
     if b_printed is not None and steps.printed is None:
         notes.append(
             "Step B as printed: the combinations it identifies change with the noise; it is left out"

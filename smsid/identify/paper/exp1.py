@@ -10,14 +10,15 @@ import numpy as np
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.clocks import common_times, event_times, rate_of, sample_channel
-from smsid.identify.commanded import actual_thrust
-from smsid.identify.exp1_panels import (
+from smsid.identify.commanded import actual_thrust, excited_axes
+from smsid.identify.panel_modes import panel_modes
+from smsid.identify.paper.exp1_described import check_length, check_possible, left_as_described
+from smsid.identify.paper.exp1_panels import (
     PanelShares,
     identify_axis_of_panels,
-    panels_of,
     symbol_of,
 )
-from smsid.identify.exp1_result import (
+from smsid.identify.paper.exp1_result import (
     SeenModes,
     TranslationResult,
     assemble,
@@ -25,22 +26,13 @@ from smsid.identify.exp1_result import (
     participation_along,
     tank_marks,
 )
-from smsid.identify.exp1_unseen import (
-    FALLEN,
-    UNTOLD,
-    left_as_described,
-    mark_doubted,
-    period,
-    why_impossible,
-    without_shared,
-)
-from smsid.identify.mode_noise import mode_sigmas
-from smsid.identify.motion import Roles, raw_rates
-from smsid.identify.noise_replicates import add_noise_replicate, covariance_of_moves
-from smsid.identify.panel_modes import panel_modes
-from smsid.identify.rest import check_at_rest, with_rest_before
+from smsid.identify.paper.mode_noise import mode_sigmas
+from smsid.identify.paper.motion import raw_rates
+from smsid.identify.paper.noise_replicates import add_noise_replicate, covariance_of_moves
+from smsid.identify.paper.rest import check_at_rest, with_rest_before
+from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, panel_weights
 from smsid.identify.robust import white_sigma
-from smsid.identify.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
+from smsid.identify.sensor_roles import Roles
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import station_indices
@@ -57,33 +49,20 @@ NOISE_SIGMAS = 5.0  # of the gyro's stated noise that are no rotation
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 ROUND_OFF = 1e-9  # of the signal: the noise a noise-free recording is taken to have
 
-__all__ = ["TranslationResult", "excited_axes", "identify_translation"]
-
-
-def excited_axes(recording: Recording) -> str:
-    """Return the body axes along which thrust acted, as letters of 'xyz'."""
-    if "command.force" not in recording:
-        return ""
-    peak = np.abs(recording["command.force"]).max(axis=0)
-    return "".join(
-        a for a, f in zip("xyz", peak, strict=True) if f > 1e-6 * max(peak.max(), 1e-30) and f > 0.0
-    )
-
 
 def identify_translation(model: SpacecraftModel, recordings: list[Recording]) -> TranslationResult:
     """Identify M, slosh and appendages from recordings of Exp. 1 (several: one per axis, say).
 
-    An axis is taken from the first recording that identifies it. Raises `NotIdentifiableError` when a
-    recording rotates or does not start at rest, or no axis can be identified; axes that cannot are named in
-    ``notes``.
+    An axis is taken from the first recording that identifies it; axes that cannot be identified are named in
+    ``notes``, and what they would tell stays as described. Raises `NotIdentifiableError` when a recording
+    rotates or does not start at rest, or when no axis can be identified for another reason than noise.
     """
     axes: dict[str, AxisEstimate] = {}
-    printed: dict[str, AxisEstimate] = {}
     notes: list[str] = []
     modes: dict[str, SeenModes] = {}
     wanted: set[str] = set()
-    fallen: dict[str, str] = {}  # why what an axis gave is not to be believed
     reasons: dict[str, str] = {}  # why an axis gave nothing
+    hidden = False  # whether that was for noise, or a slosh that the record is too short for
     shares: dict[str, PanelShares] = {}  # what panels that are not told apart have in common
     for recording in [order_columns(r, model) for r in recordings]:
         _check_attitude_held(model, recording)
@@ -94,54 +73,35 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
                 continue
             try:
                 data = axis_data(model, recording, axis)
+                found, own = identify_axis_of_panels(data, len(model.slosh), _marks(model, "xyz".index(axis)))
+                check_possible(found)
+                check_length(model, data, found)
             except NotIdentifiableError as error:
                 notes.append(f"axis {axis} of '{recording.name}': {error}")
-                reasons[axis] = str(error.message)
+                reasons[axis] = str(error.message).rstrip(".")
+                hidden = hidden or bool(error.evidence.get("hidden"))
                 continue
-            tanks, marks = len(model.slosh), _marks(model, "xyz".index(axis))
-            try:
-                axes[axis], own = identify_axis_of_panels(data, tanks, marks)
-                shares |= {s.symbol: s for s in own}
-            except NotIdentifiableError as error:
-                notes.append(f"axis {axis} of '{recording.name}': {error}")
-                reasons[axis] = str(error.message)
-            try:
-                printed[axis] = _of_all_panels(identify_axis(data, tanks, marks), data)
-            except NotIdentifiableError as error:
-                notes.append(f"axis {axis} of '{recording.name}' as printed: {error}")
-                reasons[axis] = str(error.message)
-            if axis not in axes and axis in printed:
-                axes[axis] = printed[axis]
-                notes.append(f"axis {axis}: taken as printed, accelerometer biases not estimated")
-                # several tanks that are alike do not settle either, and leave the total mass as it is
-                if tanks <= 1 or data.time[-1] - data.time[0] < period(model, "xyz".index(axis)):
-                    fallen[axis] = FALLEN
-            elif axis in axes and (why := why_impossible(axes[axis])):
-                fallen[axis] = f"{why}: {UNTOLD}"
+            axes[axis] = found
+            notes += [f"axis {axis}: {found.note}"] if found.note else []
+            shares |= {s.symbol: s for s in own}
         if len(model.slosh) > 1:
             _widen_several_tanks(model, recording, axes, notes)
-        for name, found in _modes(model, recording, notes).items():
-            modes.setdefault(name, found)
+        for name, seen in _modes(model, recording, notes).items():
+            modes.setdefault(name, seen)
     missing = sorted(set("xyz") - wanted)
-    reasons = {a: r.rstrip(".") for a, r in reasons.items() if a not in axes}
-    reasons |= {a: f"no thrust along {a}" for a in missing} | fallen
+    reasons = {a: r for a, r in reasons.items() if a not in axes}
+    reasons |= {a: f"no thrust along {a}" for a in missing}
     if missing:
         notes.append(f"no thrust along {', '.join(missing)}: stiffness and damping there stay as described")
-    if not axes:
+    if not axes and not hidden:
         raise NotIdentifiableError(
             "Exp. 1 identifies nothing: " + ("; ".join(notes) or "no recording has thrust") + ".",
             advice="Fly thrust along at least one body axis with the attitude held.",
             reasons=reasons,
         )
-    believed = len(fallen) < len(axes)
-    if believed:  # what axes share, the others tell
-        axes |= {a: without_shared(axes[a]) for a in fallen}
-    found = assemble(
-        model, list(axes.values()), modes, notes, tuple(printed.values()), tuple(shares.values())
-    )
-    parameters = [mark_doubted(p, fallen, everything=not believed) for p in found.parameters]
-    parameters += left_as_described(model, {p.name for p in parameters}, reasons)
-    return replace(found, parameters=tuple(parameters), believed=believed)
+    result = assemble(model, list(axes.values()), modes, notes, tuple(shares.values()))
+    left = left_as_described(model, {p.name for p in result.parameters}, reasons)
+    return replace(result, parameters=(*result.parameters, *left))
 
 
 def _widen_several_tanks(
@@ -245,9 +205,9 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
         noise=noise,
         filtered=smooth,
         filter_transposed=lambda x: zero_phase_transposed(x, fs, cutoff),
-        bias=_bias(imu),
         drift=drift,
         drift_time=drift_time,
+        bias=_bias(imu),
         before=int(np.searchsorted(time, begin)),
         constant=smooth(np.heaviside(time - begin, 0.5)),
     )
@@ -296,12 +256,6 @@ def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarra
     return np.where(time < source[0] - 0.5 * step, 0.0, held)
 
 
-def _of_all_panels(found: AxisEstimate, data: AxisData) -> AxisEstimate:
-    """Return an estimate with one factor for all panels, its density named after them."""
-    names = [x for p in data.panel_forces for x in panels_of(p.name)]
-    return replace(found, names=tuple(symbol_of(names) if n == "rho" else n for n in found.names))
-
-
 def _with_panels(
     data: AxisData,
     recording: Recording,
@@ -317,7 +271,7 @@ def _with_panels(
 
     ``one``: the spacecraft's only appendage, whose density is just ``rho``.
     """
-    forces, biases = [], []
+    forces = []
     for joints in moving:
         name = joints.appendage.name
         sensor = roles.panels.get(name)
@@ -343,19 +297,9 @@ def _with_panels(
         force = (y - data.acceleration[:, None]) @ w
         raw = recording[f"{sensor.name}.acceleration"][:, :, axis]
         noise = _noise(raw) * float(np.sqrt(fs / rate_of(recording, sensor, "acceleration")))
-        forces.append(PanelForce(symbol_of(() if one else (name,)), force, w, noise, *_drift(sensor)))
-        biases.append(_bias(sensor))
-    drift, drift_time = max((p.drift, p.drift_time) for p in forces)
-    return replace(
-        data,
-        panel=np.sum([p.force for p in forces], axis=0),
-        panel_weights=np.concatenate([p.weights for p in forces]),
-        panel_noise=max(p.noise for p in forces),
-        panel_bias=float(np.max(biases)),
-        panel_drift=drift,
-        panel_drift_time=drift_time,
-        panels=tuple(forces),
-    )
+        symbol = symbol_of(() if one else (name,))
+        forces.append(PanelForce(symbol, force, w, noise, *_drift(sensor), _bias(sensor)))
+    return replace(data, panels=tuple(forces))
 
 
 def averaged_at_steps(time: np.ndarray, values: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from smsid._short_repr import short_repr
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
-from smsid.identify.motion import Motion
+from smsid.identify.paper.motion import Motion
 
 
 @short_repr

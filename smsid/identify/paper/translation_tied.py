@@ -17,28 +17,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.axis_parameters import (
-    Kind,
-    fractions,
-    kinds_of,
-    panel_signals,
-    parameter_names,
-    tied_parameters,
-)
-from smsid.identify.robust import inverse_root
-from smsid.identify.tls import total_least_squares
-from smsid.identify.translation import (
+from smsid.identify.paper.axis_parameters import Kind, fractions, parameter_names, tied_parameters
+from smsid.identify.paper.translation import (
     AxisData,
     AxisEstimate,
-    PanelForce,
     adjoint,
     check_axis,
     check_mass,
     errors_through,
+    from_imu,
     integrals,
+    regression_columns,
     row_noise,
 )
-from smsid.identify.whitening import Section, sections_of, whiten, whiten_transposed
+from smsid.identify.paper.whitening import Section, sections_of, whiten, whiten_transposed
+from smsid.identify.robust import inverse_root
+from smsid.identify.tls import total_least_squares
 
 STEPS = 40  # at most; a good record takes about six
 SETTLED = 1e-3  # of a standard deviation: a smaller step ends the iteration
@@ -53,15 +47,14 @@ DRIFT_NODES, DRIFT_SHAPES = 61, 12
 
 
 def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | None = None) -> AxisEstimate:
-    """Identify one axis as `smsid.identify.translation.identify_axis` does, whitened, tied, biases estimated.
+    """Identify one axis as `identify_axis` does, but whitened, its products tied, biases estimated.
 
-    Arguments, names and units as there; no starting values are needed. ``data.bias`` and ``data.panel_bias``
-    are not used, for the biases are estimated; ``data.drift`` and ``data.panel_drift`` widen the covariance.
-    ``pi`` are (24) or (27) at the estimate.
+    Arguments, names and units as there; no starting values are needed. Wandering errors of the accelerometers
+    widen the covariance. ``pi`` are (24) or (27) at the estimate.
 
-    Raises `NotIdentifiableError` as there, when no slosh can be seen to start from, when the iteration does
-    not settle (noise hides the slosh, or two tanks are alike) or ends at no oscillation or a mass clearly
-    below zero; `SmsidError` for a noise that is not positive.
+    Raises `NotIdentifiableError` as there, and with the evidence ``hidden`` when no slosh can be seen to
+    start from, when the iteration does not settle (noise hides the slosh, or two tanks are alike) or ends at
+    no oscillation or a mass clearly below zero; `SmsidError` for a noise that is not positive.
     """
     check_axis(data, tanks)
     problem = _Problem.of(data, tanks)
@@ -74,21 +67,15 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
         if limit == 1.0 and np.all(np.abs(step) <= SETTLED * sigma + ROUND_OFF * np.abs(unknowns)):
             break
     else:
-        raise NotIdentifiableError(
-            f"The slosh along {data.axis} does not settle in {STEPS} steps: noise hides it or two are alike.",
-            advice=ADVICE,
-            unknowns=unknowns,
+        raise _hidden(
+            f"The slosh along {data.axis} does not settle in {STEPS} steps: noise hides it or two are alike."
         )
     for i in range(tanks):
         at = 1 + 3 * i
         kappa, beta, mass = unknowns[at : at + 3]
         if abs(beta) >= 2.0 * np.sqrt(kappa) or mass < -SIGNIFICANT * sigma[at + 2]:
             what = "no oscillation" if abs(beta) >= 2.0 * np.sqrt(kappa) else f"a mass of {mass:.3g} kg"
-            raise NotIdentifiableError(
-                f"The slosh along {data.axis} comes out as {what}: noise or drift hides it.",
-                advice=ADVICE,
-                unknowns=unknowns,
-            )
+            raise _hidden(f"The slosh along {data.axis} comes out as {what}: noise or drift hides it.")
     # tanks by rising frequency, whatever way the iteration took
     own = [np.arange(1 + 3 * i, 4 + 3 * i) for i in np.argsort(unknowns[1 : 1 + 3 * tanks : 3])]
     order = np.concatenate([[0], *own, np.arange(1 + 3 * tanks, len(unknowns))]).astype(int)
@@ -97,8 +84,12 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
     check_mass(data.axis, values[0])
     spread = jacobian @ influence
     pi = tied_parameters(unknowns, problem.kinds, tanks)
-    names = parameter_names(tanks, [p.name for p in problem.panels], marks)
+    names = parameter_names(tanks, [p.name for p in data.panels], marks)
     return AxisEstimate(data.axis, names, values, spread @ spread.T, pi, problem.condition)
+
+
+def _hidden(message: str) -> NotIdentifiableError:
+    return NotIdentifiableError(message, advice=ADVICE, hidden=True)
 
 
 @dataclass
@@ -115,26 +106,9 @@ class _Problem:
 
     @classmethod
     def of(cls, data: AxisData, tanks: int) -> _Problem:
-        order, panels = 2 * tanks, data.panel_forces
-        kinds = kinds_of(tanks, len(panels))
-        signals = {
-            "f": [-x for x in integrals(data.force, data.time, order)],
-            "a": integrals(data.acceleration, data.time, order),
-        }
-        for s, panel in zip(panel_signals(len(panels)), panels, strict=True):
-            signals[s] = integrals(panel.force, data.time, order)
-        return cls(
-            data,
-            tanks,
-            kinds,
-            np.column_stack([signals[s][j] for s, j in kinds]),
-            np.column_stack(integrals(data.unit, data.time, order)),
-            row_noise(data, kinds, panels),
-        )
-
-    @property
-    def panels(self) -> tuple[PanelForce, ...]:
-        return self.data.panel_forces
+        kinds, columns = regression_columns(data, tanks)
+        ramps = np.column_stack(integrals(data.unit, data.time, 2 * tanks))
+        return cls(data, tanks, kinds, columns, ramps, row_noise(data, kinds))
 
     @property
     def sampling(self) -> float:
@@ -142,43 +116,35 @@ class _Problem:
         t = self.data.time
         return float((t[-1] - t[0]) / (len(t) - 1))
 
-    def whitened(self, x: np.ndarray, sections: list[Section]) -> np.ndarray:
-        return whiten(x, self.sampling, sections)
-
     def sections(self, pi: np.ndarray) -> list[Section]:
         value = dict(zip(self.kinds, pi, strict=True))
         return sections_of(np.array([1.0, *(value["a", j] for j in range(1, 2 * self.tanks + 1))]))
 
     def start(self) -> np.ndarray:
-        """Return unknowns (m_r, per tank (kappa, beta, m), rho / m_r) from the regression left linear.
+        """Return unknowns (m_r, per tank (kappa, beta, m), each rho / m_r) from the regression left linear.
 
         Its own bias columns are all powers of t, for the whitening filter is not yet Q.
         """
-        order = 2 * self.tanks
         frequency = 2.0 * np.pi * PERIODS / float(self.data.time[-1] - self.data.time[0])
         grid = frequency * (1.0 + np.arange(self.tanks))
-        sections = [(2.0 * FIRST_DAMPING * w, w**2) for w in grid]
-        pi, theta = np.full(len(self.kinds), np.nan), np.full(2, np.nan)
-        for _ in range(FIRST_PASSES if order else 1):
-            rows = np.column_stack([self.columns, self.ramps, -self.data.acceleration])
-            white = self.whitened(rows, sections)
+        sections, theta = [(2.0 * FIRST_DAMPING * w, w**2) for w in grid], np.zeros(0)
+        rows = np.column_stack([self.columns, self.ramps, -self.data.acceleration])
+        noise = np.zeros((rows.shape[1], rows.shape[1]))
+        noisy = [*range(len(self.kinds)), rows.shape[1] - 1]
+        noise[np.ix_(noisy, noisy)] = self.noise
+        for _ in range(FIRST_PASSES if self.tanks else 1):
+            white = whiten(rows, self.sampling, sections)
             scale = np.linalg.norm(white, axis=0)
-            noise = np.zeros((rows.shape[1], rows.shape[1]))
-            noisy = [*range(len(self.kinds)), rows.shape[1] - 1]
-            noise[np.ix_(noisy, noisy)] = self.noise
-            noise /= np.outer(scale, scale)
-            found = total_least_squares(white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise)
+            found = total_least_squares(
+                white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise / np.outer(scale, scale)
+            )
             pi = (found.x / scale[:-1] * scale[-1])[: len(self.kinds)]
             theta = fractions(pi, self.kinds, self.tanks)
             if not (np.isfinite(theta).all() and _sensible(theta, self.tanks)):
-                raise NotIdentifiableError(
-                    f"No slosh can be seen along {self.data.axis} to start from.",
-                    advice=ADVICE,
-                    regression=pi,
-                )
+                raise _hidden(f"No slosh can be seen along {self.data.axis} to start from.")
             sections = self.sections(pi)
         own = [theta[1 + 4 * i : 4 + 4 * i] for i in range(self.tanks)]
-        rho = theta[1 + 4 * self.tanks :][: len(self.panels)] / theta[0]
+        rho = theta[1 + 4 * self.tanks :][: len(self.data.panels)] / theta[0]
         return np.concatenate([theta[:1], *own, rho])
 
     def step(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,9 +154,9 @@ class _Problem:
         moved = unknowns[None, :] + 1e-30j * np.eye(n)
         slope = np.array([tied_parameters(row, self.kinds, self.tanks).imag / 1e-30 for row in moved]).T
         through = errors_through(self.kinds, pi, 2 * self.tanks)
-        biases = [self._from_imu(through)]
+        biases = [from_imu(self.data, through)]
         # without slosh both are a constant; those of several panels enter alike
-        biases += [through["p"]] if self.panels and self.tanks else []
+        biases += [through["p"]] if self.data.panels and self.tanks else []
         rows = np.column_stack(
             [
                 self.columns @ slope,
@@ -199,35 +165,29 @@ class _Problem:
             ]
         )
         sections = self.sections(pi)
-        white = self.whitened(rows, sections)
+        white = whiten(rows, self.sampling, sections)
         scale = np.linalg.norm(white[:, :-1], axis=0)
         turn = np.zeros((len(self.kinds) + 1, rows.shape[1]))
         turn[:-1, :n], turn[:-1, -1], turn[-1, -1] = slope, -pi, 1.0
         noise = turn.T @ self.noise @ turn
         full = np.append(scale, 1.0)
-        exact = [j for j in range(rows.shape[1] - 1) if not n - len(self.panels) <= j < n]
+        exact = [j for j in range(rows.shape[1] - 1) if not n - len(self.data.panels) <= j < n]
         found = total_least_squares(
             white[:, :-1] / scale, white[:, -1], noise=noise / np.outer(full, full), exact=exact
         )
         self.condition = found.condition
-        return (found.x / scale)[:n], self._influence(white[:, :-1], through, sections)[:n]
+        return (found.x / scale)[:n], self.influence(white[:, :-1], through, sections)[:n]
 
-    def _from_imu(self, through: dict[str, np.ndarray]) -> np.ndarray:
-        """Return by which polynomial the IMU's errors enter: they are in every p as well."""
-        signals = panel_signals(len(self.panels))
-        shares = (float(p.weights.sum()) * through[s] for s, p in zip(signals, self.panels, strict=True))
-        return through["a"] - sum(shares, start=np.zeros(2 * self.tanks + 1))
-
-    def _influence(
+    def influence(
         self, white: np.ndarray, through: dict[str, np.ndarray], sections: list[Section]
     ) -> np.ndarray:
         """Carry noise and drifts through filter, integrals and whitening into what ``white`` multiplies."""
         data = self.data
         back = whiten_transposed(white.T, self.sampling, sections)
-        from_a = self._from_imu(through)
+        from_a = from_imu(data, through)
         factors = [data.noise * adjoint(back, from_a, data)]
         factors.append(self._drift(back, from_a, data.drift, data.drift_time))
-        for s, p in zip(panel_signals(len(self.panels)), self.panels, strict=True):
+        for s, p in zip(data.signals, data.panels, strict=True):
             size = float(np.linalg.norm(p.weights))
             factors.append(p.noise * size * adjoint(back, through[s], data))
             factors.append(size * self._drift(back, through[s], p.drift, p.drift_time))
