@@ -43,47 +43,35 @@ def convergence_figures(summary: Summary, records: Sequence[RunRecord]) -> tuple
 
 
 def _coverage(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]) -> Figure:
-    most = max(len(errors[k][0]) for k in worst)
-    n = np.arange(1, most + 1)
+    n = np.arange(1, max(len(errors[k][0]) for k in worst) + 1)
     low, high = binom.ppf([[0.025], [0.975]], n, 0.95) / n
-    marks: list[Band | Curve | Rule] = [
-        Band("95 % band of one parameter", n, low, high, 2),
-        Rule("", 0.95, False, 2),
-    ]
-    for i, k in enumerate(worst):
-        inside = np.abs(errors[k][1]) < NORMAL95
-        share = np.cumsum(inside) / np.arange(1, len(inside) + 1)
-        marks.append(Curve(k, np.arange(1, len(share) + 1), share, COLOURS[i], "thin"))
-    plot = Plot(
-        Axis.over("runs", [[1, most]], room=0.0),
-        Axis.over("covered so far", [[0.5, 1.0]], room=0.02, count=5),
-        tuple(marks),
-        "running coverage of the parameters farthest off",
-    )
+    marks = [Band("95 % band of one parameter", n, low, high, 2), Rule("", 0.95, False, 2)]
+    marks += _running({k: np.abs(errors[k][1]) < NORMAL95 for k in worst})
+    y = Axis.over("covered so far", [[0.5, 1.0]], room=0.02, count=5)
+    alt = "running coverage of the parameters farthest off"
+    plot = Plot(Axis.over("runs", [[1, n[-1]]], room=0.0), y, marks, alt)
     caption = "The parameters whose coverage ends farthest from 95 %."
     return Figure("running-coverage", "Coverage as runs came in", plot, caption)
 
 
 def _bias(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]) -> Figure:
-    most = max(len(errors[k][0]) for k in worst)
-    n = np.arange(1, most + 1)
-    marks: list[Band | Curve | Rule] = [
-        Band("95 % band without bias", n, -NORMAL95 / np.sqrt(n), NORMAL95 / np.sqrt(n), 2),
-        Rule("", 0.0, False, 2),
-    ]
-    values = [np.array([-1.0, 1.0])]
-    for i, k in enumerate(worst):
-        z = errors[k][1]
-        mean = np.cumsum(z) / np.arange(1, len(z) + 1)
-        marks.append(Curve(k, np.arange(1, len(z) + 1), mean, COLOURS[i], "thin"))
-        values.append(mean[len(mean) // 10 :])
-    plot = Plot(
-        Axis.over("runs", [[1, most]], room=0.0),
-        Axis.over("mean error so far / predicted σ", values, count=5),
-        tuple(marks),
-        "running mean error of the same parameters",
-    )
+    n = np.arange(1, max(len(errors[k][0]) for k in worst) + 1)
+    edge = NORMAL95 / np.sqrt(n)
+    means = _running({k: errors[k][1] for k in worst})
+    values = [np.array([-1.0, 1.0]), *(c.y[len(c.y) // 10 :] for c in means)]
+    y = Axis.over("mean error so far / predicted σ", values, count=5)
+    marks = (Band("95 % band without bias", n, -edge, edge, 2), Rule("", 0.0, False, 2), *means)
+    alt = "running mean error of the same parameters"
+    plot = Plot(Axis.over("runs", [[1, n[-1]]], room=0.0), y, marks, alt)
     return Figure("running-bias", "Bias as runs came in", plot)
+
+
+def _running(series: dict[str, np.ndarray]) -> list[Curve]:
+    """Return the mean so far of every series, run after run."""
+    return [
+        Curve(k, np.arange(1, len(x) + 1), np.cumsum(x) / np.arange(1, len(x) + 1), COLOURS[i], "thin")
+        for i, (k, x) in enumerate(series.items())
+    ]
 
 
 def _quantiles(errors: dict[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
@@ -97,12 +85,9 @@ def _quantiles(errors: dict[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
         Curve("as predicted", ends, ends, 2, "dash"),
         Curve("all errors", expected[keep], z[keep], 0, "ticks"),
     )
-    plot = Plot(
-        Axis.over("quantile of the Gaussian", [ends]),
-        Axis.over("error / predicted σ", [z[keep], ends], within=(-12.0, 12.0)),
-        marks,
-        "errors in predicted standard deviations against Gaussian quantiles",
-    )
+    y = Axis.over("error / predicted σ", [z[keep], ends], within=(-12.0, 12.0))
+    alt = "errors in predicted standard deviations against Gaussian quantiles"
+    plot = Plot(Axis.over("quantile of the Gaussian", [ends]), y, marks, alt)
     caption = (
         f"{len(z)} errors of {len(errors)} parameters, divided by the standard deviation predicted for each. "
         "On the line: intervals are right. Steeper: too short."

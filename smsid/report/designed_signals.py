@@ -46,33 +46,22 @@ def _kinds(model: SpacecraftModel) -> Iterator[tuple[str, str, str, Sequence[str
     yield "joint_motion", "Angles of the joints", "rad", model.arm_joints.names
 
 
-def _figures(
-    key: str,
-    names: Sequence[str],
-    unit: str,
-    now: tuple[Profile | None, float],
-    then: tuple[Profile | None, float],
-) -> tuple[Figure, ...]:
+Timed = tuple[Profile | None, float]
+
+
+def _figures(key: str, names: Sequence[str], unit: str, now: Timed, then: Timed) -> tuple[Figure, ...]:
     curves = []
-    for (profile, duration), label, colour, style in (
-        (then, "before", 2, "thin"),
-        (now, "designed", 0, "line"),
-    ):
+    kinds = ((then, "before", 2, "thin"), (now, "designed", 0, "line"))
+    for (profile, duration), label, colour, style in kinds:
         if profile is not None:
             curves.append((label, colour, style, *signal_points(profile.signal(), duration)))
     out = []
     for k, name in enumerate(names):
-        own = [
-            Curve(label, t, x[:, k], colour, style) for label, colour, style, t, x in curves if x[:, k].any()
-        ]
+        own = [Curve(name_, t, x[:, k], hue, style) for name_, hue, style, t, x in curves if x[:, k].any()]
         if not own:
             continue
-        body = Plot(
-            Axis.over("time [s]", [c.x for c in own], room=0.0, count=6),
-            Axis.over(unit, [c.y for c in own], count=4),
-            tuple(own),
-            f"{name} over time, designed and before",
-            HEIGHT,
-        )
+        x = Axis.over("time [s]", [c.x for c in own], room=0.0, count=6)
+        y = Axis.over(unit, [c.y for c in own], count=4)
+        body = Plot(x, y, own, f"{name} over time, designed and before", HEIGHT)
         out.append(Figure(f"{key}-{k}", name, body))
     return tuple(out)

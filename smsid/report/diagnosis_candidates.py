@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from smsid.diagnose.score_test import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.stepwise import Search
-from smsid.report.heat import HeatCell, HeatMap, step_of
+from smsid.report.heat import correlation_map
 from smsid.report.model import Figure
 
-SHOWN, COMPARED = 24, 14
-EDGES = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
-TOLD_APART = 0.9
+COMPARED = 14
 
 
 def rescore(search: Search) -> tuple[Score, ...]:
@@ -31,13 +31,6 @@ def rescore(search: Search) -> tuple[Score, ...]:
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
 
 
-def threshold(search: Search) -> float:
-    """Return the likelihood ratio of one degree of freedom that is significant over all candidates."""
-    from scipy.stats import chi2
-
-    return float(chi2.isf(search.levels.candidate / max(search.candidates, 1), 1))
-
-
 def alias_matrix(search: Search, scores: Sequence[Score]) -> Figure | None:
     """Return the correlations of the strongest candidates' signatures, nominal parameters projected out."""
     wanted = {c.score.candidate.key for c in search.causes}
@@ -49,29 +42,13 @@ def alias_matrix(search: Search, scores: Sequence[Score]) -> Figure | None:
     if len(chosen) < 2:
         return None
     n = len(chosen)
-    values = [[1.0] * n for _ in range(n)]
+    values = np.ones((n, n))
     for i in range(n):
         for j in range(i):
-            values[i][j] = values[j][i] = correlation(chosen[i], chosen[j])
-    cells = tuple(
-        tuple(
-            HeatCell(
-                0 if i == j else step_of(values[i][j], EDGES),
-                "1" if i == j else f"{values[i][j]:.2f}",
-                f"{label(chosen[i].candidate)} and {label(chosen[j].candidate)}: {values[i][j]:.3f}",
-                i != j and values[i][j] >= TOLD_APART,
-            )
-            for j in range(n)
-        )
-        for i in range(n)
-    )
-    body = HeatMap(
-        tuple(f"{label(s.candidate)}  {i}" for i, s in enumerate(chosen, 1)),
-        tuple(str(i) for i in range(1, n + 1)),
-        cells,
-        "correlations of the candidates' signatures in this experiment",
-        ((0, "below 0.1"), (3, "0.5"), (5, "0.8"), (6, "0.9"), (7, "0.97"), (-1, "0.9 and above")),
-        square=True,
+            values[i, j] = values[j, i] = correlation(chosen[i], chosen[j])
+    names = [label(s.candidate) for s in chosen]
+    body = correlation_map(
+        names, names, values, "correlations of the candidates' signatures in this experiment"
     )
     caption = (
         "Largest canonical correlation of two candidates' signatures, nominal parameters projected out. Near "

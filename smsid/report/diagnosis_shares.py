@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from smsid.diagnose.score_test import Candidate
 from smsid.report.axes import Axis, ticks_of
-from smsid.report.diagnosis_map import COLUMNS, column_of, order_rows, row_of
+from smsid.report.diagnosis_candidates import label
+from smsid.report.diagnosis_map import column_of, row_of, strongest_by_place
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import share
@@ -15,13 +15,7 @@ EDGES = (0.02, 0.1, 0.25, 0.45, 0.65, 0.8, 0.95)
 SHOWN = 14
 SCALE = (
     (0, "below 2 %"),
-    (1, "2 %"),
-    (2, "10 %"),
-    (3, "25 %"),
-    (4, "45 %"),
-    (5, "65 %"),
-    (6, "80 %"),
-    (7, "95 %"),
+    *((k, f"{100 * x:g} %") for k, x in enumerate(EDGES, 1)),
     (-1, "where it comes from"),
 )
 OF_CAUSES = (
@@ -40,35 +34,20 @@ OF_REST = (
 
 def share_map(found: Shares) -> Figure | None:
     """Return the map of equation by dependence in shares, the one strongest place framed."""
-    best: dict[tuple[str, str], Place] = {}
-    for p in found.places:
-        key = row_of(p.where), column_of(p.dependence)
-        if key not in best or p.share > best[key].share:
-            best[key] = p
+    rows, columns, best = strongest_by_place(found.places, lambda p: p.share)
     if not best:
         return None
-    rows = order_rows(dict.fromkeys(k for k, _ in best))
-    known = [c for c in COLUMNS if any(d == c for _, d in best)]
-    columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
     top = found.places[0]
     place = (row_of(top.where), column_of(top.dependence)) if top.share >= TELLING else None
-    cells = tuple(tuple(_cell(best.get((r, c)), (r, c) == place) for c in columns) for r in rows)
-    where = (
-        f"strongest: {top.where} against {top.dependence}, {percent(top.share)}"
-        if place
-        else "none stands out"
-    )
-    body = HeatMap(
-        tuple(rows), tuple(columns), cells, f"shares of the misfit by place; {where}", SCALE, "share"
-    )
-    title = (
-        f"Where it comes from: {top.where}, as a function of its {top.dependence}"
-        if place
-        else "Where it comes from: no one place"
-    )
-    return Figure(
-        "share-map", title.replace("its its", "its"), body, OF_CAUSES if found.of_causes else OF_REST
-    )
+    cells = [[_cell(best.get((r, c)), (r, c) == place) for c in columns] for r in rows]
+    where, title = "none stands out", "Where it comes from: no one place"
+    if place:
+        where = f"strongest: {top.where} against {top.dependence}, {percent(top.share)}"
+        title = f"Where it comes from: {top.where}, as a function of its {top.dependence}".replace(
+            "its its", "its"
+        )
+    body = HeatMap(rows, columns, cells, f"shares of the misfit by place; {where}", SCALE, "share")
+    return Figure("share-map", title, body, OF_CAUSES if found.of_causes else OF_REST)
 
 
 def share_ranking(found: Shares) -> Figure | None:
@@ -81,18 +60,13 @@ def share_ranking(found: Shares) -> Figure | None:
         series = 0 if c.cause else 1 if c.alias else 2
         what = {0: "the cause", 1: "not told from it"}.get(series, "")
         text = f"{percent(c.share)} {what}".strip()
-        rows.append(Row(in_words(c.candidate), (Bar(c.share, series, tip=text),), text))
-    legend = [
-        ("named as cause", 0, "bar"),
-        ("not told from a cause", 1, "bar"),
-        ("other candidates", 2, "bar"),
-    ]
+        rows.append(Row(label(c.candidate), (Bar(c.share, series, tip=text),), text))
+    names = ("named as cause", "not told from a cause", "other candidates")
     used = {r.items[0].series for r in rows}
+    legend = [(name, k, "bar") for k, name in enumerate(names) if k in used]
     ticks = tuple((v, f"{100 * v:g} %") for v, _ in ticks_of(0.0, 1.0, count=6))
     axis = Axis("share explained by one candidate alone", 0.0, 1.02, False, ticks)
-    chart = RowChart(
-        axis, tuple(rows), "shares that candidates explain", tuple(x for x in legend if x[1] in used)
-    )
+    chart = RowChart(axis, rows, "shares that candidates explain", legend)
     caption = (
         "How much of what the cause does each other candidate could do alone in its stead; the cause "
         "has all of "
@@ -109,11 +83,6 @@ def share_ranking(found: Shares) -> Figure | None:
 def percent(x: float) -> str:
     """Return a share in whole per cents, with one digit where it is small."""
     return share(x, 2) if x < 0.0995 else f"{100 * x:.0f} %"
-
-
-def in_words(c: Candidate) -> str:
-    """Return a candidate as shape and place."""
-    return f"{c.shape.replace('_', ' ')} at {c.location}"
 
 
 def _cell(p: Place | None, here: bool) -> HeatCell:

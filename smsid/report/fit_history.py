@@ -28,27 +28,18 @@ def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Secti
     starts = [k for k, x in enumerate(history) if x.step is None][1:]
     rules = tuple(Rule("searched again", float(k), colour=2) for k in starts)
     n = np.arange(len(history), dtype=float)
-    figures = [
-        Figure(
-            f"{prefix}fit-cost",
-            "Sum of squares per sample",
-            Plot(
-                _iterations(len(history)),
-                Axis.over("cost / samples", [cost], log=bool(cost.max() > WIDE * cost.min()), count=5),
-                (*rules, Curve("", n, cost), Curve("", n, cost, 0, "points")),
-                f"cost by iteration, from {number(cost[0], 5)} to {number(cost[-1], 5)}",
-                HEIGHT,
-            ),
-        )
-    ]
+    y = Axis.over("cost / samples", [cost], log=bool(cost.max() > WIDE * cost.min()), count=5)
+    alt = f"cost by iteration, from {number(cost[0], 5)} to {number(cost[-1], 5)}"
+    marks = (*rules, Curve("", n, cost), Curve("", n, cost, 0, "points"))
+    body = Plot(_iterations(len(history)), y, marks, alt, HEIGHT)
+    figures = [Figure(f"{prefix}fit-cost", "Sum of squares per sample", body)]
     if np.isfinite(step).any():
-        body = Plot(
-            _iterations(len(history)),
+        y, alt = (
             Axis.over("step [σ]", [step, [1.0]], log=True, count=5),
-            (*rules, Rule("one σ", 1.0, False, 2), Curve("", n, step), Curve("", n, step, 0, "points")),
             "largest step of a parameter by iteration",
-            HEIGHT,
         )
+        marks = (*rules, Rule("one σ", 1.0, False, 2), Curve("", n, step), Curve("", n, step, 0, "points"))
+        body = Plot(_iterations(len(history)), y, marks, alt, HEIGHT)
         figures.append(Figure(f"{prefix}fit-steps", "Largest step of a parameter", body))
     caption = (
         "Cost: residuals and priors in standard deviations of the noise, squared and summed. The noise is "
@@ -56,7 +47,7 @@ def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Secti
         "far the parameter that moved most went, in its own standard deviation. The search ends where the "
         "next step would gain next to nothing."
     )
-    grid = Grid("The maximum-likelihood search, iteration by iteration", tuple(figures), caption)
+    grid = Grid("The maximum-likelihood search, iteration by iteration", figures, caption)
     gist = f"{len(history) - 1} iterations"
     gist += "" if history[-1].step is None else f", last step {number(history[-1].step, 2)} σ"
     return [Section(f"{prefix}convergence", "Convergence of the fit", (grid,), gist)]

@@ -6,9 +6,9 @@ from smsid.description.schema import Description
 from smsid.estimation.fit_quality import ChannelFit
 from smsid.estimation.identify import Identified
 from smsid.report.fit_history import convergence_section
-from smsid.report.model import Cell, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Provenance, Report, Section, Table, Text, Tone, cells, notes_section
 from smsid.report.numbers import number
-from smsid.report.parameters import Known, identifiability, parameter_table, reported_parameters
+from smsid.report.parameters import Known, parameter_section, reported_parameters
 
 TONES: dict[str, Tone] = {"explained": "good", "roughly": "warn", "not explained": "bad"}
 
@@ -23,26 +23,14 @@ def flights_report(description: Description, found: Identified, origin: Provenan
     """
     estimate, quality = found.estimate, found.quality
     own = reported_parameters(estimate)
-    single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
-    parts: list[Text | Table] = []
     sections: list[Section] = []
     if quality is not None:
         text = [quality.sentence, *(c.sentence for c in found.contradictions)]
         body = (Text(tuple(text), bullets=len(text) > 1), _channels(quality.channels))
         sections.append(Section("fit", "Does the model explain the recordings?", body))
-    figures = []
-    for key, title, some in (
-        ("single", "Mass, effects and single inertial parameters", single),
-        ("mixed", "Combinations of inertial parameters that the motion depends on", mixed),
-    ):
-        if some:
-            figures.append(identifiability(f"known-{key}", some, Known()))
-            parts.append(parameter_table(title, some, Known()))
-    sections.append(Section("parameters", "Parameters", (*figures, *parts), f"{len(own)} with intervals"))
+    sections.append(parameter_section(own, Known(), "Mass, effects and single inertial parameters"))
     sections += convergence_section("", estimate.history)
-    sections.append(
-        Section("notes", "Notes", (Text(estimate.notes, bullets=True),), f"{len(estimate.notes)}", open=False)
-    )
+    sections += notes_section(estimate.notes)
     good = [p for p in own if p.status == "identifiable"]
     sentence = quality.sentence if quality is not None else f"{len(own)} parameters are estimated."
     tone: Tone = "neutral" if quality is None else TONES[quality.judgement]
@@ -53,31 +41,19 @@ def flights_report(description: Description, found: Identified, origin: Provenan
         ("recordings", f"{len(estimate.recordings)}"),
         ("time", f"{number(estimate.timing['total'], 3)} s"),
     ]
-    return Report(
-        "Identification by maximum likelihood",
-        description.name,
-        sentence,
-        tone,
-        tuple(sections),
-        origin,
-        tuple(glance),
-    )
+    title = "Identification by maximum likelihood"
+    return Report(title, description.name, sentence, tone, sections, origin, glance)
 
 
 def _channels(channels: tuple[ChannelFit, ...]) -> Table:
-    rows = tuple(
-        (
-            Cell(f"{c.recording}: {c.channel}"),
-            Cell(number(c.ratio, 3), c.ratio, TONES[c.judgement]),
-            Cell(number(c.correlation, 2), c.correlation),
-            Cell(c.component),
+    rows = [
+        cells(
+            f"{c.recording}: {c.channel}", (c.ratio, 3, TONES[c.judgement]), (c.correlation, 2), c.component
         )
         for c in channels
+    ]
+    columns = ("channel", "#over its stated noise", "#largest autocorrelation", "worst component")
+    note = (
+        "1 is the sensors' noise; less where an input that nobody recorded is estimated from sample to sample"
     )
-    return Table(
-        "What is left of each channel",
-        ("channel", "#over its stated noise", "#largest autocorrelation", "worst component"),
-        rows,
-        note="1 is the sensors' noise; less where an input that nobody recorded is estimated from sample to "
-        "sample",
-    )
+    return Table("What is left of each channel", columns, rows, note=note)

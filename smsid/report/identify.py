@@ -16,9 +16,9 @@ from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.report.fit_history import convergence_section
-from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
-from smsid.report.numbers import number, unit
-from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported_parameters
+from smsid.report.model import Grid, Provenance, Report, Section, Text, Tone, notes_section
+from smsid.report.numbers import number, raised
+from smsid.report.parameters import Known, correlations, parameter_section, reported_parameters
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
@@ -55,16 +55,13 @@ def identify_report(
     sentence, tone = verdict(estimate, left)
     good = [p for p in reported_parameters(estimate) if p.status == "identifiable"]
     glance = [("identifiable", f"{len(good)} of {len(reported_parameters(estimate))}")]
-    glance += (
-        [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
-    )
+    if "total.mass" in estimate:
+        glance.append(("total mass", f"{number(estimate['total.mass'].value, 6)} kg"))
     worst = worst_ratio(left)
     glance += [("residual / noise, worst", number(worst[1], 3))] if worst else []
     glance += [("time", f"{number(linear.estimate.timing['total'] + _extra(refined), 3)} s")]
     method = "maximum likelihood" if refined is not None else "the paper's linear method"
-    return Report(
-        f"Identification by {method}", description.name, sentence, tone, sections, origin, tuple(glance)
-    )
+    return Report(f"Identification by {method}", description.name, sentence, tone, sections, origin, glance)
 
 
 def identify_sections(
@@ -81,17 +78,8 @@ def identify_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of an identification; ``prefix`` tells several on one page apart."""
     estimate = refined.estimate if refined is not None else linear.estimate
-    own = reported_parameters(estimate)
-    single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
-    parts: list[Text | Table | Figure | Grid] = []
-    for key, title, some in (
-        ("single", "Mass, slosh, appendages and single inertial parameters", single),
-        ("mixed", "Combinations of inertial parameters that the motion depends on", mixed),
-    ):
-        if some:
-            parts.append(identifiability(f"{prefix}known-{key}", some, known))
-            parts.append(parameter_table(title, some, known))
-    out = [Section(f"{prefix}parameters", "Parameters", tuple(parts), f"{len(own)} with intervals")]
+    single = "Mass, slosh, appendages and single inertial parameters"
+    out = [parameter_section(reported_parameters(estimate), known, single, prefix)]
     if left:
         out += residual_sections(prefix, left, budget)
     elif problem:
@@ -100,12 +88,7 @@ def identify_sections(
     out += convergence_section(prefix, estimate.history)
     out += _modes(description, recordings, linear, prefix)
     out += _aliases(refined, prefix)
-    notes = tuple(dict.fromkeys((*linear.estimate.notes, *estimate.notes)))
-    if notes:
-        out.append(
-            Section(f"{prefix}notes", "Notes", (Text(notes, bullets=True),), f"{len(notes)}", open=False)
-        )
-    return tuple(out)
+    return (*out, *notes_section((*linear.estimate.notes, *estimate.notes), prefix))
 
 
 def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> list[Section]:
@@ -114,15 +97,14 @@ def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> li
     worst = worst_ratio(left)
     gist = f"largest residual / noise {number(worst[1], 3)}, {worst[0]}" if worst else ""
     groups = {f"{r.recording}: {c}": traces for r in left for c, traces in r.channels.items()}
-    labels = ("as described", "as identified")
+    grid = spectrum_grid(f"{prefix}spectrum", groups, labels=("as described", "as identified"))
+    title, before = (
+        "Spectra of the residuals, before and after",
+        "before: as described, initial pose and biases fitted",
+    )
     return [
         Section(f"{prefix}residuals", "Measured against simulated", (figure, table), gist),
-        Section(
-            f"{prefix}spectra",
-            "Spectra of the residuals, before and after",
-            (spectrum_grid(f"{prefix}spectrum", groups, labels=labels),),
-            "before: as described, initial pose and biases fitted",
-        ),
+        Section(f"{prefix}spectra", title, (grid,), before),
     ]
 
 
@@ -194,7 +176,7 @@ def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
     own = reported_parameters(refined.estimate)
     figure = correlations(f"{prefix}correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
-    lines = tuple(unit(d.text) for d in refined.unseen)
+    lines = tuple(raised(d.text) for d in refined.unseen)
     out = []
     if figure is not None:
         out.append(Section(f"{prefix}aliases", "What moves together", (figure,), "correlations of estimates"))

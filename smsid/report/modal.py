@@ -12,7 +12,7 @@ from smsid.identify.ssi_decimate import decimate
 from smsid.lab.modal import AmbientModes
 from smsid.report.axes import Axis
 from smsid.report.correlations import correlation_traces
-from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.parameters import Known, identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
@@ -57,24 +57,18 @@ def modal_report(
         gist = f"{len(found.modes)} modes, 95 % intervals"
         sections.append(Section("parameters", "Modes", (chart, table, _shapes(found)), gist))
     ratio = traces[0].whitened_rms
-    body = Traces(
-        traces,
-        "correlation of an output over lag, measured and as the modes make it",
-        0,
-        ("measured", "fitted", "residual", ""),
-        "± 2 σ of its scatter",
-        along="lag [s]",
-    )
+    alt = "correlation of an output over lag, measured and as the modes make it"
+    labels = ("measured", "fitted", "residual", "")
+    body = Traces(traces, alt, 0, labels, "± 2 σ of its scatter", along="lag [s]")
     caption = (
         "Autocorrelations relative to the variance: what free decay would look like. Frequencies and damping "
         "are those identified. The strongest output is shown first."
     )
     figure = Figure("traces", "Correlations, measured and fitted", body, caption)
     left = residual_table("traces", traces, "scatter", NOTE)
+    gist = f"{channel}, {outputs.shape[1]} outputs"
     sections += [
-        Section(
-            "residuals", "Measured against fitted", (figure, left), f"{channel}, {outputs.shape[1]} outputs"
-        ),
+        Section("residuals", "Measured against fitted", (figure, left), gist),
         Section("spectrum", "Spectrum of the outputs", (_spectrum(outputs, rate, highest, found),)),
         Section("diagram", "Stabilisation diagram", _diagram(name, found, highest), "over model orders"),
     ]
@@ -82,8 +76,7 @@ def modal_report(
     glance = [("modes", str(len(found.modes))), ("harmonics", str(len(found.harmonics)))]
     glance += [("residual / scatter, strongest output", number(ratio, 3))]
     glance += [("record", f"{number(len(outputs) / rate, 4)} s at {number(rate, 4)} Hz")]
-    return Report("Modes from ambient vibration", name, sentence, tone, tuple(sections), origin,
-                  tuple(glance))  # fmt: skip
+    return Report("Modes from ambient vibration", name, sentence, tone, sections, origin, glance)
 
 
 def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
@@ -121,23 +114,18 @@ def _shapes(found: AmbientModes) -> Table:
     for k, m in enumerate(found.modes, 1):
         excited = Cell("by a few impacts", tone="warn") if m.impulsive else Cell("by lasting noise")
         shape = m.shape / m.shape[int(np.argmax(np.abs(m.shape)))]
-        rows.append(
-            (
-                Cell(f"mode {k}"),
-                Cell(number(m.frequency, 5), m.frequency),
-                Cell(share(m.contribution), m.contribution),
-                Cell(share(m.windows, 3), m.windows),
-                Cell(number(m.kurtosis, 3), m.kurtosis),
-                excited,
-                *(Cell(number(float(x), 3), float(x)) for x in shape),
-            )
+        shares = (
+            (m.frequency, 5),
+            Cell(share(m.contribution), m.contribution),
+            Cell(share(m.windows, 3), m.windows),
         )
+        rows.append(cells(f"mode {k}", *shares, (m.kurtosis, 3), excited, *((float(x), 3) for x in shape)))
     note = (
         "Response: share of the covariance. Windows: share of the lengths of past and future used that have "
         "the mode. Kurtosis of its band: 3 for lasting noise, 1.5 for a sine, much more for impacts. Then "
         "the shape by output, largest entry one."
     )
-    return Table("Shapes and how they were excited", columns, tuple(rows), note)
+    return Table("Shapes and how they were excited", columns, rows, note)
 
 
 def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientModes) -> Figure:
@@ -149,13 +137,9 @@ def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientMo
     marks: list[Curve | Rule] = [Rule(f"{number(m.frequency, 4)} Hz", m.frequency) for m in found.modes]
     marks += [Rule(f"{number(x, 4)} Hz, harmonic", x, colour=1) for x in found.harmonics]
     marks.append(Curve("all outputs, each by its variance", f[kept], mean, 2, "thin"))
-    body = Plot(
-        Axis.over("frequency [Hz]", [[0.0, 1.1 * highest]], room=0.0, count=8),
-        Axis.over("density [1/Hz]", [mean], log=True, count=4),
-        tuple(marks),
-        "power spectral density of the outputs with the modes found",
-        230,
-    )
+    x = Axis.over("frequency [Hz]", [[0.0, 1.1 * highest]], room=0.0, count=8)
+    y = Axis.over("density [1/Hz]", [mean], log=True, count=4)
+    body = Plot(x, y, marks, "power spectral density of the outputs with the modes found", 230)
     return Figure("psd", "Power spectral density", body, "Upright lines: modes, and harmonics if any.")
 
 

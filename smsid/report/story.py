@@ -11,7 +11,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
 from smsid.recording import Recording
-from smsid.report.model import Figure, Grid, Section, Table, Text
+from smsid.report.model import Part, Section, Text
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, curves, error_table, most_different, open_loop
 
@@ -45,22 +45,18 @@ def story_section(
         LOGGER.info("open loop: %s", error)
         return Section("story", title, (Text((f"Not evaluated: {error}",)),), kind), None
     before, after = next(iter(models)), list(models)[-1]
-    parts: list[Text | Table | Figure | Grid] = []
+    parts: list[Part] = []
     if before in found.models and after in found.models:
-        names = list(models)
-        palette = COLOURS if len(names) == 3 else (COLOURS[0], COLOURS[-1])
-        shown = most_different(found, before, after)
-        if shown:
-            heading = f"'{recording.name}': {kind}"
-            parts.append(
-                curves(found, shown, "before-after", heading, dict(zip(names, palette, strict=True)))
-            )
+        palette = dict(zip(models, COLOURS if len(models) == 3 else (COLOURS[0], COLOURS[-1]), strict=True))
+        heading = f"'{recording.name}': {kind}"
+        if shown := most_different(found, before, after):
+            parts.append(curves(found, shown, "before-after", heading, palette))
         else:
             parts.append(Text(("In no channel do the models differ by more than three times its noise.",)))
     parts.append(error_table(found, before, after))
     if gain is not None and math.isfinite(gain.explained):
         parts.insert(1, Text((gain_sentence(gain),)))
-    return Section("story", title, tuple(parts), kind), found
+    return Section("story", title, parts, kind), found
 
 
 def gain_sentence(g: Gain) -> str:

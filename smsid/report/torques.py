@@ -37,8 +37,8 @@ def torque_traces(found: TorqueSearch) -> tuple[Trace, ...]:
     out = []
     for k, joint in enumerate(equations.names):
         measured, left = equations.torque[:, k], fit.residual[:, k]
-        was = None if before is None else before[:, k]
-        sigma = float(equations.noise[k])
-        name = f"torque of {joint}"
-        out.append(Trace(name, "N m", equations.time, measured, measured - left, left, sigma, was))
+        values, was = (measured, measured - left, left), None if before is None else before[:, k]
+        out.append(
+            Trace(f"torque of {joint}", "N m", equations.time, *values, float(equations.noise[k]), was)
+        )
     return tuple(out)

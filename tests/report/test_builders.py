@@ -153,7 +153,9 @@ def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
     page = check_page(render(report), names)
     assert report.tone == "good"
     assert report.verdict.startswith("Explained. In plain words: joint2 has viscous friction")
-    assert "0.0500 ± 0.0039 N m s/rad" in report.verdict  # 95 %, not one standard deviation
+    assert (
+        "0.0500 ± 0.0039 N\N{NO-BREAK SPACE}m\N{NO-BREAK SPACE}s/rad" in report.verdict
+    )  # 95 %, not one standard deviation
     cells = page.texts["td"]
     assert {"± 0.0039", "move the joint at several rates", "0.97"} <= set(cells)
     assert report.sections[1].summary == "2 of 4 tests significant before, 0 after"
