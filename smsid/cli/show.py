@@ -13,7 +13,7 @@ from smsid.cli import show_parts as parts
 from smsid.cli.errors import Outcome
 from smsid.cli.file_kind import kind_of, read_json
 from smsid.cli.options import ShowAll
-from smsid.cli.output import asks_json, console
+from smsid.cli.output import asks_json, print_parts
 
 
 def show_command(
@@ -29,9 +29,7 @@ def show_command(
     """Show what is in a file."""
     if asks_json():  # a file is read and checked once
         return Outcome(file_document(file))
-    out = console()
-    for part in show_file(file, everything=show_all):
-        out.print(part, highlight=False)
+    print_parts(show_file(file, everything=show_all))
     return Outcome()
 
 

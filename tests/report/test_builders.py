@@ -97,8 +97,8 @@ TESTS = (
 
 def test_the_map_has_the_strongest_test_of_every_cell_and_marks_what_is_significant():
     body = diagnosis_map("m", "map", TESTS, level=0.001).body
-    assert body.rows == ("torque of joint2", "torque of joint10", "imu.acceleration")
-    assert body.columns == ("rate", "its own past (frequency)")
+    assert body.rows == ["torque of joint2", "torque of joint10", "imu.acceleration"]
+    assert body.columns == ["rate", "its own past (frequency)"]
     assert [[c.marked for c in row] for row in body.cells] == [[True, False], [False, False], [False, True]]
     assert float(body.cells[0][0].text) == pytest.approx(-math.log10(4 * chi2.sf(80.0, 3)), abs=0.5)
     assert body.cells[1][1].step == -1
