@@ -134,8 +134,8 @@ def _fly_study(
     return flown
 
 
-def study_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
-    """Yield what to print of a study of Table 4: which is smaller, by how much, every case."""
+def study_parts(d: Mapping[str, Any], *, everything: bool = True) -> Iterator[RenderableType]:
+    """Yield what to print of a study of Table 4: which is smaller, by how much, every case (always)."""
     from smsid.cli.tables import plain_table
     from smsid.paper.table4_study import COLUMNS, study_cells, study_lines
 

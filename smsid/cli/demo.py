@@ -112,23 +112,20 @@ def _table_2(estimate: Estimate) -> Table:
 
 def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]:
     """Write the replay of the flight that was not used, measured and simulated; the page shows the same."""
+    from smsid.description import load_description
+    from smsid.recording import load_recording
     from smsid.report.model import Frame
-    from smsid.view import view_main
+    from smsid.view import export_html, played
 
+    described, flight = load_description(which.description), load_recording(which.validation)
     try:
-        path, _ = view_main(
-            which.description,
-            which.validation,
-            output / "flight.html",
-            simulated=True,
-            title="The flight not used",
-        )
+        view = played(described, [flight], [which.validation.stem], simulated=True)
+        path = export_html(view, output / "flight.html", title="The flight not used")
     except MissingDependencyError:
         return None, []
     caption = (
-        "The flight that was not used: as measured, and as a ghost what the description makes of the "
-        "same commands. "
-        "Drag to turn, scroll to come nearer."
+        "The flight that was not used: as measured, and as a ghost what the description makes of the same "
+        "commands. Drag to turn, scroll to come nearer."
     )
     html = path.read_text(encoding="utf-8")
     return Frame(html, "the craft in motion, measured and as described", 430, caption), [path]
