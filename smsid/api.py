@@ -231,8 +231,7 @@ def report(
     """
     from smsid.estimation.identify import identify_spacecraft
     from smsid.report import provenance, write_report
-    from smsid.report.flights import flights_report
-    from smsid.report.identify import identify_report
+    from smsid.report.identify import flights_report, identify_report
 
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     found = identify_spacecraft(spacecraft, given, method=method)

@@ -13,8 +13,11 @@ from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_recordings, write_page
 from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
 from smsid.cli.output import console, print_parts, say, working
-from smsid.cli.states import StatesPath, check_states, write_states
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from smsid.estimation.identify_flights import FlightEstimate
 
 if TYPE_CHECKING:
     from smsid.description import Description
@@ -197,8 +200,7 @@ def identify_command(
     save_estimate(estimate, output)
 
     def page(origin: Provenance) -> Report:
-        from smsid.report.flights import flights_report
-        from smsid.report.identify import identify_report
+        from smsid.report.identify import flights_report, identify_report
 
         if found.linear is None:
             return flights_report(described, found, origin)
@@ -258,3 +260,35 @@ def _point(text: str) -> tuple[float, float, float]:
     if not all(isfinite(v) for v in (x, y, z)):
         raise SmsidError(f"--tracked-point '{text}' is not finite.", advice="Give three numbers [m].")
     return x, y, z
+
+
+StatesPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--states",
+        help="recording to write as well of what no sensor saw: slosh, modes and biases with standard "
+        "deviations; identifies by the filter (--method filter)",
+    ),
+    Writes((".nc",)),
+]
+
+
+def check_states(method: str, root: str) -> str:
+    """Return the method that estimates hidden states instead of one; raise `SmsidError` if there is none."""
+    if root == "fixed" or method == "paper":
+        raise SmsidError(
+            "--states is for spacecraft identified by the filter.",
+            advice="Leave it out, or use --method filter.",
+        )
+    return "filter"
+
+
+def write_states(found: FlightEstimate, path: Path) -> None:
+    """Write the smoothed hidden states of flights as a recording."""
+    from smsid.cli.output import working
+    from smsid.estimation.hidden_states import hidden_states
+    from smsid.recording import save_recording
+
+    with working("smoothing hidden states"):
+        states = hidden_states(found)
+    save_recording(states, path)

@@ -15,20 +15,17 @@ from smsid.diagnose.result import Diagnosis
 from smsid.diagnose.stepwise import Search
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
-from smsid.report.diagnosis_candidates import alias_matrix, rescore
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
-from smsid.report.diagnosis_shares import share_map, share_ranking
+from smsid.report.diagnosis_shares import alias_matrix, rescore, share_map, share_ranking
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
-from smsid.report.innovations import innovation_traces, whitened_groups
+from smsid.report.innovations import innovation_traces, torque_sections, whitened_groups
 from smsid.report.model import Figure, Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
-from smsid.report.open_loop import OpenLoop
+from smsid.report.open_loop import OpenLoop, story_section
 from smsid.report.plain_words import plain_words
 from smsid.report.residuals import residual_table
 from smsid.report.shares import Shares, shares_of
 from smsid.report.spectra import spectrum_grid
-from smsid.report.story import story_section
-from smsid.report.torques import torque_sections
 from smsid.report.traces import Trace, Traces
 
 BUDGET = 250_000

@@ -6,8 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.stepwise import Search
+from smsid.diagnose.torque.search import TorqueSearch
 from smsid.recording import Recording
-from smsid.report.traces import Trace
+from smsid.report.model import Figure, Section
+from smsid.report.residuals import residual_table
+from smsid.report.spectra import spectrum_grid
+from smsid.report.traces import Trace, Traces
 
 
 def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Trace, ...]]:
@@ -53,3 +57,37 @@ def whitened_groups(found: Search) -> dict[str, tuple[Trace, ...]]:
         )
         for b in data.blocks
     }
+
+
+BUDGET = 200_000
+NOTE = "Noise: the torque's white noise within the band that is compared."
+
+
+def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:
+    """Return measured against predicted torques, and the spectra of what is left."""
+    traces = torque_traces(found)
+    worst = int(np.nanargmax([t.whitened_rms if t.sigma else 0.0 for t in traces]))
+    labels = ("measured", "predicted", "residual", "residual before any cause")
+    body = Traces(traces, "measured and predicted torques", worst, labels, budget=BUDGET)
+    figure = Figure("traces", "Measured and predicted torque", body, "Low-passed alike on both sides.")
+    table = residual_table("traces", traces, note=NOTE)
+    groups = {t.name: (t,) for t in traces}
+    grid = spectrum_grid("spectrum", groups, labels=("before any cause", "with the causes"))
+    return [
+        Section("residuals", "Measured against predicted", (figure, table), recording),
+        Section("spectra", "Spectra of the residuals, before and after", (grid,)),
+    ]
+
+
+def torque_traces(found: TorqueSearch) -> tuple[Trace, ...]:
+    """Return a trace per joint of the recording that was searched."""
+    fit, before = found.last, found.nominal.residual if found.causes else None
+    equations = fit.equations
+    out = []
+    for k, joint in enumerate(equations.names):
+        measured, left = equations.torque[:, k], fit.residual[:, k]
+        values, was = (measured, measured - left, left), None if before is None else before[:, k]
+        out.append(
+            Trace(f"torque of {joint}", "N m", equations.time, *values, float(equations.noise[k]), was)
+        )
+    return tuple(out)

@@ -87,7 +87,7 @@ class LiveView:
 def show(
     view: Replay | Scene, *, zmq_url: str | None = None, loop: bool = True, host: str = LOOPBACK
 ) -> LiveView:
-    """Show a replay, or a scene at rest, in a live meshcat view and return that; open its ``url`` in a browser.
+    """Show a replay, or a scene at rest, in a live meshcat view; open the ``url`` of what is returned.
 
     ``host`` as of `LiveView`.
 

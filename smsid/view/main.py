@@ -65,7 +65,7 @@ def played(
 def write_view(
     view: Replay | Scene, path: str | os.PathLike[str], *, fps: float = 20.0, title: str | None = None
 ) -> Path:
-    """Write a view as one HTML file, or as a film where the path ends in ``.mp4`` or ``.gif``; return the path.
+    """Write a view as one HTML file, or as a film if the path ends in ``.mp4`` or ``.gif``; return it.
 
     Raises:
         MissingDependencyError: meshcat is not installed; for a film also imageio or a browser.

@@ -17,9 +17,8 @@ from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause,
 from smsid.identify.estimate import Estimate, classify
 from smsid.paper.table4_report import study_report
 from smsid.report import render
-from smsid.report.campaign import campaign_report
+from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
-from smsid.report.convergence import normalised_errors
 from smsid.report.diagnose import ReportInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import Known, correlations, identifiability, parameter_table
