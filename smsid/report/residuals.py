@@ -158,8 +158,9 @@ def residual_table(target: str, traces: Sequence[Trace], scale: str = "noise", n
         ratio = t.whitened_rms
         tone: Tone = "good" if ratio <= EXPLAINED else "warn" if ratio <= 2.0 else "bad"
         tone = tone if np.isfinite(ratio) else "neutral"  # no noise to compare with
-        beside = (rms, 3), (t.sigma, 3), (ratio, 3, tone), Cell(number(round(lag, 3), 2), lag)
-        rows.append(cells(t.name, unit(t.unit), *beside, Cell(f"residual of {t.name}", spark=spark(x))))
+        curve = Cell(f"residual of {t.name}", spark=spark(x))
+        known = cells((rms, 3), (t.sigma, 3), (ratio, 3, tone), Cell(number(round(lag, 3), 2), lag))
+        rows.append(cells(t.name, unit(t.unit), *known, curve))
     columns = ("channel", "unit", "#residual, rms", f"#{scale}", "#ratio", "#neighbours' correlation",
                "residual")  # fmt: skip
     return Table("Every channel (choose one to see it above)", columns, rows, note, target)
