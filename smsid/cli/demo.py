@@ -143,8 +143,8 @@ def _page(
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import demo_report
     from smsid.report.diagnose import ReportInputs, diagnose_report
+    from smsid.report.diagnosis_shares import shares_of
     from smsid.report.model import Link, Text
-    from smsid.report.shares import shares_of
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
     asked = ReportInputs(craft.description, [craft.estimation], craft.estimate, [craft.validation])

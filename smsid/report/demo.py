@@ -14,12 +14,12 @@ from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
+from smsid.report.diagnosis_shares import Shares
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import half, number, unit
 from smsid.report.open_loop import OpenLoop, most_different, story_section
 from smsid.report.parameters import reported_parameters
 from smsid.report.plain_words import plain_words, quantity, strength
-from smsid.report.shares import Shares
 from smsid.report.truth import TrueWorld, described_bodies
 
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"

@@ -16,7 +16,7 @@ from smsid.diagnose.stepwise import Search
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
-from smsid.report.diagnosis_shares import alias_matrix, rescore, share_map, share_ranking
+from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
 from smsid.report.innovations import innovation_traces, torque_sections, whitened_groups
 from smsid.report.model import Figure, Part, Provenance, Report, Section, Table, Text, Tone, notes_section
@@ -24,7 +24,6 @@ from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
 from smsid.report.plain_words import plain_words
 from smsid.report.residuals import residual_table
-from smsid.report.shares import Shares, shares_of
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace, Traces
 
