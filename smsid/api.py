@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from smsid.description import Description, load_description
-from smsid.errors import DescriptionError, SmsidError
+from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording, load_recording
 
@@ -231,8 +231,7 @@ def report(
     """
     from smsid.estimation.identify import identify_spacecraft
     from smsid.report import provenance, write_report
-    from smsid.report.flights import flights_report
-    from smsid.report.identify import identify_report
+    from smsid.report.identify import flights_report, identify_report
 
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     found = identify_spacecraft(spacecraft, given, method=method)
@@ -264,20 +263,10 @@ def view(
         SmsidError: ``simulated`` without a recording.
         RecordingError: a recording tells nothing of the motion, or its labels are not the spacecraft's.
     """
-    from smsid.model import build_model
-    from smsid.view import build_scene, export_html, replay, simulated_twin
+    from smsid.view import export_html, played
 
-    model = build_model(spacecraft, visuals=True)
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    if not given:
-        if simulated:
-            raise SmsidError("There is no recording whose commands to fly.", advice="Give one.")
-        return Path(export_html(build_scene(model), path))
-    names = [r.name or f"recording {k}" for k, r in enumerate(given, start=1)]
-    beside: list = list(zip(names[1:], given[1:], strict=True))
-    if simulated:
-        beside.append(("simulated", simulated_twin(model, given[0])))
-    return Path(export_html(replay(model, given[0], beside=beside, label=names[0]), path))
+    return Path(export_html(played(spacecraft, given, simulated=simulated), path))
 
 
 def export(spacecraft: Description, folder: PathLike, estimate: Estimate | None = None) -> Export:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from smsid.cli.errors import Outcome
+from smsid.cli.inputs import write_page
 from smsid.cli.options import ReportPath, ShowAll
-from smsid.cli.output import console, error_console, is_quiet, say, warn
+from smsid.cli.output import error_console, is_quiet, print_parts, say_written, warn
 from smsid.cli.places import Writes
+
+if TYPE_CHECKING:
+    from smsid.report import Provenance, Report
 
 
 def _summary_beside(output: Path) -> tuple[Path, ...]:
@@ -24,11 +28,7 @@ def campaign_command(
     plan: Annotated[Path, typer.Argument(help="plan of the campaign: a TOML")],
     output: Annotated[
         Path,
-        typer.Option(
-            "--output",
-            "-o",
-            help="results, one line per run; an existing file is continued",
-        ),
+        typer.Option("--output", "-o", help="results, one line per run; an existing file is continued"),
         Writes((".jsonl",), beside=_summary_beside, beside_kind="campaign_summary"),
     ] = Path("campaign.jsonl"),
     runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
@@ -42,6 +42,7 @@ def campaign_command(
 ) -> Outcome:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.main import campaign_main, summary_path
+    from smsid.campaign.store import read_store
     from smsid.campaign.table import summary_tables
     from smsid.cli.tables import cut_tables
 
@@ -60,20 +61,17 @@ def campaign_command(
     except KeyboardInterrupt:
         warn(f"finished runs are in {output}; the same command goes on from there")
         raise typer.Abort from None
-    written = [output, summary_path(output)]
-    if report is not None:
-        from smsid.campaign.store import read_store
-        from smsid.report import provenance, write_report
+    header, records = read_store(output)
+
+    def page(origin: Provenance) -> Report:
         from smsid.report.campaign import campaign_report
 
-        header, records = read_store(output)
-        origin = provenance([plan, output], seed=header.plan["seed"])
-        write_report(campaign_report(header.plan["name"], summary, list(records), origin), report)
-        written.append(report)
-    out = console()
-    for part in cut_tables(summary_tables(summary), show_all):
-        out.print(part)
+        return campaign_report(header.plan["name"], summary, list(records), origin)
+
+    made = write_page(report, page, [plan, output], seed=header.plan["seed"])
+    written = [output, summary_path(output), *made]
+    print_parts(cut_tables(summary_tables(summary), show_all))
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
-    say(f"wrote {', '.join(map(str, written))}")
+    say_written(written)
     return Outcome({"summary": json.loads(summary.to_json())}, written)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smsid.cli.errors import Outcome
+from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -26,9 +27,7 @@ def compare_command(
     output: Annotated[Output, Writes((".json",), kind="comparison")] = Path("comparison.json"),
     description: Annotated[
         Path | None,
-        typer.Option(
-            help="description both were identified from: knows which effect is a tank, a panel, friction"
-        ),
+        typer.Option(help="what both were identified from: knows which effect is a tank, a panel, friction"),
     ] = None,
     show_all: ShowAll = False,
     report: ReportPath = None,
@@ -37,23 +36,17 @@ def compare_command(
     from smsid.comparison import compare, save_comparison
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
+    from smsid.report.compare import compare_report
 
     described = None if description is None else load_description(description)
     before, after = load_estimate(estimate), load_estimate(second)
     with working("comparing"):
         found = compare(before, after, described, names=(str(estimate), str(second)))
     save_comparison(found, output)
-    if report is not None:
-        from smsid.report import files_of, provenance, write_report
-        from smsid.report.compare import compare_report
-
-        files = [] if described is None or description is None else files_of(described, description)
-        write_report(compare_report(found, provenance([estimate, second, *files])), report)
-    out = console()
-    for part in comparison_parts(found, everything=show_all):
-        out.print(part, highlight=False)
-    written = [output, *([report] if report else [])]
-    say(f"wrote {', '.join(map(str, written))}")
+    made = write_page(report, lambda o: compare_report(found, o), [description, estimate, second], described)
+    print_parts(comparison_parts(found, everything=show_all))
+    written = [output, *made]
+    say_written(written)
     return Outcome(json.loads(found.to_json()), written)
 
 
@@ -82,16 +75,9 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     )
     for p in rows:
         name = p.name if everything else short_name(p.name, 34)
-        table.add_row(
-            Text(name),
-            f"{p.before:.6g}",
-            f"{p.after:.6g}",
-            f"{p.change:+.3g}",
-            f"{1.96 * p.sigma:.2g}",
-            f"{p.deviations:+.1f}",
-            p.unit,
-            Text("changed" if p.changed else "", style="yellow"),
-        )
+        numbers = f"{p.before:.6g}", f"{p.after:.6g}", f"{p.change:+.3g}", f"{1.96 * p.sigma:.2g}"
+        changed = Text("changed" if p.changed else "", style="yellow")
+        table.add_row(Text(name), *numbers, f"{p.deviations:+.1f}", p.unit, changed)
     if everything:
         table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     if rows:
@@ -112,7 +98,6 @@ def _quantities(finding: Finding, everything: bool) -> Any:
     table = plain_table("quantity", "value", "± 95 %", "unit", "", left=("quantity", "unit", ""))
     for q in finding.quantities:
         if everything or q.name.startswith(("mass", "centre", "central_inertia")):
-            table.add_row(
-                q.name, f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}", q.unit, "" if q.told else "not told"
-            )
+            numbers = f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}"
+            table.add_row(q.name, *numbers, q.unit, "" if q.told else "not told")
     return table

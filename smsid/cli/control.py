@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
+from smsid.cli.inputs import read_estimate, write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 from smsid.errors import ControlError
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.identify.estimate import Estimate
-    from smsid.report import Provenance, Report
 
 
 RATE = 100.0  # [Hz] of a controller's calls
@@ -71,23 +71,20 @@ def control_command(
     import numpy as np
 
     from smsid.description import load_description
-    from smsid.identify.estimate import load_estimate
 
     if study is not None and study != "table4":
         raise ControlError(f"There is no study '{study}'.", advice="Use --study table4.")
     described = load_description(description)
-    found = None if estimate is None else load_estimate(estimate)
+    found, files = read_estimate(estimate), [description, estimate]
     if study is not None:
-        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
-        if report is not None:
-            from smsid.paper.table4_report import study_report
+        from smsid.paper.table4_report import study_report
 
-            _write(
-                study_report(flown, described.name, _origin(described, description, estimate, seed)), report
-            )
-        written = [output, *([report] if report else [])]
-        say(f"wrote {', '.join(map(str, written))}")
-        return Outcome({"study": flown}, written)
+        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
+        page = write_page(
+            report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
+        )
+        say_written([output, *page])
+        return Outcome({"study": flown}, [output, *page])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -100,27 +97,18 @@ def control_command(
         )
     from smsid.control.controller_file import controller_document, save_controller
     from smsid.control.design import DesignRequest, design
+    from smsid.report.control import control_report
 
-    pair = None if tune else _pair(gains)
+    own = RATE if rate is None else rate
+    request = DesignRequest(None if tune else _pair(gains), uncertainty, crossover, own, samples)
     with working("designing and examining the loop"):
-        made = design(
-            described,
-            found,
-            DesignRequest(pair, uncertainty, crossover, RATE if rate is None else rate, samples),
-            np.random.default_rng(seed),
-        )
+        made = design(described, found, request, np.random.default_rng(seed))
     save_controller(made, output)
-    if report is not None:
-        from smsid.report.control import control_report
-
-        _write(control_report(made, _origin(described, description, estimate, seed)), report)
-    out = console()
+    page = write_page(report, lambda o: control_report(made, o), files, described, seed=seed)
     document = controller_document(made)
-    for part in document_parts(document, everything=show_all):
-        out.print(part, highlight=False)
-    written = [output, *([report] if report else [])]
-    say(f"wrote {', '.join(map(str, written))}")
-    return Outcome({"controller": document}, written)
+    print_parts(document_parts(document, everything=show_all))
+    say_written([output, *page])
+    return Outcome({"controller": document}, [output, *page])
 
 
 def _fly_study(
@@ -138,25 +126,16 @@ def _fly_study(
     from smsid.paper.table4_study import fly_study
 
     own = Variant().rate if rate is None else rate
+    how: dict[str, Any] = {"rate": own, "crossover": crossover, "integrated_gyro": integrated_gyro}
     with working("flying") as tell:
-        flown = fly_study(
-            described,
-            found,
-            draws,
-            rate=own,
-            crossover=crossover,
-            integrated_gyro=integrated_gyro,
-            tell=tell,
-        )
+        flown = fly_study(described, found, draws, **how, tell=tell)
     atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
-    out = console()
-    for part in study_parts(flown):
-        out.print(part, highlight=False)
+    print_parts(study_parts(flown))
     return flown
 
 
-def study_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
-    """Yield what to print of a study of Table 4: which is smaller, by how much, every case."""
+def study_parts(d: Mapping[str, Any], *, everything: bool = True) -> Iterator[RenderableType]:
+    """Yield what to print of a study of Table 4: which is smaller, by how much, every case (always)."""
     from smsid.cli.tables import plain_table
     from smsid.paper.table4_study import COLUMNS, study_cells, study_lines
 
@@ -166,18 +145,6 @@ def study_parts(d: Mapping[str, Any]) -> Iterator[RenderableType]:
         table.add_row(*row)
     yield table
     yield "The paper's numbers have no unit in print: they are read in degrees, which fits (docs: Control)."
-
-
-def _origin(described: Description, path: Path, estimate: Path | None, seed: int) -> Provenance:
-    from smsid.report import files_of, provenance
-
-    return provenance([*files_of(described, path), *([estimate] if estimate else [])], seed=seed)
-
-
-def _write(report: Report, path: Path) -> None:
-    from smsid.report import write_report
-
-    write_report(report, path)
 
 
 def _pair(text: str) -> tuple[float, float]:
@@ -224,28 +191,18 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     if modes:
         from smsid.control.tuning import CLEARANCE
 
-        table = plain_table(
-            *("mode", "base and joints", "rad/s", "95 %", "gains keep out of"),
-            title="natural frequencies",
-            left=("mode", "base and joints"),
-        )
+        columns = ("mode", "base and joints", "rad/s", "95 %", "gains keep out of")
+        table = plain_table(*columns, title="natural frequencies", left=columns[:2])
         for m in modes:
-            table.add_row(
-                m["name"],
-                "held" if m["held"] else "free",
-                f"{m['frequency']:.4g}",
-                f"{m['low']:.4g} .. {m['high']:.4g}",
-                f"{m['low'] / CLEARANCE:.3g} .. {m['high'] * CLEARANCE:.3g}",
-            )
+            known = f"{m['frequency']:.4g}", f"{m['low']:.4g} .. {m['high']:.4g}"
+            kept_out = f"{m['low'] / CLEARANCE:.3g} .. {m['high'] * CLEARANCE:.3g}"
+            table.add_row(m["name"], "held" if m["held"] else "free", *known, kept_out)
         yield table
     yield _blocks(d["blocks"])
     for text in d["weights"]["origin"]:
         yield Text(text if everything else clipped(text))
-    table = plain_table(
-        *("mode", "rad/s", "damping ratio", ""),
-        title="poles of the loop, slosh and panel inside",
-        left=("mode", ""),
-    )
+    title = "poles of the loop, slosh and panel inside"
+    table = plain_table("mode", "rad/s", "damping ratio", "", title=title, left=("mode", ""))
     for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first
         table.add_row(p["mode"], f"{math.hypot(*p['value']):.4g}", f"{p['damping']:.4g}", p["flag"])
     left_out = 0
@@ -273,14 +230,12 @@ def _blocks(blocks: Sequence[Mapping[str, Any]]) -> Table:
     table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     for b in blocks:
         low, high = ("inf" if x is None else f"{x:.2f}" for x in b["gain_margin"])
-        table.add_row(
-            ", ".join(b["coordinates"]),
+        bounds = (
             f"{b['gamma']:.4f}",
             f"{max(b['error_bound']['value']):.1e}",
             f"{b['crossover']['value']:.2g}",
-            f"{b['sensitivity_peak']:.2f}",
-            f"{b['complementary_peak']:.2f}",
-            f"{low} to {high}",
-            f"{b['phase_margin']['value']:.0f} deg",
         )
+        peaks = f"{b['sensitivity_peak']:.2f}", f"{b['complementary_peak']:.2f}"
+        margins = f"{low} to {high}", f"{b['phase_margin']['value']:.0f} deg"
+        table.add_row(", ".join(b["coordinates"]), *bounds, *peaks, *margins)
     return table

@@ -19,11 +19,14 @@ from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.table import Table
 
-    from smsid.cli.demo_runs import CraftRun, PaperRun
+    from smsid.cli.demo_runs import PaperRun
     from smsid.datasets import Demonstration
     from smsid.identify.estimate import Estimate
+    from smsid.report.demo import Craft
     from smsid.report.model import Frame
 
 
@@ -36,10 +39,11 @@ def demo_command(
     seed: Seed = 1,
 ) -> Outcome:
     """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
-    from smsid.cli.demo_runs import CraftRun, identify_craft, run_paper, write_extended
+    from smsid.cli.demo_runs import identify_craft, run_paper, write_extended
     from smsid.datasets import demonstration
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
+    from smsid.report.demo import Craft
     from smsid.report.plain_words import plain_words
 
     out = console()
@@ -53,21 +57,22 @@ def demo_command(
         say(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
         with working("identifying by maximum likelihood"):
             description, estimation, validation, refinement, spent = identify_craft(which)
-        save_estimate(refinement.estimate, output / "estimate.json")
-        good = sum(p.status == "identifiable" for p in refinement.estimate.parameters)
+        estimate = refinement.estimate
+        save_estimate(estimate, output / "estimate.json")
+        good = sum(p.status == "identifiable" for p in estimate.parameters)
         say(
-            f"2. Identified from a guess that is off: {good} parameters to better than 10 %, in "
-            f"{spent:.0f} s."
+            f"2. Identified from a guess that is off: {good} parameters to 10 % and better, in {spent:.0f} s."
         )
         with working("diagnosing"):
-            found = diagnose(description, [estimation], estimate=refinement.estimate, validation=[validation])
+            found = diagnose(description, [estimation], estimate=estimate, validation=[validation])
         save_diagnosis(found.diagnosis, output / "diagnosis.json")
-        extended = write_extended(description, refinement.estimate, found, output)
+        extended = write_extended(description, estimate, found, output)
         words = plain_words(found.diagnosis) or found.diagnosis.sentence
         say(f"3. {words}")
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
         say(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
-        craft = CraftRun(description, estimation, validation, refinement, found, extended)
+        world = which.engine, which.hidden, which.parameters
+        craft = Craft(description, estimation, validation, estimate, found, extended, *world)
         with working("flying and identifying the paper's experiments"):
             done = paper.result()
             picture, drawn = replay.result()
@@ -86,7 +91,7 @@ def demo_command(
         say("no replay: the extra 'view' is not installed (pip install 'smsid[view]')")
     say(f"\nOpen in a browser: {page} ({time.perf_counter() - started:.0f} s in all)")
     document = {
-        "estimate": json.loads(refinement.estimate.to_json()),
+        "estimate": json.loads(estimate.to_json()),
         "diagnosis": json.loads(found.diagnosis.to_json()),
         "paper_estimate": json.loads(done.estimate.to_json()),
     }
@@ -112,62 +117,50 @@ def _table_2(estimate: Estimate) -> Table:
 
 def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]:
     """Write the replay of the flight that was not used, measured and simulated; the page shows the same."""
+    from smsid.description import load_description
+    from smsid.recording import load_recording
     from smsid.report.model import Frame
-    from smsid.view import view_main
+    from smsid.view import export_html, played
 
+    described, flight = load_description(which.description), load_recording(which.validation)
     try:
-        path, _ = view_main(
-            which.description,
-            which.validation,
-            output / "flight.html",
-            simulated=True,
-            title="The flight not used",
-        )
+        view = played(described, [flight], [which.validation.stem], simulated=True)
+        path = export_html(view, output / "flight.html", title="The flight not used")
     except MissingDependencyError:
         return None, []
     caption = (
-        "The flight that was not used: as measured, and as a ghost what the description makes of the "
-        "same commands. "
-        "Drag to turn, scroll to come nearer."
+        "The flight that was not used: as measured, and as a ghost what the description makes of the same "
+        "commands. Drag to turn, scroll to come nearer."
     )
     html = path.read_text(encoding="utf-8")
     return Frame(html, "the craft in motion, measured and as described", 430, caption), [path]
 
 
 def _page(
-    which: Demonstration, craft: CraftRun, paper: PaperRun, output: Path, seed: int, picture: Frame | None
-) -> tuple[Path, tuple[str, ...]]:
+    which: Demonstration, craft: Craft, paper: PaperRun, output: Path, seed: int, picture: Frame | None
+) -> tuple[Path, Sequence[str]]:
     from smsid.paper.tables import Found, paper_section
     from smsid.report import files_of, provenance, write_report
-    from smsid.report.demo import Craft, demo_report
+    from smsid.report.demo import demo_report
     from smsid.report.diagnose import ReportInputs, diagnose_report
+    from smsid.report.diagnosis_shares import shares_of
     from smsid.report.model import Link, Text
-    from smsid.report.shares import shares_of
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
-    asked = ReportInputs(craft.description, [craft.estimation], craft.refinement.estimate, [craft.validation])
+    asked = ReportInputs(craft.description, [craft.estimation], craft.estimate, [craft.validation])
     origin = provenance(inputs, seed=seed)
     shares = None if craft.found.search is None else shares_of(craft.found.search)
-    diagnosis = write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")
+    write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")
+    made_with = "identified bodies, and the cause: what the curves above are simulated with"
     links = [
-        Link(diagnosis.name, "The diagnosis in full", "tests, candidates, spectra, detection limits"),
-        Link(
-            "extended.toml",
-            "The extended description",
-            "identified bodies, and the cause: what the curves above are simulated with",
-        ),
+        Link("diagnosis.html", "The diagnosis in full", "tests, candidates, spectra, detection limits"),
+        Link("extended.toml", "The extended description", made_with),
         Link("estimate.json", "The estimate", "every parameter with its interval"),
     ]
     if picture is not None:
-        links.insert(
-            0, Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
-        )
-    own = Craft(
-        craft.description, craft.estimation, craft.validation, craft.refinement.estimate,
-        craft.found, craft.extended,
-        which.engine, which.hidden, which.parameters,
-    )  # fmt: skip
-    own_paper = paper_section(Found(paper.estimate, paper.truth, paper.notes))
-    report = demo_report(own, own_paper, links, provenance(inputs, seed=seed), picture, shares)
+        replay = Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
+        links.insert(0, replay)
+    tables = paper_section(Found(paper.estimate, paper.truth, paper.notes))
+    report = demo_report(craft, tables, links, provenance(inputs, seed=seed), picture, shares)
     told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
     return write_report(report, output / "report.html"), told

@@ -23,18 +23,6 @@ EFFECTS = {
 
 
 @dataclass(frozen=True)
-class CraftRun:
-    """What came of the craft with something hidden; ``extended`` is the description that was written."""
-
-    description: Description
-    estimation: Recording
-    validation: Recording
-    refinement: Refinement
-    found: Diagnosed
-    extended: Description
-
-
-@dataclass(frozen=True)
 class PaperRun:
     """What came of the paper's experiments.
 

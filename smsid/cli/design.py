@@ -7,13 +7,14 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from smsid.cli.errors import Outcome
+from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.output import print_parts, say, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from smsid.design import Design
     from smsid.design.model_discrimination import Separation
     from smsid.design.watch import Progress
+    from smsid.report import Provenance, Report
 
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
 INTERRUPTED = 130
@@ -90,61 +92,31 @@ def design_command(
             advice="Give either --for or --separate; see `smsid design --help`.",
         )
     limits = Limits(
-        stroke=stroke,
-        tip=tip,
-        root_moment=root_moment,
-        force=force,
-        swing=swing,
-        joint_rate=joint_rate,
-        joint_torque=joint_torque,
-        wheel_rate=wheel_rate,
-        wheel_torque=wheel_torque,
-        pointing=pointing,
+        stroke=stroke, tip=tip, root_moment=root_moment, force=force, swing=swing, joint_rate=joint_rate,
+        joint_torque=joint_torque, wheel_rate=wheel_rate, wheel_torque=wheel_torque, pointing=pointing,
         margin=margin,
-    )
-    described = load_description(description)
+    )  # fmt: skip
+    described, precision = load_description(description), None if to is None else share(to)
+    search: dict[str, Any] = {"limits": limits, "duration": duration, "seed": seed, "effort": effort}
     with _progress() as tell:
+        search |= {"name": output.stem, "progress": tell}
         if separate is not None:
-            found = design_separation(
-                described,
-                separate,
-                limits=limits,
-                duration=duration,
-                seed=seed,
-                effort=effort,
-                name=output.stem,
-                progress=tell,
-            )
+            found = design_separation(described, separate, **search)
         else:
+            search |= {"mode": mode, "criterion": criterion, "to": precision, "axes": axes}
             found = design_experiment(
-                described,
-                [w for w in (wanted or "").split(",") if w.strip()],
-                mode=mode,  # type: ignore[arg-type]
-                criterion=criterion,  # type: ignore[arg-type]
-                limits=limits,
-                duration=duration,
-                to=None if to is None else share(to),
-                axes=axes,
-                seed=seed,
-                effort=effort,
-                name=output.stem,
-                progress=tell,
+                described, [w for w in (wanted or "").split(",") if w.strip()], **search
             )
     save_experiment(found.experiment, output)
-    written = [output]
-    if report is not None:
+
+    def page(origin: Provenance) -> Report:
         from smsid.model import build_model
-        from smsid.report import files_of, provenance, write_report
         from smsid.report.design import ReportInputs, design_report
 
-        with working("writing the report"):
-            asked = ReportInputs(None if to is None else share(to), limits)
-            origin = provenance(files_of(described, description), seed=seed)
-            made = design_report(found, build_model(described), asked, origin)
-            written.append(write_report(made, report))
-    out = console()
-    for part in _tables(found, show_all):
-        out.print(part, highlight=False)
+        return design_report(found, build_model(described), ReportInputs(precision, limits), origin)
+
+    written = [output, *write_page(report, page, [description], described, seed=seed)]
+    print_parts(_tables(found, show_all))
     for line in told(found.notes, everything=show_all):
         say(line)
     say(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
@@ -177,32 +149,20 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
             f"worst parameter {found.gain:.3g} times better known than 'before', the paper's kind of "
             f"excitation within the same limits ({found.reference.note})"
         )
-        table = plain_table(
-            *("parameter", "value", "sigma", "sigma before", "unit", "relative", "before"),
-            title="predicted (Cramer-Rao)",
-            left=("parameter", "unit"),
-        )
+        columns = ("parameter", "value", "sigma", "sigma before", "unit", "relative", "before")
+        table = plain_table(*columns, title="predicted (Cramer-Rao)", left=("parameter", "unit"))
         if everything:
             table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
         rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
         for i, (sigma, before, relative, relative_before) in enumerate(rows):
             name = found.goal.names[i]
-            table.add_row(
-                name if everything else short_name(name, 36),
-                f"{found.goal.values[i]:.6g}",
-                f"{sigma:.2g}",
-                f"{before:.2g}",
-                found.goal.units[i],
-                f"{100 * relative:.2g} %",
-                f"{100 * relative_before:.2g} %",
-            )
+            numbers = f"{found.goal.values[i]:.6g}", f"{sigma:.2g}", f"{before:.2g}", found.goal.units[i]
+            shares = f"{100 * relative:.2g} %", f"{100 * relative_before:.2g} %"
+            table.add_row(name if everything else short_name(name, 36), *numbers, *shares)
     else:
         yield f"correlation of the two: {found.correlation:.4f} (before: {found.correlation_before:.4f})"
-        table = plain_table(
-            *("cause", "parameter", "told from the other", "before", "unit"),
-            title="detection limits",
-            left=("cause", "parameter", "unit"),
-        )
+        columns = ("cause", "parameter", "told from the other", "before", "unit")
+        table = plain_table(*columns, title="detection limits", left=("cause", "parameter", "unit"))
         for row in found.rows:
             table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
     yield from cut_tables([table, limits_table(found.limits)], everything, 36)

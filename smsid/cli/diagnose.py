@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.inputs import read_estimate, read_recordings, write_page
+from smsid.cli.options import Output, ReportPath, ShowAll, Unchecked
+from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from smsid.diagnose import Diagnosis
+    from smsid.report import Provenance, Report
 
 
 def _extended_beside(output: Path) -> tuple[Path, ...]:
@@ -48,9 +50,7 @@ def diagnose_command(
         typer.Option(help="description with the causes in it; by default extended.toml beside"),
         Writes((".toml",)),
     ] = None,
-    unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
-    ] = False,
+    unchecked: Unchecked = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
     cutoff: Annotated[
@@ -65,19 +65,12 @@ def diagnose_command(
     from smsid.description import load_description, save_description
     from smsid.diagnose.diagnose import diagnose
     from smsid.diagnose.result import save_diagnosis
-    from smsid.identify.estimate import load_estimate
-    from smsid.recording import load_recording
 
     described = load_description(description)
-    loaded = [load_recording(path) for path in recordings]
-    if unchecked:
-        loaded = [recording.unchecked() for recording in loaded]
+    loaded, judged = read_recordings(recordings, unchecked), read_recordings(validate or (), unchecked)
     if description.suffix == ".urdf" and is_of_an_arm(loaded):
         described = arm_description(description)
-    judged = [load_recording(path) for path in validate or []]
-    if unchecked:
-        judged = [recording.unchecked() for recording in judged]
-    known = load_estimate(estimate) if estimate is not None else None
+    known = read_estimate(estimate)
     with working("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)
     save_diagnosis(found.diagnosis, output)
@@ -88,21 +81,15 @@ def diagnose_command(
         place = extended if extended is not None else _extended_beside(output)[0]
         save_description(found.extended, place)
         written.append(place)
-    if report is not None:
-        from smsid.report import files_of, provenance, write_report
+
+    def page(origin: Provenance) -> Report:
         from smsid.report.diagnose import ReportInputs, diagnose_report
 
-        with working("writing the report"):
-            inputs = [*files_of(described, description), *recordings, *(validate or [])]
-            origin = provenance([*inputs, *([estimate] if estimate else [])])
-            write_report(
-                diagnose_report(found, ReportInputs(described, loaded, known, judged), origin), report
-            )
-        written.append(report)
-    out = console()
-    for part in diagnosis_parts(found.diagnosis, everything=show_all):
-        out.print(part, highlight=False)
-    say(f"wrote {', '.join(map(str, written))}")
+        return diagnose_report(found, ReportInputs(described, loaded, known, judged), origin)
+
+    written += write_page(report, page, [description, *recordings, *(validate or ()), estimate], described)
+    print_parts(diagnosis_parts(found.diagnosis, everything=show_all))
+    say_written(written)
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
     return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 
@@ -124,35 +111,25 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         yield from _causes(d["causes"], everything)
     gain = d["gain"]
     if gain["status"] == "evaluated":
-        table = plain_table(
-            *("channel", "unit", "as given, rms", "refitted, rms", "extended, rms", "noise"),
-            title=f"open loop on {gain['recording']}",
-            left=("channel", "unit"),
-        )
+        columns = ("channel", "unit", "as given, rms", "refitted, rms", "extended, rms", "noise")
+        table = plain_table(*columns, title=f"open loop on {gain['recording']}", left=("channel", "unit"))
         for c in gain["channels"]:
             sizes = (_short(c.get(k)) for k in ("given", "refitted", "extended", "noise"))
             table.add_row(c["channel"], c["unit"], *sizes)
         yield table
-        left_out = gain.get("left_out")
+        left_out, gone = gain.get("left_out"), gain["explained"]
         yield (
             f"whitened rms (noise: 1): {_short(gain['whitened_given'])} as given, "
             f"{_short(gain['whitened_nominal'])} refitted, {_short(gain['whitened_extended'])} extended; "
-            + (
-                "nothing exceeds the noise"
-                if gain["explained"] is None
-                else f"{100 * gain['explained']:.1f} % of the excess gone"
-            )
+            + ("nothing exceeds the noise" if gone is None else f"{100 * gone:.1f} % of the excess gone")
             + (f"; {left_out} readings of faulty sensors left out" if left_out else "")
         )
     elif gain.get("reason"):
         yield f"gain not evaluated: {gain['reason']}"
     remaining = d["remaining"] if everything else d["remaining"][:8]
     if remaining:
-        table = plain_table(
-            *("what", "depends on", "chi-squared", "freedom", "p, corrected"),
-            title="what is left",
-            left=("what", "depends on"),
-        )
+        columns = ("what", "depends on", "chi-squared", "freedom", "p, corrected")
+        table = plain_table(*columns, title="what is left", left=columns[:2])
         for r in remaining:
             p = "-" if r["p_value"] is None else f"{r['p_value']:.1e}"
             table.add_row(r["where"], r["dependence"], _short(r["ratio"]), str(r["freedom"]), p)
@@ -160,11 +137,9 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         if len(d["remaining"]) > len(remaining):
             yield Text(f"{len(d['remaining']) - len(remaining)} more with --all", style="dim")
     if everything and d["limits"]:
-        table = plain_table(
-            *("effect", "where", "shape", "parameter", "least seen", "unit"),
-            title="what would have been seen with 95 % chance",
-            left=("effect", "where", "shape", "parameter", "unit"),
-        )
+        columns = ("effect", "where", "shape", "parameter", "least seen", "unit")
+        title = "what would have been seen with 95 % chance"
+        table = plain_table(*columns, title=title, left=(*columns[:4], "unit"))
         for x in d["limits"]:
             own = (x["effect"], x["location"], x["shape"], x["parameter"], _short(x["value"]), x["unit"])
             table.add_row(*own)
@@ -177,22 +152,15 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
 def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[RenderableType]:
     from smsid.cli.tables import plain_table
 
-    table = plain_table(
-        *("cause", "where", "parameter", "value", "95 % interval", "unit"),
-        left=("cause", "where", "parameter", "unit"),
-    )
+    columns = ("cause", "where", "parameter", "value", "95 % interval", "unit")
+    table = plain_table(*columns, left=(*columns[:3], "unit"))
     for c in causes:
         label = c["shape"] or (f"{c['family']}, fitted as {c['fitted']}" if c["fitted"] else c["family"])
         for k, p in enumerate(c["parameters"]):
             low, high = p["interval"]
-            table.add_row(
-                f"{c['effect']} ({label})" if k == 0 else "",
-                c["location"] if k == 0 else "",
-                p["name"].partition(".")[2],
-                _short(p["value"], 5),
-                f"{_short(low, 5)} ... {_short(high, 5)}",
-                p["unit"],
-            )
+            cause = (f"{c['effect']} ({label})", c["location"]) if k == 0 else ("", "")
+            numbers = _short(p["value"], 5), f"{_short(low, 5)} ... {_short(high, 5)}"
+            table.add_row(*cause, p["name"].partition(".")[2], *numbers, p["unit"])
     yield table
     for c in causes:
         others = [f"{a['shape']} at {a['location']}" for a in c["aliases"]]

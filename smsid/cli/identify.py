@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
-from smsid.cli.states import StatesPath, check_states, write_states
+from smsid.cli.inputs import read_recordings, write_page
+from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
+from smsid.cli.output import console, print_parts, say, working
+from smsid.cli.places import Writes
 from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from smsid.estimation.identify_flights import FlightEstimate
 
 if TYPE_CHECKING:
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
     from smsid.estimation.identify import Identified, Method
     from smsid.recording import Recording
+    from smsid.report import Provenance, Report
 
 
 def identify_command(
@@ -126,9 +131,7 @@ def identify_command(
         ),
     ] = False,
     show_all: ShowAll = False,
-    unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
-    ] = False,
+    unchecked: Unchecked = False,
     report: ReportPath = None,
     states: StatesPath = None,
 ) -> Outcome:
@@ -141,18 +144,14 @@ def identify_command(
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
     from smsid.identify.paper.pose_point import with_tracked_point
-    from smsid.recording import load_recording
 
     _method(method)
-    out = console()
     files = [description, *(recordings or [])] if robot else list(recordings or [])
     if not files:
         raise SmsidError("No recording was given.", advice="Name one or more after the description.")
     bare = robot is not None or description.suffix == ".urdf"
     described = load_description(description) if robot is None else arm_description(robot=robot)
-    loaded = [load_recording(path) for path in files]
-    if unchecked:
-        loaded = [recording.unchecked() for recording in loaded]
+    loaded = read_recordings(files, unchecked)
     if bare and robot is None and (is_of_an_arm(loaded) or is_of_servos(loaded)):
         described = arm_description(description)
     if cad is not None and (method == "paper" or described.root == "fixed"):
@@ -179,32 +178,15 @@ def identify_command(
 
         inputs = files if robot else (description, *files)
         judged = identify_and_judge(
-            described,
-            loaded,
-            output,
-            cutoff,
-            out,
-            gains=("*",) if gains else gain or (),
-            hold=hold or (),
-            usual=bare and not rigid,
-            friction=friction or (),
-            level=level,
-            report=report,
-            inputs=inputs,
-            everything=show_all,
-        )
+            described, loaded, output, cutoff, console(), gains=("*",) if gains else gain or (),
+            hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level, report=report,
+            inputs=inputs, everything=show_all,
+        )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or gain or hold or rigid or friction or level:
-        given = {
-            "--gains": gains,
-            "--gain": gain,
-            "--hold": hold,
-            "--rigid": rigid,
-            "--friction": friction,
-            "--level": level,
-        }
-        option = next((name for name, value in given.items() if value), "--cutoff")
+    for_arms = {"--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid, "--friction": friction}
+    for_arms |= {"--level": level, "--cutoff": cutoff is not None}
+    if option := next((name for name, value in for_arms.items() if value), ""):
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         if modal is not None or find_tracked_point:
@@ -214,21 +196,25 @@ def identify_command(
                 described, loaded, method=_method(method), cad=cad, options=_flight(drive, at_rest), tell=tell
             )
     estimate, linear = found.estimate, found.linear
-    seconds = estimate.timing["total"] + (
-        linear.estimate.timing["total"] if found.refined and linear else 0.0
-    )
+    seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)
     save_estimate(estimate, output)
-    if report is not None:
-        _write_report(found, described, loaded, report, (description, *files))
+
+    def page(origin: Provenance) -> Report:
+        from smsid.report.identify import flights_report, identify_report
+
+        if found.linear is None:
+            return flights_report(described, found, origin)
+        return identify_report(described, loaded, found.linear, found.refined, origin)
+
+    made = write_page(report, page, [description, *files], described)
     if states is not None and found.flights is not None:
         write_states(found.flights, states)
     other = linear.estimate if linear is not None and found.refined is not None else None
-    for part in estimate_parts(estimate, other=other, everything=show_all):
-        out.print(part, highlight=False)
+    print_parts(estimate_parts(estimate, other=other, everything=show_all))
     beside = linear.estimate.notes if linear is not None else ()
     for line in told((*estimate.notes, *beside), everything=show_all):
         say(line)
-    written = [output, *(path for path in (report, states) if path is not None)]
+    written = [output, *made, *([states] if states is not None else [])]
     say(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
 
@@ -255,29 +241,6 @@ def _flight(drive: str, at_rest: bool) -> FlightOptions | None:
     return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest))  # type: ignore[arg-type]
 
 
-def _write_report(
-    found: Identified,
-    described: Description,
-    loaded: list[Recording],
-    report: Path,
-    inputs: tuple[Path, ...],
-) -> None:
-    """Write the page of an identification."""
-    from smsid.report import files_of, provenance, write_report
-    from smsid.report.identify import identify_report
-
-    if found.linear is None:
-        from smsid.report.flights import flights_report
-
-        with working("writing the report"):
-            origin = provenance([*files_of(described, inputs[0]), *inputs[1:]])
-            write_report(flights_report(described, found, origin), report)
-        return
-    with working("writing the report"):
-        origin = provenance([*files_of(described, inputs[0]), *inputs[1:]])
-        write_report(identify_report(described, loaded, found.linear, found.refined, origin), report)
-
-
 def _by_the_paper(described: Description, loaded: list[Recording], printed: bool, find: bool) -> Identified:
     """Return what the paper's method finds, bending as ``printed``, the tracked point unknown to ``find``."""
     from smsid.estimation.identify import Identified
@@ -297,3 +260,35 @@ def _point(text: str) -> tuple[float, float, float]:
     if not all(isfinite(v) for v in (x, y, z)):
         raise SmsidError(f"--tracked-point '{text}' is not finite.", advice="Give three numbers [m].")
     return x, y, z
+
+
+StatesPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--states",
+        help="recording to write as well of what no sensor saw: slosh, modes and biases with standard "
+        "deviations; identifies by the filter (--method filter)",
+    ),
+    Writes((".nc",)),
+]
+
+
+def check_states(method: str, root: str) -> str:
+    """Return the method that estimates hidden states instead of one; raise `SmsidError` if there is none."""
+    if root == "fixed" or method == "paper":
+        raise SmsidError(
+            "--states is for spacecraft identified by the filter.",
+            advice="Leave it out, or use --method filter.",
+        )
+    return "filter"
+
+
+def write_states(found: FlightEstimate, path: Path) -> None:
+    """Write the smoothed hidden states of flights as a recording."""
+    from smsid.cli.output import working
+    from smsid.estimation.hidden_states import hidden_states
+    from smsid.recording import save_recording
+
+    with working("smoothing hidden states"):
+        states = hidden_states(found)
+    save_recording(states, path)

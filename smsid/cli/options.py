@@ -23,3 +23,4 @@ ReportPath = Annotated[
 ]
 ShowAll = Annotated[bool, typer.Option("--all", help="print everything: all rows, names in full, every note")]
 Seed = Annotated[int, typer.Option(min=0, help="seed of sensor noise and turn-on biases")]
+Unchecked = Annotated[bool, typer.Option("--unchecked", help="go on although channels contradict each other")]

@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from pathlib import Path
+
+    from rich.console import Console, RenderableType
     from rich.progress import Progress
 
 WIDTH = 110  # columns at most, on a terminal and in a file
@@ -68,6 +70,18 @@ def say(text: str, *, style: str = "") -> None:
 
     out = console()
     out.print(Text(wrapped(text, out.width), style=style), soft_wrap=True)
+
+
+def print_parts(parts: Iterable[RenderableType]) -> None:
+    """Print tables and lines of a result."""
+    out = console()
+    for part in parts:
+        out.print(part, highlight=False)
+
+
+def say_written(written: Iterable[Path | str]) -> None:
+    """Say which files were written."""
+    say(f"wrote {', '.join(map(str, written))}")
 
 
 def wrapped(text: str, width: int) -> str:

@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, ShowAll
-from smsid.cli.output import console, working
+from smsid.cli.output import print_parts, working
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -39,8 +39,7 @@ def regressor_command(
     model = build_model(described)
     with working("comparing"):
         found = check_regressor(model, np.random.default_rng(seed), states=states)
-    for part in check_parts(found, everything=show_all):
-        console().print(part, highlight=False)
+    print_parts(check_parts(found, everything=show_all))
     document = {
         "states": found.states,
         "errors": found.errors,

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from smsid.cli import show_parts as parts
 from smsid.cli.errors import Outcome
 from smsid.cli.file_kind import kind_of, read_json
 from smsid.cli.options import ShowAll
-from smsid.cli.output import asks_json, console
+from smsid.cli.output import asks_json, print_parts
+from smsid.cli.show_parts import recording_document
 
 
 def show_command(
@@ -29,9 +30,7 @@ def show_command(
     """Show what is in a file."""
     if asks_json():  # a file is read and checked once
         return Outcome(file_document(file))
-    out = console()
-    for part in show_file(file, everything=show_all):
-        out.print(part, highlight=False)
+    print_parts(show_file(file, everything=show_all))
     return Outcome()
 
 
@@ -40,70 +39,60 @@ def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:
 
     Raises `SmsidError` for a file that is none of these.
     """
-    yield from SHOWN[kind_of(path)](path, everything)
+    kind = kind_of(path)
+    loader, parts = SHOWN[kind]
+    yield from _named(parts)(_named(loader)(path), everything=everything)
 
 
 def file_document(path: Path) -> dict[str, Any]:
     """Return the same as a document; raises as `show_file`."""
     kind = kind_of(path)
+    if kind not in ("recording", "track", "estimate", "experiment", "campaign", "campaign_plan", "mapping",
+                    "description"):  # fmt: skip
+        return {"kind": kind, kind: read_json(path)}
+    found = _named(SHOWN[kind][0])(path)
     match kind:
         case "recording":
-            from smsid.recording import load_recording
-
-            found: dict[str, Any] = parts.recording_document(load_recording(path))
+            document = recording_document(found)
         case "track":
-            from smsid.cli.track import document
-            from smsid.tracking.history import load_history
+            from smsid.cli.track import document as track_document
 
-            found = document(load_history(path))
+            document = track_document(found)
         case "estimate":
-            from smsid.identify.estimate import load_estimate
-
-            found = json.loads(load_estimate(path).to_json())
-        case "experiment":
-            from smsid.experiments import load_experiment
-
-            found = load_experiment(path).model_dump(mode="json", exclude_none=True)
+            document = json.loads(found.to_json())
         case "campaign":
-            from smsid.campaign import read_store, summarise
-
-            header, records = read_store(path)
-            found = {"plan": header.plan, "summary": json.loads(summarise(records).to_json())}
-        case "campaign_plan":
-            from smsid.campaign import load_campaign
-
-            found = load_campaign(path).model_dump(mode="json")
-        case "mapping":
-            from smsid.recording.mapping import load_mapping
-
-            found = load_mapping(path).model_dump(mode="json", exclude_none=True)
-        case "description":
-            from smsid.description import load_description
-            from smsid.model import build_model
-
-            description = load_description(path)
-            model = build_model(description)
-            found = description.model_dump(mode="json", exclude_none=True)
-            found |= {"degrees_of_freedom": model.nv, "mass": {"value": model.mass, "unit": "kg"}}
+            header, summary = found
+            document = {"plan": header.plan, "summary": json.loads(summary.to_json())}
         case _:
-            found = read_json(path)
-    return {"kind": kind, kind: found}
+            document = found.model_dump(mode="json", exclude_none=kind != "campaign_plan")
+    if kind == "description":
+        from smsid.model import build_model
+
+        model = build_model(found)
+        document |= {"degrees_of_freedom": model.nv, "mass": {"value": model.mass, "unit": "kg"}}
+    return {"kind": kind, kind: document}
 
 
-SHOWN: dict[str, Callable[[Path, bool], Iterator[Any]]] = {
-    "recording": parts.recording,
-    "estimate": parts.estimate,
-    "diagnosis": parts.diagnosis,
-    "comparison": parts.comparison,
-    "track": parts.track,
-    "linear_plant": parts.linear_plant,
-    "controller": parts.controller,
-    "control_study": parts.control_study,
-    "campaign": parts.campaign,
-    "campaign_summary": parts.campaign_summary,
-    "campaign_plan": parts.campaign_plan,
-    "mapping": parts.mapping,
-    "experiment": parts.experiment,
-    "description": parts.description,
+def _named(target: str) -> Callable[..., Any]:
+    module, _, name = target.partition(":")
+    return getattr(import_module(module), name)
+
+
+PARTS, JSON = "smsid.cli.show_parts", "smsid.cli.file_kind:read_json"
+SHOWN = {
+    "recording": ("smsid.recording:load_recording", f"{PARTS}:recording_parts"),
+    "estimate": ("smsid.identify.estimate:load_estimate", f"{PARTS}:estimate_and_notes"),
+    "diagnosis": ("smsid.diagnose:load_diagnosis", "smsid.cli.diagnose:diagnosis_parts"),
+    "comparison": ("smsid.comparison:load_comparison", "smsid.cli.compare:comparison_parts"),
+    "track": ("smsid.tracking.history:load_history", f"{PARTS}:track_parts"),
+    "linear_plant": (JSON, f"{PARTS}:plant_parts"),
+    "controller": (f"{PARTS}:checked_controller", "smsid.cli.control:document_parts"),
+    "control_study": (JSON, "smsid.cli.control:study_parts"),
+    "campaign": (f"{PARTS}:campaign_of", f"{PARTS}:campaign_parts"),
+    "campaign_summary": ("smsid.campaign.summary:load_summary", f"{PARTS}:summary_parts"),
+    "campaign_plan": ("smsid.campaign:load_campaign", f"{PARTS}:plan_parts"),
+    "mapping": ("smsid.recording.mapping:load_mapping", f"{PARTS}:mapping_parts"),
+    "experiment": ("smsid.experiments:load_experiment", f"{PARTS}:experiment_parts"),
+    "description": ("smsid.description:load_description", f"{PARTS}:description_parts"),
 }
-"""What shows each kind of file."""
+"""What loads each kind of file, and what yields what is printed of it."""

@@ -13,19 +13,25 @@ from smsid.errors import SmsidError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from smsid.campaign import Campaign
+    from smsid.campaign.store import StoreHeader
+    from smsid.campaign.summary import Summary
+    from smsid.description import Description
+    from smsid.experiments import Experiment
+    from smsid.identify.estimate import Estimate
     from smsid.model import SpacecraftModel
     from smsid.recording import Recording
+    from smsid.recording.mapping import ImportMapping
+    from smsid.tracking.history import TrackHistory
 
 
-def recording(path: Path, everything: bool) -> Iterator[Any]:
+def recording_parts(found: Recording, *, everything: bool) -> Iterator[Any]:
     """Yield the channels of a recording, whether its samples are in order, and where it is from."""
     from rich.text import Text
 
     from smsid.cli.notes import clipped
     from smsid.cli.tables import recording_table
-    from smsid.recording import load_recording
 
-    found = load_recording(path)
     yield recording_table(found)
     try:
         found.check()
@@ -33,7 +39,8 @@ def recording(path: Path, everything: bool) -> Iterator[Any]:
     except SmsidError as error:
         yield Text(f"check: {error}", style="yellow")
     for key, names in found.labels.items():
-        yield _line(f"{key}: {', '.join(names)}", everything)
+        line = f"{key}: {', '.join(names)}"
+        yield line if everything else clipped(line)
     provenance = list(found.provenance.items())
     for key, value in provenance if everything else provenance[:8]:
         yield Text(f"{key}: {value}" if everything else clipped(f"{key}: {value}"))
@@ -50,18 +57,9 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     channels = []
     for name in recording.channels:
         values, time = recording[name], recording.time(name)
-        channels.append(
-            {
-                "name": name,
-                "unit": shown_unit(recording, name),
-                "shape": list(values.shape),
-                "rate": rate_of(time),
-                "from": float(time[0]),
-                "to": float(time[-1]),
-                "smallest": float(np.nanmin(values)),
-                "largest": float(np.nanmax(values)),
-            }
-        )
+        own = {"name": name, "unit": shown_unit(recording, name), "shape": list(values.shape)}
+        own |= {"rate": rate_of(time), "from": float(time[0]), "to": float(time[-1])}
+        channels.append(own | {"smallest": float(np.nanmin(values)), "largest": float(np.nanmax(values))})
     try:
         recording.check()
         check = ""
@@ -77,50 +75,30 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     }
 
 
-def estimate(path: Path, everything: bool) -> Iterator[Any]:
+def estimate_and_notes(found: Estimate, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters of an estimate, what cannot be told, and its notes."""
     from rich.text import Text
 
     from smsid.cli.notes import told
     from smsid.cli.tables import estimate_parts
-    from smsid.identify.estimate import load_estimate
 
-    found = load_estimate(path)
     yield from estimate_parts(found, everything=everything)
     yield from (Text(line) for line in told(found.notes, everything=everything))
 
 
-def diagnosis(path: Path, everything: bool) -> Iterator[Any]:
-    """Yield verdict, causes and what remains of a diagnosis."""
-    from smsid.cli.diagnose import diagnosis_parts
-    from smsid.diagnose.result import load_diagnosis
-
-    yield from diagnosis_parts(load_diagnosis(path), everything=everything)
-
-
-def comparison(path: Path, everything: bool) -> Iterator[Any]:
-    """Yield what changed between two estimates."""
-    from smsid.cli.compare import comparison_parts
-    from smsid.comparison import load_comparison
-
-    yield from comparison_parts(load_comparison(path), everything=everything)
-
-
-def track(path: Path, everything: bool) -> Iterator[Any]:
+def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters that were followed, where they began and ended, what jumped, and notes."""
     from rich.text import Text
 
     from smsid.cli.notes import clipped
     from smsid.cli.track import history_parts
-    from smsid.tracking.history import load_history
 
-    found = load_history(path)
     flights = f"{', '.join(found.recordings)}: {found.time[-1] - found.time[0]:g} s"
     yield Text(clipped(f"track of '{found.description}' through {flights}"))
     yield from history_parts(found, everything=everything)
 
 
-def linear_plant(path: Path, everything: bool) -> Iterator[Any]:
+def plant_parts(found: dict[str, Any], *, everything: bool) -> Iterator[Any]:
     """Yield states, inputs and poles of a linear plant."""
     import numpy as np
     from rich.text import Text
@@ -128,7 +106,6 @@ def linear_plant(path: Path, everything: bool) -> Iterator[Any]:
     from smsid.cli.notes import told
     from smsid.cli.tables import plain_table
 
-    found = read_json(path)
     yield Text(f"linear plant of '{found['name']}', inputs {', '.join(found['inputs'])}")
     poles = np.linalg.eigvals(np.array(found["A"]))
     swinging = np.sort(np.abs(poles[poles.imag > 0.0]))
@@ -140,56 +117,47 @@ def linear_plant(path: Path, everything: bool) -> Iterator[Any]:
     yield from (Text(line) for line in told(found["notes"], everything=everything))
 
 
-def controller(path: Path, everything: bool) -> Iterator[Any]:
-    """Yield gains, blocks and poles of a controller."""
-    from smsid.cli.control import document_parts
+def checked_controller(path: Path) -> dict[str, Any]:
+    """Return the document of a controller; raises what `load_controller` raises."""
     from smsid.control.controller_file import load_controller
 
     load_controller(path)  # says what is wrong with the file
-    yield from document_parts(read_json(path), everything=everything)
+    return read_json(path)
 
 
-def control_study(path: Path, everything: bool) -> Iterator[Any]:
-    """Yield the rows of a study of controllers."""
-    from smsid.cli.control import study_parts
-
-    yield from study_parts(read_json(path))
-
-
-def campaign(path: Path, everything: bool) -> Iterator[Any]:
-    """Yield the summary of a campaign's runs, also of one that is not finished."""
+def campaign_of(path: Path) -> tuple[StoreHeader, Summary]:
+    """Return the header of a campaign and the summary of its runs, also of one that is not finished."""
     from smsid.campaign import read_store, summarise
-    from smsid.campaign.table import summary_tables
 
     header, records = read_store(path)
+    return header, summarise(records)
+
+
+def campaign_parts(found: tuple[StoreHeader, Summary], *, everything: bool) -> Iterator[Any]:
+    """Yield the summary of a campaign's runs."""
+    header, summary = found
     yield f"campaign '{header.plan['name']}' of '{header.plan['description']}'"
-    yield from _cut(summary_tables(summarise(records)), everything)
+    yield from summary_parts(summary, everything=everything)
 
 
-def campaign_summary(path: Path, everything: bool) -> Iterator[Any]:
+def summary_parts(found: Summary, *, everything: bool) -> Iterator[Any]:
     """Yield a campaign's summary."""
-    from smsid.campaign.summary import load_summary
     from smsid.campaign.table import summary_tables
 
-    yield from _cut(summary_tables(load_summary(path)), everything)
+    yield from _cut(summary_tables(found), everything)
 
 
-def campaign_plan(path: Path, everything: bool) -> Iterator[Any]:
+def plan_parts(plan: Campaign, *, everything: bool) -> Iterator[Any]:
     """Yield the plan of a campaign."""
-    from smsid.campaign import load_campaign
-
-    plan = load_campaign(path)
     yield f"campaign '{plan.name}': {plan.note or 'no note'}"
     yield _keys(plan.model_dump(exclude_none=True, exclude={"name", "note", "folder"}), everything)
 
 
-def mapping(path: Path, everything: bool) -> Iterator[Any]:
+def mapping_parts(found: ImportMapping, *, everything: bool) -> Iterator[Any]:
     """Yield which channel a mapping takes from which columns."""
     from smsid.cli.notes import clipped
     from smsid.cli.tables import plain_table
-    from smsid.recording.mapping import load_mapping
 
-    found = load_mapping(path)
     yield f"mapping to {len(found.channel)} channels, role {found.recording.role}"
     table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
     for name, channel in found.channel.items():
@@ -198,22 +166,17 @@ def mapping(path: Path, everything: bool) -> Iterator[Any]:
     yield from _cut([table], everything)
 
 
-def experiment(path: Path, everything: bool) -> Iterator[Any]:
+def experiment_parts(found: Experiment, *, everything: bool) -> Iterator[Any]:
     """Yield what an experiment commands."""
-    from smsid.experiments import load_experiment
-
-    found = load_experiment(path)
     yield f"experiment '{found.name}': {found.note or 'no note'}"
     yield _keys(found.model_dump(exclude_none=True, exclude={"name", "note", "schema_version"}), everything)
 
 
-def description(path: Path, everything: bool) -> Iterator[Any]:
+def description_parts(found: Description, *, everything: bool) -> Iterator[Any]:
     """Yield joints, effects and sensors of a description."""
     from smsid.cli.tables import plain_table
-    from smsid.description import load_description
     from smsid.model import build_model
 
-    found = load_description(path)
     model = build_model(found)
     yield (
         f"'{found.name}': {model.nv} degrees of freedom, {model.mass:.6g} kg, "
@@ -223,9 +186,8 @@ def description(path: Path, everything: bool) -> Iterator[Any]:
     effects = model.description.effect  # those of the URDF's <dynamics> as well
     parameters = [p for e in effects for p in e.parameters()]
     if parameters:
-        table = plain_table(
-            "parameter", "value", "unit", "prior sigma", title="effects", left=("parameter", "unit")
-        )
+        columns = ("parameter", "value", "unit", "prior sigma")
+        table = plain_table(*columns, title="effects", left=("parameter", "unit"))
         for p in parameters:
             unit = _unit(model, p.name, p.unit)
             table.add_row(p.name, f"{p.value:.6g}", unit, "" if p.sigma is None else f"{p.sigma:.3g}")
@@ -255,9 +217,8 @@ def _joints(model: SpacecraftModel) -> Table:
     roles |= {int(j): "bending mode" for g in (model.modes, model.further_modes) for j in g.joints}
     roles |= {j.joint: "slosh mass" for j in model.slosh}
     roles |= {int(j): f"arm '{name}'" for name, arm in model.arms.items() for j in arm.joints}
-    table = plain_table(
-        "joint", "role", "parent", "mass [kg]", title="joints", left=("joint", "role", "parent")
-    )
+    columns = ("joint", "role", "parent", "mass [kg]")
+    table = plain_table(*columns, title="joints", left=columns[:3])
     for j in range(1, model.pin.njoints):
         mass = f"{model.pin.inertias[j].mass:.5g}"
         table.add_row(model.pin.names[j], roles.get(j, "base"), model.pin.names[model.pin.parents[j]], mass)
@@ -283,7 +244,3 @@ def _keys(table: dict[str, Any], everything: bool) -> Table:
     for key, value in table.items():
         shown.add_row(key, Text(str(value) if everything else clipped(str(value), room)))
     return shown
-
-
-def _line(text: str, everything: bool) -> str:
-    return text if everything or len(text) <= WIDTH else text[: WIDTH - 12] + " ... (--all)"

@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
-from smsid.cli.output import console, counting, say, warn
+from smsid.cli.output import counting, print_parts, say, warn
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -52,11 +52,9 @@ def simulate_command(
     if save_experiment_to is not None:
         save_experiment(plan, save_experiment_to)
         written.append(save_experiment_to)
-    out = console()
     # what is nearest to its limit comes first
     used = sorted(flight.limits, key=lambda u: -(abs(u.value) / u.limit if u.limit else 0.0))
-    for part in cut_tables([limits_table(used)], show_all):
-        out.print(part, highlight=False)
+    print_parts(cut_tables([limits_table(used)], show_all))
     say(
         f"momentum drift {audit.momentum_drift:.1e} (largest {audit.momentum_scale:.3g}), energy drift "
         f"{audit.energy_drift:.1e} J (of {audit.energy_scale:.3g} J), {flight.trajectory.steps} steps"

@@ -9,8 +9,9 @@ import typer
 
 from smsid._statistics import NORMAL95
 from smsid.cli.errors import Outcome
-from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.inputs import read_estimate, read_recordings, write_page
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
+from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -91,23 +92,17 @@ def track_command(
     save: SavedTracker = None,
     report: ReportPath = None,
     show_all: ShowAll = False,
-    unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="go on although channels contradict each other")
-    ] = False,
+    unchecked: Unchecked = False,
 ) -> Outcome:
     """Follow a spacecraft's parameters through recordings, each as a random walk with bands."""
     from smsid.description import load_description
-    from smsid.identify.estimate import load_estimate
-    from smsid.recording import load_recording
+    from smsid.report.track import track_report
     from smsid.tracking.history import FALSE_ALARMS, save_history
     from smsid.tracking.track_recordings import track_recordings
     from smsid.tracking.tracker_file import save_tracker
 
     described = load_description(description)
-    loaded = [load_recording(path) for path in recordings]
-    if unchecked:
-        loaded = [recording.unchecked() for recording in loaded]
-    known = load_estimate(estimate) if estimate is not None else None
+    loaded, known = read_recordings(recordings, unchecked), read_estimate(estimate)
     if method == "momentum":
         refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes}
         if given := [name for name, value in refused.items() if value]:
@@ -128,34 +123,19 @@ def track_command(
     else:
         with working("following"):
             history, tracker = track_recordings(
-                described,
-                loaded,
-                follow=rates_of(follow or ()) or None,
-                hold=hold or (),
-                estimate=known,
-                cad=cad,
-                gap=gap,
-                warm_up=warm_up,
-                false_alarms=FALSE_ALARMS if changes else None,
-            )
+                described, loaded, follow=rates_of(follow or ()) or None, hold=hold or (), estimate=known,
+                cad=cad, gap=gap, warm_up=warm_up, false_alarms=FALSE_ALARMS if changes else None,
+            )  # fmt: skip
         if save is not None:
             save_tracker(tracker, save)
     save_history(history, output)
     written = [output]
     if save is not None:
         written.append(save)
-    if report is not None:
-        from smsid.report import files_of, provenance, write_report
-        from smsid.report.track import track_report
-
-        inputs = [*files_of(described, description), *recordings]
-        origin = provenance([*inputs, *([estimate] if estimate is not None else [])])
-        write_report(track_report(history, origin), report)
-        written.append(report)
-    out = console()
-    for part in history_parts(history, everything=show_all):
-        out.print(part, highlight=False)
-    say(f"wrote {', '.join(map(str, written))}")
+    inputs = [description, *recordings, estimate]
+    written += write_page(report, lambda o: track_report(history, o), inputs, described)
+    print_parts(history_parts(history, everything=show_all))
+    say_written(written)
     return Outcome({"track": document(history)}, written)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from smsid.cli.errors import Outcome
+from smsid.cli.inputs import read_recordings
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
 from smsid.cli.places import Writes
@@ -60,38 +62,38 @@ def view_command(
     ] = "127.0.0.1",
 ) -> Outcome:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
-    from smsid.view import Look, live_main, view_main
+    from smsid.description import load_description
+    from smsid.view import Look, played, show, write_view
 
-    kind = _layout(layout)
-    look = Look(
-        slosh_factor=slosh,
-        panel_factor=bending,
-        background="space" if dark else "auto",
-        arrows=arrows,
-        trail=trail,
-    )
-    chosen = {"simulated": simulated, "layout": kind, "look": look, "fps": fps, "speed": speed}
+    if layout != "ghost" and layout != "beside":
+        raise SmsidError(f"There is no layout '{layout}'.", advice="Use --layout ghost or --layout beside.")
+    sky: Literal["space", "auto"] = "space" if dark else "auto"
+    look = Look(slosh_factor=slosh, panel_factor=bending, background=sky, arrows=arrows, trail=trail)
     if simulated and not recordings:
         raise SmsidError("--simulated needs a recording.", advice="Give the one whose commands to fly.")
+    with working("drawing"):
+        described, paths = load_description(description), recordings or []
+        how = {"simulated": simulated, "layout": layout, "look": look, "fps": fps, "speed": speed}
+        view = played(described, read_recordings(paths), file_names(paths), **how)  # type: ignore[arg-type]
     if live:
         with working("drawing"):
-            view = live_main(description, recordings, **chosen, host=host)
-        say(f"listening on {host}; open {view.url} in a browser; Ctrl-C ends it")
+            shown = show(view, host=host)
+        say(f"listening on {host}; open {shown.url} in a browser; Ctrl-C ends it")
         try:
             while True:
                 time.sleep(1.0)
         except KeyboardInterrupt:
-            view.close()
-        return Outcome({"url": view.url, "notes": list(view.scene.notes)})
+            shown.close()
+        return Outcome({"url": shown.url, "notes": list(shown.scene.notes)})
     with working("drawing"):
-        _, notes = view_main(description, recordings, output, **chosen)
-    for note in notes:
+        write_view(view, output, fps=fps)
+    for note in view.notes:
         say(f"note: {note}")
     say(f"wrote {output}")
-    return Outcome({"notes": list(notes)}, [output])
+    return Outcome({"notes": list(view.notes)}, [output])
 
 
-def _layout(name: str) -> Literal["ghost", "beside"]:
-    if name == "ghost" or name == "beside":
-        return name
-    raise SmsidError(f"There is no layout '{name}'.", advice="Use --layout ghost or --layout beside.")
+def file_names(paths: Sequence[Path]) -> list[str]:
+    """Return short names of files: their stems, or their paths where stems coincide."""
+    stems = [p.stem for p in paths]
+    return stems if len(set(stems)) == len(stems) else [str(p) for p in paths]

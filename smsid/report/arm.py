@@ -10,8 +10,8 @@ from smsid.arm.comparison import JudgedArm
 from smsid.arm.units import torque_unit
 from smsid.errors import SmsidError
 from smsid.recording import Recording
-from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
-from smsid.report.numbers import number, share
+from smsid.report.model import Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
+from smsid.report.numbers import share
 from smsid.report.parameters import Known, identifiability, parameter_table, reported_parameters
 from smsid.report.residuals import residual_table
 from smsid.report.spectra import spectrum_grid
@@ -32,32 +32,23 @@ def arm_report(
     groups = {r.name: torque_traces(found, r) for r in recordings}
     judged = [(r, found.judge(r)) for r in recordings]
     held = [(r, e) for r, e in judged if r.role == "validation"]
-    name, errors = held[0] if held else judged[0]
+    judge, errors = held[0] if held else judged[0]
     seen = "on held-out data" if held else "on the data it was identified from"
     sentence = (
         f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation), and "
-        f"the torques {seen} are predicted to {share(errors.relative, 3)} ({name.name})."
+        f"the torques {seen} are predicted to {share(errors.relative, 3)} ({judge.name})."
     )
     tone: Tone = "neutral" if not held else "good" if errors.relative <= WELL else "warn"
     joints = tuple(errors.by_joint)
     table = Table(
         "Torques: |predicted − measured| / |measured|",
         ("recording", "role", "#all joints", *(f"#{j}" for j in joints)),
-        tuple(
-            (Cell(r.name), Cell(r.role), Cell(number(e.relative, 3), e.relative),
-             *(Cell(number(e.by_joint[j], 3), e.by_joint[j]) for j in joints))
-            for r, e in judged
-        ),
-    )  # fmt: skip
+        [cells(r.name, r.role, (e.relative, 3), *((e.by_joint[j], 3) for j in joints)) for r, e in judged],
+    )
     traces = [t for ts in groups.values() for t in ts]
     worst = int(np.nanargmax([t.whitened_rms for t in traces]))
-    body = Traces(
-        tuple(traces),
-        "measured and predicted torque over time",
-        worst,
-        band="± 2 rms of the fit",
-        budget=BUDGET,
-    )
+    alt, band = "measured and predicted torque over time", "± 2 rms of the fit"
+    body = Traces(traces, alt, worst, band=band, budget=BUDGET)
     caption = "Below: measured minus predicted, beside twice its rms on the recording identified from."
     figure = Figure("traces", "Measured and predicted torque", body, caption)
     spectra = spectrum_grid("spectrum", groups, labels=("", "residual torque"))
@@ -66,24 +57,16 @@ def arm_report(
         identifiability("known", own, known),
         parameter_table("Combinations of links, friction and motors", own, known),
     )
-    notes = Text(found.estimate.notes or ("none",), bullets=True)
     sections = (
         Section("parameters", "Parameters", parameters, f"{len(own)} with intervals"),
         Section("residuals", "Measured against predicted", (table, figure, torques)),
         Section("spectra", "Spectra of the residuals", (spectra,)),
-        Section("notes", "Notes", (notes,), open=False),
+        *notes_section(found.estimate.notes),
     )
     glance = [("identifiable", f"{good} of {len(own)}")]
     glance += [(f"torque error, {r.role}", share(e.relative, 3)) for r, e in judged]
-    return Report(
-        "Identification of an arm",
-        found.model.description.name,
-        sentence,
-        tone,
-        sections,
-        origin,
-        tuple(glance[:4]),
-    )
+    name = found.model.description.name
+    return Report("Identification of an arm", name, sentence, tone, sections, origin, glance[:4])
 
 
 def torque_traces(found: JudgedArm, recording: Recording) -> tuple[Trace, ...]:
@@ -100,17 +83,7 @@ def torque_traces(found: JudgedArm, recording: Recording) -> tuple[Trace, ...]:
     for k in range(left.shape[1]):
         if not both.measured[:, k].any() and not both.predicted[:, k].any():
             continue  # its torque signal is not used
-        label = f"{recording.name}: {names[k]}"
-        unit = torque_unit(found.model, k)
-        out.append(
-            Trace(
-                label,
-                unit,
-                both.time,
-                both.measured[:, k],
-                both.predicted[:, k],
-                left[:, k],
-                float(fitted[k]),
-            )
-        )
+        label, unit = f"{recording.name}: {names[k]}", torque_unit(found.model, k)
+        values = both.measured[:, k], both.predicted[:, k], left[:, k]
+        out.append(Trace(label, unit, both.time, *values, float(fitted[k])))
     return tuple(out)

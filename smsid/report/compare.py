@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smsid.comparison.result import Comparison, Finding
-from smsid.report.model import Cell, Provenance, Report, Section, Table, Text
+from smsid.report.model import Cell, Provenance, Report, Section, Table, Text, Tone, cells, notes_section
 from smsid.report.numbers import number
 
 
@@ -17,52 +17,32 @@ def compare_report(found: Comparison, origin: Provenance) -> Report:
     sections = [Section("findings", "What it means", findings)] if findings else []
     sections.append(Section("parameters", "Every parameter", (_parameters(found),)))
     if found.not_comparable:
-        rows = tuple((Cell(n.name), Cell(n.estimate), Cell(n.reason)) for n in found.not_comparable)
+        rows = [cells(n.name, n.estimate, n.reason) for n in found.not_comparable]
         table = Table("not comparable", ("parameter", "estimate", "why"), rows)
         sections.append(Section("not_comparable", "Not comparable", (table,), open=False))
-    if found.notes:
-        sections.append(Section("notes", "Notes", (Text(found.notes, bullets=True),)))
+    sections += notes_section(found.notes, open=True)
     glance = [("changed", f"{sum(p.changed for p in found.parameters)} of {len(found.parameters)}")]
     if found.statistic is not None:
         glance.append(("chi-squared", f"{number(found.statistic)} of {found.freedom}"))
-    return Report(
-        "Comparison of two estimates",
-        f"{found.first} and {found.second}",
-        found.sentence,
-        "warn" if found.changed else "good",
-        tuple(sections),
-        origin,
-        tuple(glance),
-    )
+    title, subject = "Comparison of two estimates", f"{found.first} and {found.second}"
+    tone: Tone = "warn" if found.changed else "good"
+    return Report(title, subject, found.sentence, tone, sections, origin, glance)
 
 
 def _numbers(finding: Finding) -> Table:
-    rows = tuple(
-        (
-            Cell(q.name),
-            Cell(number(q.value, 5), q.value),
-            Cell(number(1.96 * q.sigma, 2), 1.96 * q.sigma),
-            Cell(q.unit),
-            Cell("" if q.told else "not told", tone="neutral" if q.told else "warn"),
+    rows = [
+        cells(
+            q.name, (q.value, 5), (1.96 * q.sigma, 2), q.unit, "" if q.told else Cell("not told", tone="warn")
         )
         for q in finding.quantities
-    )
+    ]
     return Table(finding.subject or "numbers", ("quantity", "#value", "#± 95 %", "unit", ""), rows)
 
 
 def _parameters(found: Comparison) -> Table:
-    rows = tuple(
-        (
-            Cell(p.name),
-            Cell(number(p.before, 6), p.before),
-            Cell(number(p.after, 6), p.after),
-            Cell(number(p.change, 3), p.change),
-            Cell(number(1.96 * p.sigma, 2), 1.96 * p.sigma),
-            Cell(number(p.deviations, 3), p.deviations),
-            Cell(p.unit),
-            Cell("changed" if p.changed else "", tone="warn" if p.changed else "neutral"),
-        )
-        for p in sorted(found.parameters, key=lambda p: p.p_value)
-    )
+    rows = []
+    for p in sorted(found.parameters, key=lambda p: p.p_value):
+        change = (p.before, 6), (p.after, 6), (p.change, 3), (1.96 * p.sigma, 2), (p.deviations, 3)
+        rows.append(cells(p.name, *change, p.unit, Cell("changed", tone="warn") if p.changed else ""))
     columns = ("parameter", "#before", "#after", "#change", "#± 95 %", "#sigma", "unit", "")
     return Table("parameters, those that changed most first", columns, rows)

@@ -9,7 +9,7 @@ import numpy as np
 from smsid.control.design import Design
 from smsid.control.robustness import Robustness
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.rows import Bar, Mark, Row, RowChart
@@ -37,7 +37,7 @@ def control_report(made: Design, origin: Provenance) -> Report:
         glance.append(("mu, upper bound", number(made.robustness.mu_upper, 3)))
     least = min((p.damping for p in made.poles), default=math.nan)
     glance.append(("least damping ratio", number(least, 2)))
-    return Report("Controller", made.description, sentence, tone, tuple(sections), origin, tuple(glance))
+    return Report("Controller", made.description, sentence, tone, sections, origin, glance)
 
 
 def verdict(made: Design) -> tuple[str, Tone]:
@@ -51,10 +51,8 @@ def verdict(made: Design) -> tuple[str, Tone]:
     if r.unstable or r.damping <= 0.0:
         return f"{gamma}, and plants within the identified intervals are unstable.{driven}", "bad"
     if not r.stable:
-        return (
-            f"{gamma}; that every plant within the identified intervals is stable is not shown.{driven}",
-            "warn",
-        )
+        text = "that every plant within the identified intervals is stable is not shown"
+        return f"{gamma}; {text}.{driven}", "warn"
     sentence = (
         f"{gamma}, and the loop stays stable over the identified intervals: mu is at most "
         f"{number(r.mu_upper, 2)}, and none of {r.samples} plants drawn from the estimate is unstable."
@@ -66,18 +64,10 @@ def _design_parts(made: Design) -> tuple[Text | Table | Figure, ...]:
     rows = []
     for b in made.term.blocks:
         low, high = b.gain_margin
-        rows.append(
-            (
-                Cell(", ".join(made.coordinates[k] for k in b.coordinates)),
-                Cell(number(b.synthesis.norm, 4), b.synthesis.norm),
-                Cell(number(float(b.error.max()), 3), float(b.error.max())),
-                Cell(number(b.crossover, 3), b.crossover),
-                Cell(number(b.sensitivity, 3), b.sensitivity),
-                Cell(number(b.complementary, 3), b.complementary),
-                Cell(f"{number(low, 2)} … {number(high, 3)}"),
-                Cell(number(b.phase_margin, 3), b.phase_margin),
-            )
-        )
+        names = ", ".join(made.coordinates[k] for k in b.coordinates)
+        loop = (b.crossover, 3), (b.sensitivity, 3), (b.complementary, 3)
+        margins = f"{number(low, 2)} … {number(high, 3)}", (b.phase_margin, 3)
+        rows.append(cells(names, (b.synthesis.norm, 4), (float(b.error.max()), 3), *loop, *margins))
     columns = ("coordinates", "#gamma", "#bound on e [rad]", "#crossover [rad/s]", "#S, peak", "#T, peak",
                "#gain margin", "#phase margin [deg]")  # fmt: skip
     note = "Margins hold for all channels of a group at once. S and T are taken at the plant's input."
@@ -85,10 +75,9 @@ def _design_parts(made: Design) -> tuple[Text | Table | Figure, ...]:
     if made.identified is not None:
         left = made.identified.left
         told = f"; as described: {', '.join(left)}" if left else ""
-        lines.insert(
-            0, f"controller's model: {len(made.identified.applied)} parameters of the estimate{told}"
-        )
-    return Table("H-infinity term and margins", columns, tuple(rows), note), Text(tuple(lines), bullets=True)
+        count = len(made.identified.applied)
+        lines.insert(0, f"controller's model: {count} parameters of the estimate{told}")
+    return Table("H-infinity term and margins", columns, rows, note), Text(lines, bullets=True)
 
 
 def _modes(made: Design) -> tuple[Table | Figure, ...]:
@@ -102,23 +91,17 @@ def _modes(made: Design) -> tuple[Table | Figure, ...]:
         mark = Mark(m.frequency, m.low, m.high, 0, "dot" if m.held else "ring", tip)
         rows.append(Row(f"{m.name}, base and joints {state}", (mark,), number(m.frequency, 4), m.band))
         values += [low, high]
-        cells = [Cell(m.name), Cell(state)]
-        cells += [Cell(number(x, 5), x) for x in (m.frequency, m.low, m.high, low, high)]
-        table.append(tuple(cells))
+        table.append(cells(m.name, state, *((x, 5) for x in (m.frequency, m.low, m.high, low, high))))
     gains = [(tuning.attitude, "attitude gains")]
     gains += [] if math.isnan(tuning.joints) else [(tuning.joints, "joint gains")]
-    chart = RowChart(
-        Axis.over("frequency [rad/s]", [values, [g for g, _ in gains]], log=True),
-        tuple(rows),
-        "natural frequencies with the bands that gains keep out of",
-        (("base and joints held", 0, "dot"), ("free", 0, "ring")),
-        tuple(gains),
-    )
+    axis = Axis.over("frequency [rad/s]", [values, [g for g, _ in gains]], log=True)
+    legend = (("base and joints held", 0, "dot"), ("free", 0, "ring"))
+    chart = RowChart(axis, rows, "natural frequencies with the bands that gains keep out of", legend, gains)
     caption = "Shaded: where no gain's frequency may lie, the 95 % interval widened by a factor of 1.25."
     columns = ("mode", "base and joints", "#rad/s", "#95 % from", "#to", "#band from", "#to")
     return (
         Figure("bands", "Natural frequencies and where the gains lie", chart, caption),
-        Table("Natural frequencies", columns, tuple(table)),
+        Table("Natural frequencies", columns, table),
     )
 
 
@@ -137,16 +120,12 @@ def _poles(made: Design) -> tuple[Table | Figure, ...]:
     marks = [m for m in marks if isinstance(m, Rule) or len(m.x)]
     y = Axis.over("damping ratio", [shown, [1.0]], log=True, room=0.08)
     axis = Axis.over("frequency [rad/s]", [x], log=True)
-    plot = Plot(axis, y, tuple(marks), "poles of the closed loop", 250)
-    rows = tuple(
-        (
-            Cell(p.name),
-            Cell(number(abs(p.value), 4), abs(p.value)),
-            Cell(number(p.damping, 4), p.damping, "bad" if p.damping <= 0.0 else "neutral"),
-            Cell(p.flag, tone="warn" if p.flag else "neutral"),
-        )
-        for p in made.poles
-    )
+    plot = Plot(axis, y, marks, "poles of the closed loop", 250)
+    rows = []
+    for p in made.poles:
+        damped: Tone = "bad" if p.damping <= 0.0 else "neutral"
+        flag = Cell(p.flag, tone="warn" if p.flag else "neutral")
+        rows.append(cells(p.name, (abs(p.value), 4), (p.damping, 4, damped), flag))
     return (
         Figure("pole-plot", "Frequency and damping of every pole", plot),
         Table("Poles", ("moves most", "#rad/s", "#damping ratio", "flag"), rows),
@@ -167,18 +146,13 @@ def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
         "Over the identified intervals. With mu below one every plant within them is stable; the lower "
         "bound is from an unstable plant found at 1/mu of the intervals."
     )
-    rows = tuple((Cell(k), Cell(number(v, 4), v)) for k, v in facts)
-    table = Table("Robust stability", ("quantity", "#value"), rows, note)
+    table = Table("Robust stability", ("quantity", "#value"), [cells(k, (v, 4)) for k, v in facts], note)
     worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:SHOWN]
-    bars = tuple(
+    bars = [
         Row(name, (Bar(value, 0 if value > 0 else 1, 0.0),), f"{value:+.2f}".replace("-", "−"))
         for name, value in worst
-    )
-    chart = RowChart(
-        Axis("share of the 95 % interval", -1.1, 1.1, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1"))),
-        bars,
-        "the worst parameters found",
-        rules=((0.0, ""),),
-    )
+    ]
+    axis = Axis("share of the 95 % interval", -1.1, 1.1, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1")))
+    chart = RowChart(axis, bars, "the worst parameters found", rules=((0.0, ""),))
     caption = "Where within the identified intervals the loop is damped least, as far as a search found."
     return table, Figure("worst", "Worst parameters", chart, caption)

@@ -9,17 +9,17 @@ from typing import Any
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
+from smsid.diagnose.result import FoundCause, Value
 from smsid.estimation.parameter_vector import Point
-from smsid.identify.estimate import Estimate
+from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
-from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.diagnosis_shares import Shares
+from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import half, number, unit
-from smsid.report.open_loop import OpenLoop, most_different
+from smsid.report.open_loop import OpenLoop, most_different, story_section
 from smsid.report.parameters import reported_parameters
 from smsid.report.plain_words import plain_words, quantity, strength
-from smsid.report.shares import Shares
-from smsid.report.story import story_section
 from smsid.report.truth import TrueWorld, described_bodies
 
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
@@ -30,8 +30,8 @@ class Craft:
     """The craft with something hidden: what was described and measured, and what was found.
 
     ``estimate`` is of the estimation flight, ``found`` its diagnosis, ``extended`` the description with the
-    identified values and the cause, ``engine`` what made the flights,
-    ``hidden`` and ``parameters`` what the world was.
+    identified values and the cause; ``engine`` made the flights, ``hidden`` and ``parameters`` are what the
+    world was.
     """
 
     description: Description
@@ -43,6 +43,12 @@ class Craft:
     engine: str
     hidden: Mapping[str, Any]
     parameters: Mapping[str, float]
+
+    def true_value(self, cause: FoundCause, p: Value) -> float | None:
+        """Return what was hidden, if a parameter of a cause is what was."""
+        h = self.hidden
+        wanted = h["effect"], h["location"], h["parameter"]
+        return h["value"] if (cause.effect, cause.location, p.name.rpartition(".")[2]) == wanted else None
 
 
 def demo_report(
@@ -81,16 +87,11 @@ def demo_report(
     sections.append(paper)
     sections.append(Section("files", "Look further", (Links(tuple(links)),)))
     sentence, tone = verdict(craft)
-    return Report(
+    title, subject = (
         "smsid, shown on a craft with something hidden",
         "What the simulation gets wrong, and why",
-        sentence,
-        tone,
-        tuple(sections),
-        origin,
-        _glance(craft, seen),
-        picture,
     )
+    return Report(title, subject, sentence, tone, sections, origin, _glance(craft, seen), picture)
 
 
 def verdict(craft: Craft) -> tuple[str, Tone]:
@@ -107,12 +108,10 @@ def verdict(craft: Craft) -> tuple[str, Tone]:
 
 def found_hidden(craft: Craft) -> bool | None:
     """Return whether the hidden value lies in the interval found; ``None`` where another cause is named."""
-    h = craft.hidden
     for cause in craft.found.diagnosis.causes:
         for p in cause.parameters:
-            same = (cause.effect, cause.location) == (h["effect"], h["location"])
-            if same and p.name.rpartition(".")[2] == h["parameter"]:
-                return p.interval[0] <= h["value"] <= p.interval[1]
+            if (value := craft.true_value(cause, p)) is not None:
+                return p.interval[0] <= value <= p.interval[1]
     return None
 
 
@@ -122,47 +121,38 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
     times = r.time()
     out = [
         f"Measured: a flight of {times[-1] - times[0]:g} s, arm and wheels driven by known torques, "
-        f"{len(times)} samples "
-        "of pose, gyro, accelerometer, encoders and tachometers with their noise. It was made by "
-        f"{craft.engine}, "
-        "whose model shares no code with smsid's. A second flight is kept aside to judge by."
+        f"{len(times)} samples of pose, gyro, accelerometer, encoders and tachometers with their noise. It "
+        f"was made by {craft.engine}, whose model shares no code with smsid's. A second flight is kept aside "
+        "to judge by."
     ]
-    if seen is not None:
-        shown = most_different(seen, DESCRIBED, EXTENDED, 2)
-        told = "; ".join(_error_of(seen, c, (DESCRIBED,)) for c in shown)
-        if told:
-            out.append(
-                "What the simulation gets wrong: driven by the same torques, the described craft "
-                f"strays. {told}."
-            )
-    good = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
+    if told := _errors(seen, (DESCRIBED,), 2):
+        out.append(
+            f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}."
+        )
+    good = sum(p.status == "identifiable" for p in reported_parameters(craft.estimate))
     text = (
-        f"Identified: the description is a guess that is off by several per cent. {len(good)} "
-        "parameters are found to "
-        "better than 10 %"
+        f"Identified: the description is a guess that is off by several per cent. {good} parameters are "
+        "found to better than 10 %"
     )
-    if seen is not None:
-        told = "; ".join(
-            _error_of(seen, c, (DESCRIBED, IDENTIFIED)) for c in most_different(seen, DESCRIBED, EXTENDED, 1)
-        )
-        text += (
-            f". Better numbers alone do not mend the simulation: {told} (described → identified)"
-            if told
-            else ""
-        )
+    if told := _errors(seen, (DESCRIBED, IDENTIFIED), 1):
+        text += f". Better numbers alone do not mend the simulation: {told} (described → identified)"
     out.append(text + ".")
     if d.causes:
         tried = craft.found.search.candidates if craft.found.search is not None else 0
+        sentence = d.sentence.replace("+-", "±")
         out.append(
-            f"The cause by name, out of {tried} candidates, told nothing of what was hidden: "
-            f"{d.sentence}".replace("+-", "±")
+            f"The cause by name, out of {tried} candidates, told nothing of what was hidden: {sentence}"
         )
     if d.causes and seen is not None:
-        told = "; ".join(
-            _error_of(seen, c, (DESCRIBED, EXTENDED)) for c in most_different(seen, DESCRIBED, EXTENDED, 3)
-        )
+        told = _errors(seen, (DESCRIBED, EXTENDED), 3)
         out.append(f"The gain, on the flight that was not used (described → with the cause): {told}.")
     return tuple(out)
+
+
+def _errors(seen: OpenLoop | None, models: Sequence[str], most: int) -> str:
+    """Return by how much models are off in the components where the cause tells most."""
+    shown = () if seen is None else most_different(seen, DESCRIBED, EXTENDED, most)
+    return "; ".join(_error_of(seen, c, models) for c in shown if seen is not None)
 
 
 def _error_of(seen: OpenLoop, c: Any, models: Sequence[str]) -> str:
@@ -173,79 +163,53 @@ def _error_of(seen: OpenLoop, c: Any, models: Sequence[str]) -> str:
 
 def cause_section(craft: Craft) -> Section:
     """Return the causes with their intervals beside what was hidden."""
-    d = craft.found.diagnosis
-    h = craft.hidden
+    d, h = craft.found.diagnosis, craft.hidden
     rows = []
     for cause in d.causes:
         for p in cause.parameters:
-            low, high = p.interval
-            same = (cause.effect, cause.location) == (h["effect"], h["location"])
-            hidden = h["value"] if same and p.name.rpartition(".")[2] == h["parameter"] else None
-            rows.append(
-                (
-                    Cell(f"{cause.label} ({cause.effect.replace('_', ' ')})"),
-                    Cell(cause.location),
-                    Cell(number(p.value, 6), p.value),
-                    Cell(half(p.value, low, high), 0.5 * (high - low)),
-                    Cell("none" if hidden is None else number(hidden, 6), hidden),
-                    Cell(unit(p.unit)),
-                )
-            )
+            hidden = craft.true_value(cause, p)
+            label = f"{cause.label} ({cause.effect.replace('_', ' ')})"
+            shown = "none" if hidden is None else (hidden, 6)
+            rows.append(cells(label, cause.location, (p.value, 6), _interval(p), shown, unit(p.unit)))
     parts: list[Text | Table] = [Text((d.sentence.replace("+-", "±"),))]
     if rows:
         columns = ("cause", "where", "#found", "#95 % interval", "#hidden", "unit")
-        parts.append(Table("Found, and hidden", columns, tuple(rows)))
-    right = found_hidden(craft)
+        parts.append(Table("Found, and hidden", columns, rows))
     ending = {
         True: "The interval found holds it.",
         False: "The right cause; the interval found does not hold the value.",
         None: "It was not found.",
-    }[right]
-    parts.append(
-        Text(
-            (
-                f"What was hidden: {h['parameter']} = {number(h['value'], 6)} {unit(h['unit'])} "
-                f"({h['effect'].replace('_', ' ')}) at {h['location']}. {ending}",
-            )
-        )
-    )
-    return Section("cause", "The cause, and what was hidden", tuple(parts))
+    }[found_hidden(craft)]
+    hidden = f"{h['parameter']} = {number(h['value'], 6)} {unit(h['unit'])} ({h['effect'].replace('_', ' ')})"
+    parts.append(Text((f"What was hidden: {hidden} at {h['location']}. {ending}",)))
+    return Section("cause", "The cause, and what was hidden", parts)
+
+
+def _interval(p: Value | ParameterEstimate) -> Cell:
+    low, high = p.interval
+    return Cell(half(p.value, low, high), 0.5 * (high - low))
 
 
 def values_section(craft: Craft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
     own = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
-    world = TrueWorld(craft.parameters, described_bodies(craft.description), _effects(craft))
+    bodies = described_bodies(craft.description)
+    effects = {name: value for name, value in craft.parameters.items() if name not in bodies}
+    world = TrueWorld(craft.parameters, bodies, effects)
     truth = world.values_of(own)
     known = [p for p in own if p.name in truth]
     inside = sum(p.interval[0] <= truth[p.name] <= p.interval[1] for p in known)
     rows = []
     for p in known:
-        low, high = p.interval
-        within = low <= truth[p.name] <= high
-        rows.append(
-            (
-                Cell(p.name),
-                Cell("–" if p.nominal is None else number(p.nominal, 5), p.nominal),
-                Cell(number(p.value, 5), p.value),
-                Cell(half(p.value, low, high), 0.5 * (high - low)),
-                Cell(number(truth[p.name], 5), truth[p.name]),
-                Cell(unit(p.unit)),
-                Cell("yes" if within else "no", tone="good" if within else "warn"),
-            )
-        )
+        within = p.interval[0] <= truth[p.name] <= p.interval[1]
+        found = (p.value, 5), _interval(p), (truth[p.name], 5), unit(p.unit)
+        verdict_ = Cell("yes" if within else "no", tone="good" if within else "warn")
+        rows.append(cells(p.name, (p.nominal, 5), *found, verdict_))
     columns = ("parameter", "#described", "#identified", "#95 % interval", "#truth", "unit", "truth inside")
     title = "Found to better than 10 % from one flight without thrust"
     note = "A sum is a combination of inertial parameters: its terms alone cannot be told from this motion."
     gist = f"{inside} of {len(known)} intervals hold the truth; 95 % should"
-    return Section(
-        "values", "Identified values", (Table(title, columns, tuple(rows), note),), gist, open=False
-    )
-
-
-def _effects(craft: Craft) -> dict[str, float]:
-    bodies = described_bodies(craft.description)
-    return {name: value for name, value in craft.parameters.items() if name not in bodies}
+    return Section("values", "Identified values", (Table(title, columns, rows, note),), gist, open=False)
 
 
 def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from smsid.design import Design, Limits
 from smsid.design.model_discrimination import Separation
-from smsid.experiments import LimitUse
+from smsid.experiments import Experiment, LimitUse
+from smsid.experiments.schema import Profile
 from smsid.identify.estimate import IDENTIFIABLE_BELOW
+from smsid.inputs.signals import Signal, sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.report.axes import Axis
-from smsid.report.designed_signals import signal_grids
-from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import (
+    Cell,
+    Figure,
+    Grid,
+    Provenance,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+    cells,
+    notes_section,
+)
 from smsid.report.numbers import number, share, unit
+from smsid.report.plot import Curve, Plot
 from smsid.report.rows import Bar, Mark, Row, RowChart
 
 NEAR = 0.99  # share of what may be used at which a limit holds the design back
@@ -40,25 +57,18 @@ def design_report(
     experiment = found.experiment
     told = _precision(found, asked.to) if isinstance(found, Design) else _separation(found)
     title = "Predicted precision" if isinstance(found, Design) else "Detection limits"
-    facts = (
+    facts = [
         f"{label}: {e.note.removeprefix('designed: ')}; {number(e.duration, 6)} s"
         for label, e in (("designed", experiment), ("before", found.reference))
-    )
-    signals = signal_grids(model, experiment, found.reference)
+    ]
+    drawn = (Text(facts, bullets=True), *signal_grids(model, experiment, found.reference))
+    limits, tightest = _limits(found.limits, asked.limits), _tightest(found.limits, asked.limits)
     sections = [
         Section("precision", title, told, "Cramér-Rao bounds" if isinstance(found, Design) else ""),
-        Section(
-            "signals",
-            "Designed signals",
-            (Text(tuple(facts), bullets=True), *signals),
-            f"{number(experiment.duration, 6)} s",
-        ),
-        Section(
-            "limits", "Limits", _limits(found.limits, asked.limits), _tightest(found.limits, asked.limits)
-        ),
+        Section("signals", "Designed signals", drawn, f"{number(experiment.duration, 6)} s"),
+        Section("limits", "Limits", limits, tightest),
+        *notes_section(found.notes, open=True),
     ]
-    if found.notes:
-        sections.append(Section("notes", "Notes", (Text(tuple(found.notes), bullets=True),)))
     sentence, tone = verdict(found, asked)
     glance = [("duration", f"{number(experiment.duration, 5)} s")]
     if isinstance(found, Design):
@@ -68,8 +78,8 @@ def design_report(
         glance.append(("correlation of the two", number(found.correlation, 3)))
         glance.append(("before", number(found.correlation_before, 3)))
     glance.append(("experiments tried", str(found.evaluations)))
-    return Report("Designed experiment", model.description.name, sentence, tone, tuple(sections), origin,
-                  tuple(glance))  # fmt: skip
+    name = model.description.name
+    return Report("Designed experiment", name, sentence, tone, sections, origin, glance)
 
 
 def verdict(found: Design | Separation, asked: ReportInputs) -> tuple[str, Tone]:
@@ -110,30 +120,16 @@ def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
             Mark(then, series=2, shape="ring", tip=f"before: {share(then)}"),
         )
         rows.append(Row(name, items, share(now), tone="neutral" if met else "warn"))
-        table.append(
-            (
-                Cell(name),
-                Cell(number(float(goal.values[i]), 6), float(goal.values[i])),
-                Cell(number(float(found.sigma[i]), 3), float(found.sigma[i])),
-                Cell(number(float(found.before[i]), 3), float(found.before[i])),
-                Cell(unit(goal.units[i])),
-                Cell(share(now), now, "good" if met else "warn"),
-                Cell(share(then), then),
-                Cell(number(then / now, 3), then / now),
-            )
-        )
+        known = (goal.values[i], 6), (found.sigma[i], 3), (found.before[i], 3), unit(goal.units[i])
+        relative = Cell(share(now), now, "good" if met else "warn"), Cell(share(then), then)
+        table.append(cells(name, *known, *relative, (then / now, 3)))
     label = "wanted" if to is not None else "limit of identifiable"
     legend = [("σ predicted", 0, "bar"), ("before", 2, "ring")]
     legend += [(f"σ predicted, above {label}", 1, "bar")] if any(r.tone == "warn" for r in rows) else []
-    chart = RowChart(
-        Axis.over(
-            "σ, share of the parameter's size", [found.relative, found.relative_before, [wanted]], log=True
-        ),
-        tuple(rows),
-        "predicted standard deviations relative to the parameters' size",
-        tuple(legend),
-        ((wanted, f"{label}: {share(wanted, 3)}"),),
-    )
+    values = [found.relative, found.relative_before, [wanted]]
+    axis = Axis.over("σ, share of the parameter's size", values, log=True)
+    alt = "predicted standard deviations relative to the parameters' size"
+    chart = RowChart(axis, rows, alt, legend, ((wanted, f"{label}: {share(wanted, 3)}"),))
     caption = (
         "Left is better. Bounds of Cramér and Rao on one standard deviation, of the experiment as simulated, "
         "for the described values; biases and initial pose unknown. Before: the paper's kind of excitation "
@@ -142,37 +138,22 @@ def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
     columns = ("parameter", "#described", "#σ", "#σ before", "unit", "#relative", "#before", "#times better")
     return (
         Figure("sigmas", "Standard deviations to be expected", chart, caption),
-        Table("Predicted standard deviations", columns, tuple(table)),
+        Table("Predicted standard deviations", columns, table),
     )
 
 
 def _separation(found: Separation) -> tuple[Figure | Table, ...]:
-    rows = tuple(
-        Row(
-            r.cause if r.cause.startswith(r.parameter) else f"{r.cause}: {r.parameter}",
-            (Bar(r.limit / r.before, 0, 1.0, tip=f"{number(r.limit, 3)} {r.unit}"),),
-            f"{number(r.limit, 3)} {unit(r.unit)}",
-        )
-        for r in found.rows
-    )
+    rows = []
+    for r in found.rows:
+        name = r.cause if r.cause.startswith(r.parameter) else f"{r.cause}: {r.parameter}"
+        bar = Bar(r.limit / r.before, 0, 1.0, tip=f"{number(r.limit, 3)} {r.unit}")
+        rows.append(Row(name, (bar,), f"{number(r.limit, 3)} {unit(r.unit)}"))
     ratios = [r.limit / r.before for r in found.rows]
-    chart = RowChart(
-        Axis.over("detection limit, share of that before", [ratios, [1.0]], log=True),
-        rows,
-        "least values told from the other cause, relative to before",
-        rules=((1.0, "before"),),
-    )
+    axis = Axis.over("detection limit, share of that before", [ratios, [1.0]], log=True)
+    alt = "least values told from the other cause, relative to before"
+    chart = RowChart(axis, rows, alt, rules=((1.0, "before"),))
     caption = "The least value that would be seen and told from the other cause. Left is better."
-    table = tuple(
-        (
-            Cell(r.cause),
-            Cell(r.parameter),
-            Cell(number(r.limit, 3), r.limit),
-            Cell(number(r.before, 3), r.before),
-            Cell(unit(r.unit)),
-        )
-        for r in found.rows
-    )
+    table = [cells(r.cause, r.parameter, (r.limit, 3), (r.before, 3), unit(r.unit)) for r in found.rows]
     columns = ("cause", "parameter", "#told from the other", "#before", "unit")
     return (
         Figure("detection", "What is told apart", chart, caption),
@@ -180,7 +161,7 @@ def _separation(found: Separation) -> tuple[Figure | Table, ...]:
     )
 
 
-def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> tuple[Figure | Table | Text, ...]:
+def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> list[Figure | Table | Text]:
     uses = tuple(sorted(uses, key=lambda u: (u.limit is None, -limits.share(u))))
     stated = [u for u in uses if u.limit is not None]
     parts: list[Figure | Table | Text] = []
@@ -188,38 +169,31 @@ def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> tuple[Figure | Table 
         rows, values = [], [[0.0, 1.0]]
         for u in stated:
             used = limits.share(u) * limits.usable
-            tone: Tone = "bad" if used > limits.usable * (1 + 1e-6) else "neutral"
-            rows.append(
-                Row(u.quantity, (Bar(used, 1 if tone == "bad" else 0, 0.0),), share(used, 3), tone=tone)
-            )
+            over = used > limits.usable * (1 + 1e-6)
+            bar = Bar(used, int(over), 0.0)
+            rows.append(Row(u.quantity, (bar,), share(used, 3), tone="bad" if over else "neutral"))
             values.append([used, used])
-        chart = RowChart(
-            Axis.over("largest value, share of the limit", values, room=0.02, count=6),
-            tuple(rows),
-            "share of every limit that the simulated motion uses",
-            rules=((limits.usable, f"{share(limits.margin, 3)} left unused"),),
-        )
+        axis = Axis.over("largest value, share of the limit", values, room=0.02, count=6)
+        rules = ((limits.usable, f"{share(limits.margin, 3)} left unused"),)
+        chart = RowChart(axis, rows, "share of every limit that the simulated motion uses", rules=rules)
         caption = "From the simulated motion of the described spacecraft. To the left of the line: within."
         parts.append(Figure("limit-chart", "How much of every limit is used", chart, caption))
     else:
         parts.append(Text(("No limit is stated, in the description or by options.",)))
     table = []
     for u in uses:
-        if u.limit is None:
-            cells = (Cell("none stated"), Cell(""), Cell(""))
-        else:
-            left = u.limit - u.value
-            tone = "bad" if u in limits.broken((u,)) else "good" if limits.share(u) <= NEAR else "neutral"
-            cells = (
-                Cell(number(u.limit, 5), u.limit),
-                Cell(share(u.value / u.limit, 3), u.value / u.limit, tone),
-                Cell(number(left, 3), left),
+        own = cells("none stated", None, None)
+        if u.limit is not None:
+            tone: Tone = (
+                "bad" if u in limits.broken((u,)) else "good" if limits.share(u) <= NEAR else "neutral"
             )
-        table.append((Cell(u.quantity), Cell(number(u.value, 4), u.value), *cells, Cell(unit(u.unit))))
+            used = Cell(share(u.value / u.limit, 3), u.value / u.limit, tone)
+            own = cells((u.limit, 5), used, (u.limit - u.value, 3))
+        table.append(cells(u.quantity, (u.value, 4), *own, unit(u.unit)))
     columns = ("quantity", "#largest", "#limit", "#used", "#margin left", "unit")
     note = f"Of every limit {share(limits.margin, 3)} is to be left unused."
-    parts.append(Table("Limits and what is left of them", columns, tuple(table), note))
-    return tuple(parts)
+    parts.append(Table("Limits and what is left of them", columns, table, note))
+    return parts
 
 
 def _tightest(uses: tuple[LimitUse, ...], limits: Limits) -> str:
@@ -228,3 +202,56 @@ def _tightest(uses: tuple[LimitUse, ...], limits: Limits) -> str:
         return "none stated"
     full = [u.quantity for u in stated if limits.share(u) > NEAR]
     return f"held back by {', '.join(full)}" if full else "none used up"
+
+
+POINTS = 1200
+HEIGHT = 150
+
+
+def signal_grids(model: SpacecraftModel, experiment: Experiment, reference: Experiment) -> tuple[Grid, ...]:
+    """Return a grid of small figures per kind of command; components that stay zero in both are left out."""
+    out = []
+    for key, title, unit_, names in _kinds(model):
+        now, then = getattr(experiment, key), getattr(reference, key)
+        figures = _figures(key, names, unit_, (now, experiment.duration), (then, reference.duration))
+        if figures:
+            out.append(Grid(title, figures))
+    return tuple(out)
+
+
+def signal_points(signal: Signal, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (N,) and values (N, size) to draw a signal from 0 to ``duration`` [s], jumps upright."""
+    jumps = np.array([t for t in signal.breakpoints if 0.0 < t < duration])
+    before = np.nextafter(jumps, 0.0)
+    times = np.unique(np.concatenate([np.linspace(0.0, duration, POINTS), before, jumps]))
+    return times, sample(signal, times)
+
+
+def _kinds(model: SpacecraftModel) -> Iterator[tuple[str, str, str, Sequence[str]]]:
+    axes = [f"along {a}" for a in "xyz"]
+    yield "force", "Thrust, body axes", "N", axes
+    yield "torque", "Torque on the bus, body axes", "N m", [f"about {a}" for a in "xyz"]
+    yield "wheel_torque", "Torques of the wheels", "N m", model.wheels.names
+    yield "joint_torque", "Torques of the joints", "N m", model.arm_joints.names
+    yield "joint_motion", "Angles of the joints", "rad", model.arm_joints.names
+
+
+Timed = tuple[Profile | None, float]
+
+
+def _figures(key: str, names: Sequence[str], unit: str, now: Timed, then: Timed) -> tuple[Figure, ...]:
+    curves = []
+    kinds = ((then, "before", 2, "thin"), (now, "designed", 0, "line"))
+    for (profile, duration), label, colour, style in kinds:
+        if profile is not None:
+            curves.append((label, colour, style, *signal_points(profile.signal(), duration)))
+    out = []
+    for k, name in enumerate(names):
+        own = [Curve(name_, t, x[:, k], hue, style) for name_, hue, style, t, x in curves if x[:, k].any()]
+        if not own:
+            continue
+        x = Axis.over("time [s]", [c.x for c in own], room=0.0, count=6)
+        y = Axis.over(unit, [c.y for c in own], count=4)
+        body = Plot(x, y, own, f"{name} over time, designed and before", HEIGHT)
+        out.append(Figure(f"{key}-{k}", name, body))
+    return tuple(out)

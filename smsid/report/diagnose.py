@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis
 from smsid.diagnose.stepwise import Search
-from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
-from smsid.report.diagnosis_candidates import alias_matrix, rescore
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
-from smsid.report.diagnosis_shares import share_map, share_ranking
+from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
-from smsid.report.innovations import innovation_traces, open_loop_traces, whitened_groups
-from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.innovations import innovation_traces, torque_sections, whitened_groups
+from smsid.report.model import Figure, Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
+from smsid.report.open_loop import OpenLoop, story_section
 from smsid.report.plain_words import plain_words
 from smsid.report.residuals import residual_table
-from smsid.report.shares import Shares, shares_of
 from smsid.report.spectra import spectrum_grid
-from smsid.report.story import story_section
-from smsid.report.torques import torque_sections
 from smsid.report.traces import Trace, Traces
 
-LOGGER = logging.getLogger(__name__)
 BUDGET = 250_000
 MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
@@ -40,12 +36,7 @@ TONES: dict[str, Tone] = {
     "unexplained": "bad",
     "not_evaluated": "neutral",
 }
-TITLES = {
-    "adequate": "adequate",
-    "explained": "explained",
-    "unexplained": "unexplained",
-    "not_evaluated": "not evaluated",
-}
+GIVEN, EXTENDED = "as given", "with the cause"
 
 
 @dataclass(frozen=True)
@@ -67,7 +58,7 @@ def diagnose_report(
     ``shares`` are those of its search, where they are known already.
     """
     d = found.diagnosis
-    sections = story_sections(found, asked)
+    sections, loop = story_sections(found, asked)
     sections.append(causes_section(d))
     if shares is None and found.search is not None:
         shares = shares_of(found.search)
@@ -79,7 +70,7 @@ def diagnose_report(
         sections += search_sections(found.search, asked)
     if found.torques is not None:
         sections += torque_sections(found.torques, asked.recordings[0].name)
-    sections += _gain_section(found, asked)
+    sections.append(_gain_section(found, asked, loop))
     if d.remaining:
         table = remaining_table(d)
         sections.append(Section("remaining", "What depends on something", (table,), f"{len(d.remaining)}"))
@@ -87,36 +78,33 @@ def diagnose_report(
         gist = "what this recording could have shown"
         table = limit_table(d)
         sections.append(Section("limits", "Detection limits", (table,), gist, open=False))
-    notes = tuple(x for x in (d.priors, *d.notes) if x)
-    if notes:
-        sections.append(Section("notes", "Notes", (Text(notes, bullets=True),), open=False))
+    sections += notes_section((d.priors, *d.notes))
     title = f"Diagnosis of {', '.join(d.recordings[: len(asked.recordings)])}"
-    verdict = f"{TITLES[d.verdict].capitalize()}: {shorten(d.sentence)}"
-    words = plain_words(d)
-    if words and len(d.causes) <= MOST_IN_WORDS:
-        verdict = f"{TITLES[d.verdict].capitalize()}. {words}"
-    return Report(title, d.description, verdict, TONES[d.verdict], tuple(sections), origin, _glance(d))
+    words = plain_words(d) if len(d.causes) <= MOST_IN_WORDS else ""
+    verdict = d.verdict.replace("_", " ").capitalize()
+    verdict += f". {words}" if words else f": {shorten(d.sentence)}"
+    return Report(title, d.description, verdict, TONES[d.verdict], sections, origin, _glance(d))
 
 
-def story_sections(found: Diagnosed, asked: ReportInputs) -> list[Section]:
-    """Return measured against simulated, before and after, on a held-out recording if there is one."""
-    search, d = found.search, found.diagnosis
-    if search is None or not search.causes:
-        return []
-    held = asked.validation
+def story_sections(found: Diagnosed, asked: ReportInputs) -> tuple[list[Section], OpenLoop | None]:
+    """Return measured against simulated, before and after, on a held-out recording if there is one.
+
+    And what it is made from: the held-out recording as the models simulate it.
+    """
+    search, held = found.search, asked.validation
+    if search is None or not (search.causes or held):
+        return [], None
     recording = held[0] if held else asked.recordings[0]
-    given = nominal(asked.description, asked.estimate).point
-    models = {"as given": given, "with the cause": search.last.point}
-    like, rate = search.last.problem, asked.rate
-    return [story_section(models, like, recording, seen=not held, rate=rate, gain=d.gain)[0]]
+    models = {GIVEN: nominal(asked.description, asked.estimate).point, EXTENDED: search.last.point}
+    like, gain = search.last.problem, found.diagnosis.gain
+    story, loop = story_section(models, like, recording, seen=not held, rate=asked.rate, gain=gain)
+    return [story] if search.causes else [], loop if held else None
 
 
 def share_sections(shares: Shares) -> list[Section]:
     """Return where the misfit comes from: the map of places and the ranking of candidates, in shares."""
     parts = [x for x in (share_map(shares), share_ranking(shares)) if x is not None]
-    if not parts:
-        return []
-    return [Section("map", "Where it comes from", tuple(parts), "by place and by candidate")]
+    return [Section("map", "Where it comes from", parts, "by place and by candidate")] if parts else []
 
 
 def shorten(sentence: str, most: int = 260) -> str:
@@ -140,7 +128,7 @@ def causes_section(d: Diagnosis) -> Section:
             "not_evaluated": f"Not evaluated: {d.sentence}",
         }
         tables = [Text((why.get(d.verdict, "No cause in the catalogue fits what is left."),))]
-    return Section("causes", "Causes", tuple(tables), f"{len(d.causes)} named" if d.causes else "none named")
+    return Section("causes", "Causes", tables, f"{len(d.causes)} named" if d.causes else "none named")
 
 
 def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Section]:
@@ -166,7 +154,7 @@ def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Sec
     count = [sum(evidence(t, len(some)) > limit for t in some) for some in (before, after)]
     gist = f"{count[0]} of {len(before)} tests significant"
     gist += f" before, {count[1]} after" if changed else ""
-    parts = tuple(m for m in maps if m is not None)
+    parts = [m for m in maps if m is not None]
     return [Section("map", "Map of equation by dependence", parts, gist, open=any(count))]
 
 
@@ -180,78 +168,49 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
         out.append(Section("candidates", "Candidates that look alike", (matrix,), gist, open=False))
     groups = whitened_groups(search)
     labels = ("before any cause", "with the causes") if changed else ("", "innovations")
-    if not changed:
-        groups = {c: tuple(_alone(t) for t in own) for c, own in groups.items()}
-    grid = spectrum_grid("spectrum", groups, labels=labels)
-    out.append(
-        Section(
-            "spectra",
-            "Spectra of the innovations",
-            (grid,),
-            "before and after" if changed else "",
-            open=False,
-        )
-    )
     traces = [t for own in innovation_traces(search, asked.recordings[0]).values() for t in own]
-    traces = traces if changed else [_alone(t) for t in traces]
-    parts_ = _explored("traces", traces, "Measured, and predicted one sample ahead",
-                       ("measured", "predicted", "error", "error before any cause"))  # fmt: skip
-    out.append(
-        Section(
-            "residuals",
-            "Measured against predicted",
-            parts_,
-            ", ".join(r.name for r in asked.recordings),
-            open=not changed,
-        )
-    )
+    if not changed:
+        groups = {c: tuple(t.alone() for t in own) for c, own in groups.items()}
+        traces = [t.alone() for t in traces]
+    grid, gist = spectrum_grid("spectrum", groups, labels=labels), "before and after" if changed else ""
+    out.append(Section("spectra", "Spectra of the innovations", (grid,), gist, open=False))
+    named = ("measured", "predicted", "error", "error before any cause")
+    parts = _explored("traces", traces, "Measured, and predicted one sample ahead", named)
+    recordings = ", ".join(r.name for r in asked.recordings)
+    out.append(Section("residuals", "Measured against predicted", parts, recordings, open=not changed))
     return out
 
 
-def _gain_section(found: Diagnosed, asked: ReportInputs) -> list[Section]:
-    d = found.diagnosis
+def _gain_section(found: Diagnosed, asked: ReportInputs, loop: OpenLoop | None) -> Section:
+    d, title = found.diagnosis, "Gain on held-out data"
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"
-        return [
-            Section("gain", "Gain on held-out data", (Text((f"Not evaluated: {reason}.",)),), "not evaluated")
-        ]
-    parts: list[Text | Table | Figure | Grid] = list(gain_parts(d.gain))
-    held = asked.validation
-    if found.search is not None and held:
-        try:
-            given = nominal(asked.description, asked.estimate).point
-            traces = open_loop_traces(given, found.search.last.point, found.search, held[0], asked.rate)
-            flat = [t for own in traces.values() for t in own]
-            parts += _explored("open-loop", flat, f"Simulated open loop on {held[0].name}",
-                               ("measured", "simulated, extended", "error, extended", "error, as given"),
-                               table=False)  # fmt: skip
-        except SmsidError as error:
-            LOGGER.info("open loop: %s", error)
-    return [Section("gain", "Gain on held-out data", tuple(parts), f"on {d.gain.recording}", open=False)]
+        return Section("gain", title, (Text((f"Not evaluated: {reason}.",)),), "not evaluated")
+    parts: list[Part] = list(gain_parts(d.gain))
+    if loop is not None and {GIVEN, EXTENDED} <= set(loop.models):
+        labels = ("measured", "simulated, extended", "error, extended", "error, as given")
+        shown = f"Simulated open loop on {loop.recording}"
+        parts += _explored("open-loop", loop.traces(GIVEN, EXTENDED), shown, labels, table=False)
+    return Section("gain", title, parts, f"on {d.gain.recording}", open=False)
 
 
 def _explored(
     name: str, traces: Sequence[Trace], title: str, labels: tuple[str, str, str, str], table: bool = True
 ) -> tuple[Figure | Table, ...]:
     worst = max(range(len(traces)), key=lambda k: _off(traces[k]))
-    body = Traces(tuple(traces), title, worst, labels, "± 2 σ expected", BUDGET)
+    body = Traces(traces, title, worst, labels, "± 2 σ expected", BUDGET)
     caption = "Below: what is left, with the band of two standard deviations expected of it."
     figure = Figure(name, title, body, caption)
     return (figure, residual_table(name, traces, "expected", NOTE)) if table else (figure,)
 
 
 def _off(t: Trace) -> float:
-    was = t.before if t.before is not None else t.residual
-    rms = Trace(t.name, t.unit, t.time, t.measured, None, was, t.sigma).whitened_rms
-    return rms if rms == rms else 0.0
+    was = t if t.before is None else replace(t, residual=t.before)
+    return np.nan_to_num(was.whitened_rms)
 
 
-def _alone(t: Trace) -> Trace:
-    return Trace(t.name, t.unit, t.time, t.measured, t.simulated, t.residual, t.sigma)
-
-
-def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
-    out = [("verdict", TITLES[d.verdict])]
+def _glance(d: Diagnosis) -> list[tuple[str, str]]:
+    out = [("verdict", d.verdict.replace("_", " "))]
     if d.gain is not None and d.gain.explained == d.gain.explained:
         was, now = number(d.gain.whitened_given, 3), number(d.gain.whitened_extended, 3)
         out.append(("prediction error over the noise, held out", f"{was} → {now}"))
@@ -261,4 +220,4 @@ def _glance(d: Diagnosis) -> tuple[tuple[str, str], ...]:
         out.append(("prediction error over the noise", number(list(d.whitened_rms.values())[-1], 4)))
     if d.timing:
         out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))
-    return tuple(out)
+    return out

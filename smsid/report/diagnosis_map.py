@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterable
+from typing import Protocol, TypeVar
 
 from scipy.stats import chi2
 
@@ -28,13 +28,14 @@ COLUMNS = (
 )
 EDGES = (1e-9, 1.3, 3.0, 6.0, 12.0, 25.0, 50.0)
 """Steps of colour by minus the decimal logarithm of the corrected p-value; colour begins at 0.001."""
+HEADINGS = {"its own past": "its own past (frequency)", "amplitude": "amplitude (slosh, bending)"}
 LEVEL = 0.001
 BEYOND = 300.0
 """Evidence from which on a p-value is too small for a floating-point number."""
 
 
-class Tested(Protocol):
-    """A generic test: an equation or channel against what it may depend on."""
+class Placed(Protocol):
+    """Something found at an equation or channel that may depend on something."""
 
     @property
     def where(self) -> str:
@@ -46,6 +47,10 @@ class Tested(Protocol):
         """What it may depend on."""
         ...
 
+
+class Tested(Placed, Protocol):
+    """A generic test: an equation or channel against what it may depend on."""
+
     @property
     def ratio(self) -> float:
         """Chi-squared."""
@@ -55,6 +60,9 @@ class Tested(Protocol):
     def freedom(self) -> int:
         """Degrees of freedom."""
         ...
+
+
+At = TypeVar("At", bound=Placed)
 
 
 def evidence(test: Tested, tests: int) -> float:
@@ -75,16 +83,9 @@ def diagnosis_map(
     found = list(tests)
     if not found:
         return None
-    best: dict[tuple[str, str], Tested] = {}
-    for t in found:
-        key = row_of(t.where), column_of(t.dependence)
-        if key not in best or evidence(t, 1) > evidence(best[key], 1):
-            best[key] = t
-    rows = order_rows(dict.fromkeys(k for k, _ in best))
-    known = [c for c in COLUMNS if any(d == c for _, d in best)]
-    columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
+    rows, columns, best = strongest_by_place(found, lambda t: evidence(t, 1))
     limit = -math.log10(level)
-    cells = tuple(tuple(_cell(best.get((r, c)), len(found), limit) for c in columns) for r in rows)
+    cells = [[_cell(best.get((r, c)), len(found), limit) for c in columns] for r in rows]
     significant = sum(c.marked for row in cells for c in row)
     scale = (
         (0, "no evidence"),
@@ -96,15 +97,23 @@ def diagnosis_map(
         (7, "10⁻⁵⁰ and below"),
         (-1, f"significant: below {level:g} over all {len(found)} tests"),
     )
-    body = HeatMap(
-        tuple(rows),
-        tuple(_heading(c) for c in columns),
-        cells,
-        f"{title}: {significant} of {len(found)} tests are significant",
-        scale,
-        "−log₁₀ p, corrected",
-    )
-    return Figure(name, title, body, caption)
+    headings = [HEADINGS.get(c, c) for c in columns]
+    alt = f"{title}: {significant} of {len(found)} tests are significant"
+    return Figure(name, title, HeatMap(rows, headings, cells, alt, scale, "−log₁₀ p, corrected"), caption)
+
+
+def strongest_by_place(
+    found: Iterable[At], strength: Callable[[At], float]
+) -> tuple[list[str], list[str], dict[tuple[str, str], At]]:
+    """Return a map's rows and columns in order, and what is strongest at each place of it."""
+    best: dict[tuple[str, str], At] = {}
+    for x in found:
+        key = row_of(x.where), column_of(x.dependence)
+        if key not in best or strength(x) > strength(best[key]):
+            best[key] = x
+    known = [c for c in COLUMNS if any(d == c for _, d in best)]
+    columns = [*known, *dict.fromkeys(d for _, d in best if d not in COLUMNS)]
+    return order_rows(dict.fromkeys(k for k, _ in best)), columns, best
 
 
 def row_of(where: str) -> str:
@@ -143,13 +152,3 @@ def _cell(test: Tested | None, tests: int, limit: float) -> HeatCell:
         f"corrected p {number(p, 2)}"
     )
     return HeatCell(step_of(strength, EDGES), shown, tip, strength > limit)
-
-
-def _heading(dependence: str) -> str:
-    extra = {"its own past": " (frequency)", "amplitude": " (slosh, bending)"}
-    return dependence + extra.get(dependence, "")
-
-
-def most_significant(tests: Sequence[Tested]) -> Tested | None:
-    """Return the most significant test."""
-    return max(tests, key=lambda t: evidence(t, 1), default=None)

@@ -9,7 +9,7 @@ from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Diagnosis, FoundCause
 from smsid.diagnose.validation import Gain
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Table, Text
+from smsid.report.model import Cell, Figure, Table, Text, cells
 from smsid.report.numbers import half, number, share, unit
 from smsid.report.rows import Mark, Row, RowChart
 
@@ -23,21 +23,21 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
         rows = [row for c in causes for row in _parameters(c)]
         columns = ("cause", "where", "family", "parameter", "#value", "#95 % interval", "unit", "#believed",
                    "#likelihood ratio", "#corrected p")  # fmt: skip
-        yield Table(title, columns, tuple(rows))
+        yield Table(title, columns, rows)
         aliases = [
-            (
-                Cell(f"{c.label} at {c.location}"),
-                Cell(f"{a.shape} ({a.effect})"),
-                Cell(a.location),
-                Cell(number(a.correlation, 4), a.correlation),
-                Cell(a.separate),
+            cells(
+                f"{c.label} at {c.location}",
+                f"{a.shape} ({a.effect})",
+                a.location,
+                (a.correlation, 4),
+                a.separate,
             )
             for c in causes
             for a in c.aliases
         ]
         if aliases:
             columns = ("cause", "not told from", "where", "#correlation", "an experiment that would tell")
-            yield Table("Aliases in this experiment", columns, tuple(aliases))
+            yield Table("Aliases in this experiment", columns, aliases)
 
 
 def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
@@ -47,23 +47,13 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
         name += f", from {number(c.onset, 4)}{known_to} s on"
     name += f", in '{c.recording}'" if c.recording else ""
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
+    told = cells(None if ratio is None else (ratio, 5), None if p is None else (p, 2))
     out = []
     for v in c.parameters:
         low, high = v.interval
-        out.append(
-            (
-                Cell(name),
-                Cell(c.location),
-                Cell(c.family),
-                Cell(v.name.partition(".")[2]),
-                Cell(number(v.value, 5), v.value),
-                Cell(half(v.value, low, high), 0.5 * (high - low)),
-                Cell(unit(v.unit)),
-                Cell("" if v.nominal is None else number(v.nominal, 5), v.nominal),
-                Cell("" if ratio is None else number(ratio, 5), ratio),
-                Cell("" if p is None else number(p, 2), p),
-            )
-        )
+        known = (v.value, 5), Cell(half(v.value, low, high), 0.5 * (high - low)), unit(v.unit)
+        believed = None if v.nominal is None else (v.nominal, 5)
+        out.append(cells(name, c.location, c.family, v.name.partition(".")[2], *known, believed, *told))
     return out
 
 
@@ -77,12 +67,11 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
     whole = Table(
         f"Whitened innovations on {g.recording} ({g.samples} samples)",
         ("model", "#whitened rms (noise: 1)", "#excess chi-squared"),
-        tuple((Cell(n), Cell(number(w, 5), w), Cell(number(x, 5), x)) for n, w, x in models),
+        [cells(n, (w, 5), (x, 5)) for n, w, x in models],
     )
-    told = math.isfinite(g.explained)
     text = (
         f"The extension explains {share(g.explained, 3)} of the excess chi-squared on data it has not seen."
-        if told
+        if math.isfinite(g.explained)
         else "The model as given has no significant excess on the held-out data: there is nothing to gain."
     )
     if g.left_out:
@@ -90,68 +79,43 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
     rows, table, values = [], [], []
     for c in g.channels:
         shown = "rad" if c.channel.endswith(".attitude") else unit(c.unit)  # compared as rotation vectors
-        marks = (
-            Mark(c.noise, series=2, shape="tick", tip=f"noise {number(c.noise, 3)} {shown}"),
-            Mark(c.given, series=1, shape="ring", tip=f"as given {number(c.given, 3)} {shown}"),
-            Mark(c.extended, series=0, shape="dot", tip=f"extended {number(c.extended, 3)} {shown}"),
+        levels = (
+            ("noise", c.noise, 2, "tick"),
+            ("as given", c.given, 1, "ring"),
+            ("extended", c.extended, 0, "dot"),
         )
-        marks = tuple(m for m in marks if m.value > 0.0)
+        marks = [
+            Mark(x, series=series, shape=shape, tip=f"{name} {number(x, 3)} {shown}")
+            for name, x, series, shape in levels
+            if x > 0.0
+        ]
         factor = c.given / c.extended if c.extended > 0.0 else math.nan
         rows.append(Row(f"{c.channel} [{shown}]", marks, f"÷ {number(factor, 3)}"))
         values += [m.value for m in marks]
-        table.append(
-            (
-                Cell(c.channel),
-                Cell(shown),
-                Cell(number(c.given, 4), c.given),
-                Cell(number(c.extended, 4), c.extended),
-                Cell(number(c.noise, 4), c.noise),
-                Cell(number(factor, 3), factor),
-            )
-        )
-    chart = RowChart(
-        Axis.over("open-loop error, rms (in each channel's unit)", values, log=True),
-        tuple(rows),
-        "open-loop errors by channel, as given and extended, beside the noise",
-        (("as given", 1, "ring"), ("extended", 0, "dot"), ("noise", 2, "tick")),
-    )
-    figure = Figure(
-        "gain-chart", "Simulated open loop: error by channel", chart, "To the right: the factor gained."
-    )
+        table.append(cells(c.channel, shown, (c.given, 4), (c.extended, 4), (c.noise, 4), (factor, 3)))
+    axis = Axis.over("open-loop error, rms (in each channel's unit)", values, log=True)
+    alt = "open-loop errors by channel, as given and extended, beside the noise"
+    chart = RowChart(axis, rows, alt, (("as given", 1, "ring"), ("extended", 0, "dot"), ("noise", 2, "tick")))
+    title = "Simulated open loop: error by channel"
+    figure = Figure("gain-chart", title, chart, "To the right: the factor gained.")
     columns = ("channel", "unit", "#as given, rms", "#extended, rms", "#noise", "#factor")
-    return [Text((text,)), whole, figure, Table("Open-loop error by channel", columns, tuple(table))]
+    return [Text((text,)), whole, figure, Table("Open-loop error by channel", columns, table)]
 
 
 def remaining_table(d: Diagnosis) -> Table:
     """Return the generic tests that are significant."""
-    rows = tuple(
-        (
-            Cell(r.where),
-            Cell(r.dependence),
-            Cell(number(r.ratio, 5), r.ratio),
-            Cell(str(r.freedom), float(r.freedom)),
-            Cell(number(r.p_value, 2), r.p_value, "bad"),
-        )
-        for r in d.remaining
-    )
+    rows = [cells(r.where, r.dependence, (r.ratio, 5), r.freedom, (r.p_value, 2, "bad")) for r in d.remaining]
     columns = ("equation or channel", "depends on", "#chi-squared", "#freedom", "#corrected p")
     return Table("Generic tests that are significant", columns, rows)
 
 
 def limit_table(d: Diagnosis) -> Table:
     """Return the least strength of every candidate that the recording would have shown."""
-    rows = tuple(
-        (
-            Cell(f"{x.shape} ({x.effect})"),
-            Cell(x.location),
-            Cell(x.parameter.partition(".")[2] or x.parameter),
-            Cell(number(x.value, 3), x.value) if math.isfinite(x.value) else Cell("not excited"),
-            Cell(unit(x.unit)),
-        )
-        for x in d.limits
-    )
+    rows = []
+    for x in d.limits:
+        least = (x.value, 3) if math.isfinite(x.value) else "not excited"
+        parameter = x.parameter.partition(".")[2] or x.parameter
+        rows.append(cells(f"{x.shape} ({x.effect})", x.location, parameter, least, unit(x.unit)))
     columns = ("candidate", "where", "parameter", "#limit", "unit")
-    note = (
-        "Strength found with 95 % chance at the level used, everything nominal free to move within its prior."
-    )
+    note = "Strength found with 95 % chance at the level used, all that is nominal free within its prior."
     return Table("Least strength this recording would have shown", columns, rows, note)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,15 +11,29 @@ import numpy as np
 from smsid._listing import some_of
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
-from smsid.identify.estimate import Estimate
+from smsid.estimation.fit_quality import ChannelFit
+from smsid.estimation.identify import Identified
+from smsid.identify.estimate import Estimate, Iteration
 from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.report.fit_history import convergence_section
-from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone
-from smsid.report.numbers import number, unit
-from smsid.report.parameters import Known, correlations, identifiability, parameter_table, reported_parameters
+from smsid.report.axes import Axis
+from smsid.report.model import (
+    Figure,
+    Grid,
+    Provenance,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+    cells,
+    notes_section,
+)
+from smsid.report.numbers import number, raised
+from smsid.report.parameters import Known, correlations, parameter_section, reported_parameters
+from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
@@ -55,16 +70,13 @@ def identify_report(
     sentence, tone = verdict(estimate, left)
     good = [p for p in reported_parameters(estimate) if p.status == "identifiable"]
     glance = [("identifiable", f"{len(good)} of {len(reported_parameters(estimate))}")]
-    glance += (
-        [("total mass", f"{number(estimate['total.mass'].value, 6)} kg")] if "total.mass" in estimate else []
-    )
+    if "total.mass" in estimate:
+        glance.append(("total mass", f"{number(estimate['total.mass'].value, 6)} kg"))
     worst = worst_ratio(left)
     glance += [("residual / noise, worst", number(worst[1], 3))] if worst else []
     glance += [("time", f"{number(linear.estimate.timing['total'] + _extra(refined), 3)} s")]
     method = "maximum likelihood" if refined is not None else "the paper's linear method"
-    return Report(
-        f"Identification by {method}", description.name, sentence, tone, sections, origin, tuple(glance)
-    )
+    return Report(f"Identification by {method}", description.name, sentence, tone, sections, origin, glance)
 
 
 def identify_sections(
@@ -81,17 +93,8 @@ def identify_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of an identification; ``prefix`` tells several on one page apart."""
     estimate = refined.estimate if refined is not None else linear.estimate
-    own = reported_parameters(estimate)
-    single, mixed = [p for p in own if " " not in p.name], [p for p in own if " " in p.name]
-    parts: list[Text | Table | Figure | Grid] = []
-    for key, title, some in (
-        ("single", "Mass, slosh, appendages and single inertial parameters", single),
-        ("mixed", "Combinations of inertial parameters that the motion depends on", mixed),
-    ):
-        if some:
-            parts.append(identifiability(f"{prefix}known-{key}", some, known))
-            parts.append(parameter_table(title, some, known))
-    out = [Section(f"{prefix}parameters", "Parameters", tuple(parts), f"{len(own)} with intervals")]
+    single = "Mass, slosh, appendages and single inertial parameters"
+    out = [parameter_section(reported_parameters(estimate), known, single, prefix)]
     if left:
         out += residual_sections(prefix, left, budget)
     elif problem:
@@ -100,12 +103,7 @@ def identify_sections(
     out += convergence_section(prefix, estimate.history)
     out += _modes(description, recordings, linear, prefix)
     out += _aliases(refined, prefix)
-    notes = tuple(dict.fromkeys((*linear.estimate.notes, *estimate.notes)))
-    if notes:
-        out.append(
-            Section(f"{prefix}notes", "Notes", (Text(notes, bullets=True),), f"{len(notes)}", open=False)
-        )
-    return tuple(out)
+    return (*out, *notes_section((*linear.estimate.notes, *estimate.notes), prefix))
 
 
 def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> list[Section]:
@@ -114,15 +112,14 @@ def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> li
     worst = worst_ratio(left)
     gist = f"largest residual / noise {number(worst[1], 3)}, {worst[0]}" if worst else ""
     groups = {f"{r.recording}: {c}": traces for r in left for c, traces in r.channels.items()}
-    labels = ("as described", "as identified")
+    grid = spectrum_grid(f"{prefix}spectrum", groups, labels=("as described", "as identified"))
+    title, before = (
+        "Spectra of the residuals, before and after",
+        "before: as described, initial pose and biases fitted",
+    )
     return [
         Section(f"{prefix}residuals", "Measured against simulated", (figure, table), gist),
-        Section(
-            f"{prefix}spectra",
-            "Spectra of the residuals, before and after",
-            (spectrum_grid(f"{prefix}spectrum", groups, labels=labels),),
-            "before: as described, initial pose and biases fitted",
-        ),
+        Section(f"{prefix}spectra", title, (grid,), before),
     ]
 
 
@@ -194,7 +191,7 @@ def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
     own = reported_parameters(refined.estimate)
     figure = correlations(f"{prefix}correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
-    lines = tuple(unit(d.text) for d in refined.unseen)
+    lines = tuple(raised(d.text) for d in refined.unseen)
     out = []
     if figure is not None:
         out.append(Section(f"{prefix}aliases", "What moves together", (figure,), "correlations of estimates"))
@@ -206,3 +203,102 @@ def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
 
 def _extra(refined: Refinement | None) -> float:
     return refined.estimate.timing["total"] if refined is not None else 0.0
+
+
+TICKS = 8
+WIDE = 10.0  # ratio of costs above which their axis is logarithmic
+PLOT_HEIGHT = 190
+
+
+def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Section]:
+    """Return the section "Convergence of the fit"; none for a method that does not iterate."""
+    if len(history) < 2:
+        return []
+    cost = np.array([x.cost for x in history])
+    # a start has no step, and what is exactly zero no place on a logarithmic axis
+    step = np.array([x.step or math.nan for x in history])
+    starts = [k for k, x in enumerate(history) if x.step is None][1:]
+    rules = tuple(Rule("searched again", float(k), colour=2) for k in starts)
+    n = np.arange(len(history), dtype=float)
+    y = Axis.over("cost / samples", [cost], log=bool(cost.max() > WIDE * cost.min()), count=5)
+    alt = f"cost by iteration, from {number(cost[0], 5)} to {number(cost[-1], 5)}"
+    marks = (*rules, Curve("", n, cost), Curve("", n, cost, 0, "points"))
+    body = Plot(_iteration_axis(len(history)), y, marks, alt, PLOT_HEIGHT)
+    figures = [Figure(f"{prefix}fit-cost", "Sum of squares per sample", body)]
+    if np.isfinite(step).any():
+        y, alt = (
+            Axis.over("step [σ]", [step, [1.0]], log=True, count=5),
+            "largest step of a parameter by iteration",
+        )
+        marks = (*rules, Rule("one σ", 1.0, False, 2), Curve("", n, step), Curve("", n, step, 0, "points"))
+        body = Plot(_iteration_axis(len(history)), y, marks, alt, PLOT_HEIGHT)
+        figures.append(Figure(f"{prefix}fit-steps", "Largest step of a parameter", body))
+    caption = (
+        "Cost: residuals and priors in standard deviations of the noise, squared and summed. The noise is "
+        "that of the residuals at the end, so that the cost ends near one, however good the fit. Step: how "
+        "far the parameter that moved most went, in its own standard deviation. The search ends where the "
+        "next step would gain next to nothing."
+    )
+    grid = Grid("The maximum-likelihood search, iteration by iteration", figures, caption)
+    gist = f"{len(history) - 1} iterations"
+    gist += "" if history[-1].step is None else f", last step {number(history[-1].step, 2)} σ"
+    return [Section(f"{prefix}convergence", "Convergence of the fit", (grid,), gist)]
+
+
+def _iteration_axis(count: int) -> Axis:
+    every = math.ceil((count - 1) / TICKS)
+    room = 0.04 * (count - 1)
+    ticks = tuple((float(k), str(k)) for k in range(0, count, every))
+    return Axis("iteration", -room, count - 1 + room, ticks=ticks)
+
+
+FIT_TONES: dict[str, Tone] = {"explained": "good", "roughly": "warn", "not explained": "bad"}
+
+
+def flights_report(description: Description, found: Identified, origin: Provenance) -> Report:
+    """Return the report of an identification that a filter made.
+
+    Args:
+        description: what it started from.
+        found: the identification.
+        origin: versions, command, files.
+    """
+    estimate, quality = found.estimate, found.quality
+    own = reported_parameters(estimate)
+    sections: list[Section] = []
+    if quality is not None:
+        text = [quality.sentence, *(c.sentence for c in found.contradictions)]
+        body = (Text(tuple(text), bullets=len(text) > 1), _channel_table(quality.channels))
+        sections.append(Section("fit", "Does the model explain the recordings?", body))
+    sections.append(parameter_section(own, Known(), "Mass, effects and single inertial parameters"))
+    sections += convergence_section("", estimate.history)
+    sections += notes_section(estimate.notes)
+    good = [p for p in own if p.status == "identifiable"]
+    sentence = quality.sentence if quality is not None else f"{len(own)} parameters are estimated."
+    tone: Tone = "neutral" if quality is None else FIT_TONES[quality.judgement]
+    if found.contradictions:
+        sentence, tone = found.contradictions[0].sentence, "bad"
+    glance = [
+        ("identifiable", f"{len(good)} of {len(own)}"),
+        ("recordings", f"{len(estimate.recordings)}"),
+        ("time", f"{number(estimate.timing['total'], 3)} s"),
+    ]
+    title = "Identification by maximum likelihood"
+    return Report(title, description.name, sentence, tone, sections, origin, glance)
+
+
+def _channel_table(channels: tuple[ChannelFit, ...]) -> Table:
+    rows = [
+        cells(
+            f"{c.recording}: {c.channel}",
+            (c.ratio, 3, FIT_TONES[c.judgement]),
+            (c.correlation, 2),
+            c.component,
+        )
+        for c in channels
+    ]
+    columns = ("channel", "#over its stated noise", "#largest autocorrelation", "worst component")
+    note = (
+        "1 is the sensors' noise; less where an input that nobody recorded is estimated from sample to sample"
+    )
+    return Table("What is left of each channel", columns, rows, note=note)

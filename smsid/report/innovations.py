@@ -1,100 +1,93 @@
-"""What a diagnosis leaves of its recording, before and after; and held-out flights open loop."""
+"""What a diagnosis leaves of its recording, before and after."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from threadpoolctl import threadpool_limits
 
 from smsid.diagnose.stepwise import Search
-from smsid.diagnose.validation import SETTLE, read_like
-from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.kalman import run_filter
-from smsid.estimation.measurements import Measured
-from smsid.estimation.parameter_vector import Point
-from smsid.model.column_order import order_columns
+from smsid.diagnose.torque.search import TorqueSearch
 from smsid.recording import Recording
-from smsid.report.traces import Trace
+from smsid.report.model import Figure, Section
+from smsid.report.residuals import residual_table
+from smsid.report.spectra import spectrum_grid
+from smsid.report.traces import Trace, Traces
 
 
 def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Trace, ...]]:
     """Return measured and predicted a sample ahead by channel, residuals after and before the causes."""
-    return _traces(found.last.problem.data, found.last.run, found.nominal.run, recording, whitened=True)
-
-
-def open_loop_traces(
-    given: Point, extended: Point, found: Search, recording: Recording, rate: float
-) -> dict[str, tuple[Trace, ...]]:
-    """Return measured and simulated open loop by channel, on a recording that was not searched.
-
-    The simulation starts from a state filtered over the first seconds (`SETTLE`) and is never corrected after
-    them; residuals before are those of the model as ``given``. Raises what the filter raises.
-    """
-    like = found.last.problem
-    recording = order_columns(recording, given.model())
-    runs, data = [], like.data
-    with threadpool_limits(limits=1, user_api="blas"):
-        for point in (given, extended):
-            model, problem = read_like(point, recording, like, rate)
-            data = problem.data
-            runs.append(run_filter(model, problem, until=float(data.times[0]) + SETTLE))
-    return _traces(data, runs[1], runs[0], recording, whitened=False)
-
-
-def _traces(
-    data: Measured, run: FilterRun, before: FilterRun, recording: Recording, *, whitened: bool
-) -> dict[str, tuple[Trace, ...]]:
+    data, run, before = found.last.problem.data, found.last.run, found.nominal.run
     out: dict[str, tuple[Trace, ...]] = {}
     for block in data.blocks:
-        unit = "rad" if block.quantity == "attitude" else recording.units.get(block.channel, "")
+        attitude = block.quantity == "attitude"
+        turned = _rotation_vectors(data.attitude[block.channel]) if attitude else np.zeros((0, 0))
+        unit = "rad" if attitude else recording.units.get(block.channel, "")
         own = []
         for k, row in enumerate(range(block.rows.start, block.rows.stop)):
-            error = np.where(run.used[:, row] | (not whitened), run.errors[:, row], np.nan)
-            values, simulated = _values(data, block.channel, block.quantity, row, k, error, run)
-            sigma = float(data.sigma[row])
-            if whitened:
-                # what a sample is expected to be off by: its noise and what the state is uncertain by
-                used = run.used[:, row] & (np.abs(run.normalised[:, row]) > 1e-12)
-                shares = np.abs(run.errors[used, row] / run.normalised[used, row])
-                sigma = float(np.median(shares)) if used.any() else sigma
+            values = (turned[:, k], None) if attitude else (data.values[:, row], run.predicted[:, row])
+            error = np.where(run.used[:, row], run.errors[:, row], np.nan)
+            # what a sample is expected to be off by: its noise and what the state is uncertain by
+            used = run.used[:, row] & (np.abs(run.normalised[:, row]) > 1e-12)
+            shares = np.abs(run.errors[used, row] / run.normalised[used, row])
+            sigma = float(np.median(shares)) if used.any() else float(data.sigma[row])
             name = data.names[row].replace(".", " ", 1).replace("_", " ")
-            own.append(Trace(name, unit, data.times, values, simulated, error, sigma, before.errors[:, row]))
+            own.append(Trace(name, unit, data.times, *values, error, sigma, before.errors[:, row]))
         out[block.channel] = tuple(own)
     return out
 
 
-def _values(
-    data: Measured, channel: str, quantity: str, row: int, k: int, error: np.ndarray, run: FilterRun
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Measured and simulated values; attitudes as rotation vectors from the first sample."""
-    if quantity != "attitude":
-        return data.values[:, row], run.predicted[:, row]
-    samples = data.attitude[channel]
+def _rotation_vectors(samples: np.ndarray) -> np.ndarray:
+    """Return attitudes (N, 4) as rotation vectors (N, 3) from the first sample."""
     there = np.isfinite(samples).all(axis=1)
     turned = Rotation.from_quat(samples[there])
-    out = np.full(len(samples), np.nan)
-    out[there] = (turned[0].inv() * turned).as_rotvec()[:, k]
-    return out, None
+    out = np.full((len(samples), 3), np.nan)
+    out[there] = (turned[0].inv() * turned).as_rotvec()
+    return out
 
 
 def whitened_groups(found: Search) -> dict[str, tuple[Trace, ...]]:
     """Return whitened innovations by channel, after and before the causes, for their spectra."""
     data = found.last.problem.data
-    out: dict[str, tuple[Trace, ...]] = {}
-    for block in data.blocks:
-        rows = range(block.rows.start, block.rows.stop)
-        settle = len(data.times) // 50
-        out[block.channel] = tuple(
-            Trace(
-                data.names[r],
-                "1",
-                data.times[settle:],
-                found.last.run.innovations[settle:, r],
-                None,
-                found.last.run.innovations[settle:, r],
-                1.0,
-                found.nominal.run.innovations[settle:, r],
-            )
-            for r in rows
+    settle = len(data.times) // 50
+    left, was = found.last.run.innovations[settle:], found.nominal.run.innovations[settle:]
+    return {
+        b.channel: tuple(
+            Trace(data.names[k], "1", data.times[settle:], left[:, k], None, left[:, k], 1.0, was[:, k])
+            for k in range(b.rows.start, b.rows.stop)
         )
-    return out
+        for b in data.blocks
+    }
+
+
+BUDGET = 200_000
+NOTE = "Noise: the torque's white noise within the band that is compared."
+
+
+def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:
+    """Return measured against predicted torques, and the spectra of what is left."""
+    traces = torque_traces(found)
+    worst = int(np.nanargmax([t.whitened_rms if t.sigma else 0.0 for t in traces]))
+    labels = ("measured", "predicted", "residual", "residual before any cause")
+    body = Traces(traces, "measured and predicted torques", worst, labels, budget=BUDGET)
+    figure = Figure("traces", "Measured and predicted torque", body, "Low-passed alike on both sides.")
+    table = residual_table("traces", traces, note=NOTE)
+    groups = {t.name: (t,) for t in traces}
+    grid = spectrum_grid("spectrum", groups, labels=("before any cause", "with the causes"))
+    return [
+        Section("residuals", "Measured against predicted", (figure, table), recording),
+        Section("spectra", "Spectra of the residuals, before and after", (grid,)),
+    ]
+
+
+def torque_traces(found: TorqueSearch) -> tuple[Trace, ...]:
+    """Return a trace per joint of the recording that was searched."""
+    fit, before = found.last, found.nominal.residual if found.causes else None
+    equations = fit.equations
+    out = []
+    for k, joint in enumerate(equations.names):
+        measured, left = equations.torque[:, k], fit.residual[:, k]
+        values, was = (measured, measured - left, left), None if before is None else before[:, k]
+        out.append(
+            Trace(f"torque of {joint}", "N m", equations.time, *values, float(equations.noise[k]), was)
+        )
+    return tuple(out)

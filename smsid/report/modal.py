@@ -11,14 +11,13 @@ from smsid._statistics import NORMAL95
 from smsid.identify.ssi_decimate import decimate
 from smsid.lab.modal import AmbientModes
 from smsid.report.axes import Axis
-from smsid.report.correlations import correlation_traces
-from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.parameters import Known, identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import residual_table
 from smsid.report.stabilisation import Diagram, stabilisation_figures
-from smsid.report.traces import Traces
+from smsid.report.traces import Trace, Traces
 
 SEGMENTS = 8
 NOTE = (
@@ -57,24 +56,18 @@ def modal_report(
         gist = f"{len(found.modes)} modes, 95 % intervals"
         sections.append(Section("parameters", "Modes", (chart, table, _shapes(found)), gist))
     ratio = traces[0].whitened_rms
-    body = Traces(
-        traces,
-        "correlation of an output over lag, measured and as the modes make it",
-        0,
-        ("measured", "fitted", "residual", ""),
-        "± 2 σ of its scatter",
-        along="lag [s]",
-    )
+    alt = "correlation of an output over lag, measured and as the modes make it"
+    labels = ("measured", "fitted", "residual", "")
+    body = Traces(traces, alt, 0, labels, "± 2 σ of its scatter", along="lag [s]")
     caption = (
         "Autocorrelations relative to the variance: what free decay would look like. Frequencies and damping "
         "are those identified. The strongest output is shown first."
     )
     figure = Figure("traces", "Correlations, measured and fitted", body, caption)
     left = residual_table("traces", traces, "scatter", NOTE)
+    gist = f"{channel}, {outputs.shape[1]} outputs"
     sections += [
-        Section(
-            "residuals", "Measured against fitted", (figure, left), f"{channel}, {outputs.shape[1]} outputs"
-        ),
+        Section("residuals", "Measured against fitted", (figure, left), gist),
         Section("spectrum", "Spectrum of the outputs", (_spectrum(outputs, rate, highest, found),)),
         Section("diagram", "Stabilisation diagram", _diagram(name, found, highest), "over model orders"),
     ]
@@ -82,8 +75,7 @@ def modal_report(
     glance = [("modes", str(len(found.modes))), ("harmonics", str(len(found.harmonics)))]
     glance += [("residual / scatter, strongest output", number(ratio, 3))]
     glance += [("record", f"{number(len(outputs) / rate, 4)} s at {number(rate, 4)} Hz")]
-    return Report("Modes from ambient vibration", name, sentence, tone, tuple(sections), origin,
-                  tuple(glance))  # fmt: skip
+    return Report("Modes from ambient vibration", name, sentence, tone, sections, origin, glance)
 
 
 def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
@@ -121,23 +113,18 @@ def _shapes(found: AmbientModes) -> Table:
     for k, m in enumerate(found.modes, 1):
         excited = Cell("by a few impacts", tone="warn") if m.impulsive else Cell("by lasting noise")
         shape = m.shape / m.shape[int(np.argmax(np.abs(m.shape)))]
-        rows.append(
-            (
-                Cell(f"mode {k}"),
-                Cell(number(m.frequency, 5), m.frequency),
-                Cell(share(m.contribution), m.contribution),
-                Cell(share(m.windows, 3), m.windows),
-                Cell(number(m.kurtosis, 3), m.kurtosis),
-                excited,
-                *(Cell(number(float(x), 3), float(x)) for x in shape),
-            )
+        shares = (
+            (m.frequency, 5),
+            Cell(share(m.contribution), m.contribution),
+            Cell(share(m.windows, 3), m.windows),
         )
+        rows.append(cells(f"mode {k}", *shares, (m.kurtosis, 3), excited, *((float(x), 3) for x in shape)))
     note = (
         "Response: share of the covariance. Windows: share of the lengths of past and future used that have "
         "the mode. Kurtosis of its band: 3 for lasting noise, 1.5 for a sine, much more for impacts. Then "
         "the shape by output, largest entry one."
     )
-    return Table("Shapes and how they were excited", columns, tuple(rows), note)
+    return Table("Shapes and how they were excited", columns, rows, note)
 
 
 def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientModes) -> Figure:
@@ -149,13 +136,9 @@ def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientMo
     marks: list[Curve | Rule] = [Rule(f"{number(m.frequency, 4)} Hz", m.frequency) for m in found.modes]
     marks += [Rule(f"{number(x, 4)} Hz, harmonic", x, colour=1) for x in found.harmonics]
     marks.append(Curve("all outputs, each by its variance", f[kept], mean, 2, "thin"))
-    body = Plot(
-        Axis.over("frequency [Hz]", [[0.0, 1.1 * highest]], room=0.0, count=8),
-        Axis.over("density [1/Hz]", [mean], log=True, count=4),
-        tuple(marks),
-        "power spectral density of the outputs with the modes found",
-        230,
-    )
+    x = Axis.over("frequency [Hz]", [[0.0, 1.1 * highest]], room=0.0, count=8)
+    y = Axis.over("density [1/Hz]", [mean], log=True, count=4)
+    body = Plot(x, y, marks, "power spectral density of the outputs with the modes found", 230)
     return Figure("psd", "Power spectral density", body, "Upright lines: modes, and harmonics if any.")
 
 
@@ -168,3 +151,48 @@ def _diagram(name: str, found: AmbientModes, highest: float) -> tuple[Grid | Tex
         "modes. A ring has the same frequency, damping and shape one order below. No order is picked."
     )
     return (Grid("Poles over model orders", stabilisation_figures("stabilisation", [made]), caption),)
+
+
+MOST = 12  # outputs shown
+
+
+def correlation_traces(y: np.ndarray, rate: float, found: AmbientModes) -> tuple[Trace, ...]:
+    """Return the autocorrelation of outputs over lag, measured and as modes and harmonics make it.
+
+    ``y`` (N, l) at ``rate`` [Hz]. Frequencies and damping are those identified; the share and phase of each
+    mode in each output are fitted here, by least squares. The noise is the scatter of a correlation of so
+    long a record about zero (Bartlett 1946). The strongest output is first, `MOST` are returned.
+    """
+    slow, slow_rate = decimate(y - y.mean(axis=0), rate, max(1, round(rate / found.rate)))
+    slow = slow - slow.mean(axis=0)
+    count = min(max(int(found.window * slow_rate), 8), len(slow) // 4)
+    lags = np.arange(1, count + 1) / slow_rate  # the first holds white noise too
+    basis = _basis(found, lags)
+    strongest = np.argsort(-np.var(slow, axis=0), kind="stable")[:MOST]
+    out = []
+    for k in strongest.tolist():
+        measured = _autocorrelation(slow[:, k], count)
+        fitted = basis @ np.linalg.lstsq(basis, measured, rcond=None)[0]
+        scatter = float(np.sqrt((1.0 + 2.0 * np.sum(measured**2)) / len(slow)))
+        out.append(Trace(f"output {k + 1}", "1", lags, measured, fitted, measured - fitted, scatter))
+    return tuple(out)
+
+
+def _autocorrelation(x: np.ndarray, count: int) -> np.ndarray:
+    """Correlations (count,) at lags of one sample and more, relative to the variance."""
+    size = 2 ** int(np.ceil(np.log2(2 * len(x))))
+    full = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: count + 1]
+    return full[1:] / full[0]
+
+
+def _basis(found: AmbientModes, lags: np.ndarray) -> np.ndarray:
+    """Decaying cosines and sines (lags, columns) of the modes, lasting ones of the harmonics."""
+    columns = [np.zeros_like(lags)]
+    for frequency, damping in [(m.frequency, m.damping) for m in found.modes] + [
+        (f, 0.0) for f in found.harmonics
+    ]:
+        w = 2.0 * np.pi * frequency
+        fade = np.exp(-damping * w * lags)
+        turn = w * np.sqrt(1.0 - damping**2) * lags
+        columns += [fade * np.cos(turn), fade * np.sin(turn)]
+    return np.stack(columns, axis=1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 from smsid.report.heat import HeatMap
+from smsid.report.numbers import number
 from smsid.report.plot import Plot
 from smsid.report.rows import RowChart
 from smsid.report.traces import Traces
@@ -27,6 +28,28 @@ class Cell:
     spark: str = ""
 
 
+Shown = Cell | str | int | tuple[float | None, int] | tuple[float | None, int, Tone] | None
+"""What `cells` makes a cell of."""
+
+
+def cells(*values: Shown) -> tuple[Cell, ...]:
+    """Return a row of a table.
+
+    Texts and cells stand as they are; ``(number, digits)`` or ``(number, digits, tone)`` is shown rounded and
+    copied whole, a dash where there is none; a count is copied, too; ``None`` leaves a cell empty.
+    """
+    return tuple(_cell(v) for v in values)
+
+
+def _cell(v: Shown) -> Cell:
+    if isinstance(v, Cell):
+        return v
+    if isinstance(v, tuple):
+        x = None if v[0] is None else float(v[0])
+        return Cell(number(x, v[1]), x, *v[2:])
+    return Cell("" if v is None else str(v), float(v) if isinstance(v, int) else None)
+
+
 @dataclass(frozen=True)
 class Table:
     """A table. ``columns`` starting with ``#`` hold numbers and stand to the right; the first names the row.
@@ -35,8 +58,8 @@ class Table:
     """
 
     title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
     note: str = ""
     target: str = ""
 
@@ -56,7 +79,7 @@ class Grid:
     """Small figures side by side, as many as fit; ``wide``: two at most."""
 
     title: str
-    figures: tuple[Figure, ...]
+    figures: Sequence[Figure]
     caption: str = ""
     wide: bool = False
 
@@ -65,7 +88,7 @@ class Grid:
 class Text:
     """Paragraphs, or the items of a list."""
 
-    lines: tuple[str, ...]
+    lines: Sequence[str]
     bullets: bool = False
 
 
@@ -92,7 +115,10 @@ class Link:
 class Links:
     """A list of files beside the page."""
 
-    links: tuple[Link, ...]
+    links: Sequence[Link]
+
+
+Part = Text | Table | Figure | Grid | Links
 
 
 @dataclass(frozen=True)
@@ -101,9 +127,15 @@ class Section:
 
     name: str
     title: str
-    parts: tuple[Text | Table | Figure | Grid | Links, ...]
+    parts: Sequence[Part]
     summary: str = ""
     open: bool = True
+
+
+def notes_section(notes: Sequence[str], prefix: str = "", *, open: bool = False) -> list[Section]:
+    """Return the section "Notes", each one once; none where there are none."""
+    own = list(dict.fromkeys(n for n in notes if n))
+    return [Section(f"{prefix}notes", "Notes", (Text(own, True),), f"{len(own)}", open)] if own else []
 
 
 @dataclass(frozen=True)
@@ -129,7 +161,7 @@ class Report:
     subject: str
     verdict: str
     tone: Tone
-    sections: tuple[Section, ...]
+    sections: Sequence[Section]
     provenance: Provenance
-    glance: tuple[tuple[str, str], ...] = ()
+    glance: Sequence[tuple[str, str]] = ()
     picture: Frame | None = None

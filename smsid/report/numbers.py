@@ -67,7 +67,10 @@ def with_half(value: float, size: float) -> str:
 
 
 def unit(text: str) -> str:
-    """Return a unit with raised exponents; that of a pure number is nothing."""
-    if text == "1":
-        return ""
+    """Return a unit with raised exponents, which no line breaks; that of a pure number is nothing."""
+    return "" if text == "1" else raised(text).replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def raised(text: str) -> str:
+    """Return a text with its exponents raised."""
     return re.sub(r"\^(-?\d+)", lambda m: m.group(1).translate(_RAISED), text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,16 +11,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from smsid.diagnose.validation import SETTLE, read_like
+from smsid.diagnose.validation import SETTLE, Gain, read_like
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
+from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Grid, Table
-from smsid.report.numbers import number, unit
+from smsid.report.model import Cell, Figure, Grid, Part, Section, Table, Text, cells
+from smsid.report.numbers import number, share, unit
 from smsid.report.plot import Curve, Plot, Rule
+from smsid.report.traces import Trace
 
 LOGGER = logging.getLogger(__name__)
 SHOWN = 4
@@ -59,6 +62,22 @@ class OpenLoop:
         x = component.errors[model][self.times > self.begin]
         return float(np.sqrt(np.nanmean(x**2))) if np.isfinite(x).any() else float("nan")
 
+    def traces(self, before: str, after: str) -> list[Trace]:
+        """Return every component as the model ``after`` simulates it, with the error of ``before``."""
+        return [
+            Trace(
+                c.name,
+                c.unit,
+                self.times,
+                c.measured,
+                c.simulated[after],
+                c.errors[after],
+                c.noise,
+                c.errors[before],
+            )
+            for c in self.components
+        ]
+
     def channel_rms(self, channel: str, model: str) -> float:
         """Return the root mean square error of a whole channel, over components and samples."""
         own = [self.rms(c, model) for c in self.components if c.channel == channel]
@@ -79,6 +98,7 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
     A model that cannot be simulated is named in ``failed``; raises `SmsidError` where none can.
     """
     runs, data, failed = {}, like.data, {}
+    recording = order_columns(recording, next(iter(models.values())).model())
     with threadpool_limits(limits=1, user_api="blas"):
         for name, point in models.items():
             try:
@@ -93,6 +113,7 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
     components = []
     for block in data.blocks:
         attitude = block.quantity == "attitude"
+        unit = "rad" if attitude else recording.units.get(block.channel, "")
         label = block.channel.replace(".", " ", 1).replace("_", " ")
         rows = list(range(block.rows.start, block.rows.stop))
         errors = {name: run.errors[:, rows] for name, run in runs.items()}
@@ -103,17 +124,8 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
             simulated = {name: run.predicted[:, rows] for name, run in runs.items()}
         for k, row in enumerate(rows):
             own = data.names[row].replace(".", " ", 1).replace("_", " ")
-            components.append(
-                Component(
-                    own,
-                    label,
-                    "rad" if attitude else recording.unit(block.channel),
-                    values[:, k],
-                    {name: x[:, k] for name, x in simulated.items()},
-                    {name: x[:, k] for name, x in errors.items()},
-                    float(data.sigma[row]),
-                )
-            )
+            made, off = ({name: x[:, k] for name, x in several.items()} for several in (simulated, errors))
+            components.append(Component(own, label, unit, values[:, k], made, off, float(data.sigma[row])))
     begin = float(data.times[0]) + SETTLE
     return OpenLoop(recording.name, data.times, begin, tuple(components), tuple(runs), failed)
 
@@ -157,23 +169,16 @@ def curves(
     figures = []
     for k, c in enumerate(shown):
         t = found.times[::step]
-        marks: list[Curve | Rule] = [Curve("measured", t, c.measured[::step], 2, "broad")]
-        marks += [
-            Curve(m, t, c.simulated[m][::step], i, "line") for m, i in colours.items() if m in found.models
-        ]
-        marks.append(Rule("simulated alone from here", found.begin))
+        drawn = [Curve("measured", t, c.measured[::step], 2, "broad")]
+        drawn += [Curve(m, t, c.simulated[m][::step], i) for m, i in colours.items() if m in found.models]
         # a model that runs away is cut off: what was measured has to be seen
         low, high = float(np.nanmin(c.measured)), float(np.nanmax(c.measured))
         room = 1.5 * (high - low)
-        near = [np.clip(x.y, low - room, high + room) for x in marks if isinstance(x, Curve)]
+        near = [np.clip(x.y, low - room, high + room) for x in drawn]
         label = f"{c.name} [{unit(c.unit)}]" if unit(c.unit) else c.name
-        plot = Plot(
-            Axis.over("time [s]", [t], room=0.0, count=6),
-            Axis.over(label, near, count=5, room=0.14),
-            tuple(marks),
-            f"{c.name}: measured, and simulated by {' and by '.join(colours)}",
-            230,
-        )
+        x, y = Axis.over("time [s]", [t], room=0.0, count=6), Axis.over(label, near, count=5, room=0.14)
+        alt = f"{c.name}: measured, and simulated by {' and by '.join(colours)}"
+        plot = Plot(x, y, (*drawn, Rule("simulated alone from here", found.begin)), alt, 230)
         tells = ", ".join(f"{m} {number(found.rms(c, m), 2)}" for m in colours if m in found.models)
         caption = f"Error, rms [{unit(c.unit)}]: {tells}; noise {number(c.noise, 2)}."
         figures.append(Figure(f"{name}-{k}", c.name, plot, caption))
@@ -182,7 +187,7 @@ def curves(
         f"after {SETTLE:g} s and is not corrected after that."
     )
     failed = "".join(f" Not simulated: {m} ({why})." for m, why in found.failed.items())
-    return Grid(title, tuple(figures), caption + failed, wide=True)
+    return Grid(title, figures, caption + failed, wide=True)
 
 
 def error_table(found: OpenLoop, before: str, after: str) -> Table:
@@ -192,15 +197,66 @@ def error_table(found: OpenLoop, before: str, after: str) -> Table:
         own = [c for c in found.components if c.channel == channel]
         noise = float(np.sqrt(np.mean([c.noise**2 for c in own])))
         rms = {m: found.channel_rms(channel, m) for m in found.models}
-        cells = [Cell(channel), Cell(unit(own[0].unit))]
-        cells += [Cell(number(x, 3), x) for x in rms.values()]
-        cells.append(Cell(number(noise, 3), noise))
+        gained = Cell("–")
         if before in rms and after in rms and rms[after] > 0.0:
             factor = rms[before] / rms[after]
-            cells.append(Cell(f"÷ {number(factor, 3)}", factor, "good" if factor > 1.2 else "neutral"))
-        else:
-            cells.append(Cell("–"))
-        rows.append(tuple(cells))
+            gained = Cell(f"÷ {number(factor, 3)}", factor, "good" if factor > 1.2 else "neutral")
+        rows.append(cells(channel, unit(own[0].unit), *((x, 3) for x in rms.values()), (noise, 3), gained))
     columns = ("channel", "unit", *(f"#{m}" for m in found.models), "#noise", "#gained")
     note = f"Root mean square from {found.begin:g} s on. Gained: from '{before}' to '{after}'."
-    return Table(f"Error of the simulation on '{found.recording}'", columns, tuple(rows), note)
+    return Table(f"Error of the simulation on '{found.recording}'", columns, rows, note)
+
+
+PALETTE = (1, 4, 0)
+
+
+def story_section(
+    models: Mapping[str, Point],
+    like: Problem,
+    recording: Recording,
+    *,
+    seen: bool,
+    rate: float,
+    gain: Gain | None = None,
+) -> tuple[Section, OpenLoop | None]:
+    """Return measured against simulated before and after, with the errors, and what it was made from.
+
+    Args:
+        models: by what they are called, from the one as given to the extended one; two or three.
+        like: the problem whose noise levels and timing hold.
+        recording: what is simulated; ``seen``: whether the diagnosis was made from it.
+        rate: most samples a second [Hz].
+        gain: of the extension on this recording, where it was evaluated.
+    """
+    title = "Measured against simulated, before and after"
+    kind = "the recording that was diagnosed" if seen else "a recording not used for estimation or diagnosis"
+    try:
+        found = open_loop(models, like, recording, rate)
+    except SmsidError as error:
+        LOGGER.info("open loop: %s", error)
+        return Section("story", title, (Text((f"Not evaluated: {error}",)),), kind), None
+    before, after = next(iter(models)), list(models)[-1]
+    parts: list[Part] = []
+    if before in found.models and after in found.models:
+        palette = dict(zip(models, PALETTE if len(models) == 3 else (PALETTE[0], PALETTE[-1]), strict=True))
+        heading = f"'{recording.name}': {kind}"
+        if shown := most_different(found, before, after):
+            parts.append(curves(found, shown, "before-after", heading, palette))
+        else:
+            parts.append(Text(("In no channel do the models differ by more than three times its noise.",)))
+    parts.append(error_table(found, before, after))
+    if gain is not None and math.isfinite(gain.explained):
+        parts.insert(1, Text((gain_sentence(gain),)))
+    return Section("story", title, parts, kind), found
+
+
+def gain_sentence(g: Gain) -> str:
+    """Return what an extension gains on a recording not used, in one sentence."""
+    return (
+        f"On '{g.recording}', which was not used, predictions one sample ahead are off by "
+        f"{number(g.whitened_given, 3)} times the noise with the model as given, by "
+        f"{number(g.whitened_nominal, 3)} "
+        f"with its parameters refitted and nothing added, and by {number(g.whitened_extended, 3)} "
+        "with the cause: "
+        f"{share(g.explained, 4)} of what exceeds the noise is gone."
+    )

@@ -12,8 +12,8 @@ from smsid._statistics import NORMAL95
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for
 from smsid.report.axes import Axis
-from smsid.report.heat import HeatCell, HeatMap, step_of
-from smsid.report.model import Cell, Figure, Table, Tone
+from smsid.report.heat import correlation_map
+from smsid.report.model import Cell, Figure, Section, Table, Tone, cells
 from smsid.report.numbers import half, number, share, unit
 from smsid.report.rows import Bar, Mark, Row, RowChart
 
@@ -21,7 +21,6 @@ STATUS: dict[str, Tone] = {"identifiable": "good", "not_identifiable": "warn"}
 SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis
 ROWS = 70
 ALIASES = 15
-CORRELATED = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97)
 
 
 @dataclass(frozen=True)
@@ -49,47 +48,33 @@ def parameter_table(title: str, parameters: Iterable[ParameterEstimate], known: 
     columns += ["#relative σ", "status"]
     rows = []
     for p in parameters:
-        low, high = p.interval
-        row = [
-            Cell(p.name),
-            Cell(number(p.value, 6), p.value),
-            Cell(half(p.value, low, high), 0.5 * (high - low)),
-            Cell(unit(p.unit)),
-        ]
-        if guessed:
-            row.append(Cell("" if p.nominal is None else number(p.nominal, 6), p.nominal))
+        row = [*cells(p.name, (p.value, 6)), _interval(p), Cell(unit(p.unit))]
+        row += cells(None if p.nominal is None else (p.nominal, 6)) if guessed else ()
         if known.truth:
             row += _truth(p, known.truth.get(p.name))
         if known.other is not None:
-            row += _other(p.name, known.other)
-        relative = p.relative_sigma
-        status = p.status.replace("_", " ")
-        row += [
-            Cell(share(relative) if math.isfinite(relative) else "–", relative),
-            Cell(status, tone=STATUS.get(p.status, "neutral")),
-        ]
-        rows.append(tuple(row))
-    return Table(title, tuple(columns), tuple(rows))
+            q = {q.name: q for q in known.other.parameters}.get(p.name)
+            row += cells(None, None) if q is None else cells((q.value, 6), _interval(q))
+        status = Cell(p.status.replace("_", " "), tone=STATUS.get(p.status, "neutral"))
+        rows.append((*row, Cell(share(p.relative_sigma), p.relative_sigma), status))
+    return Table(title, columns, rows)
 
 
-def _truth(p: ParameterEstimate, truth: float | None) -> list[Cell]:
+def _interval(p: ParameterEstimate) -> Cell:
+    low, high = p.interval
+    return Cell(half(p.value, low, high), 0.5 * (high - low))
+
+
+def _truth(p: ParameterEstimate, truth: float | None) -> tuple[Cell, ...]:
     if truth is None:
-        return [Cell(""), Cell("")]
+        return cells(None, None)
     low, high = p.interval
     error = p.relative_error(truth, p.reference)
     tone: Tone = "good" if low <= truth <= high else "warn"
     if math.isfinite(error):
-        return [Cell(number(truth, 6), truth), Cell(share(error), error, tone)]
+        return cells((truth, 6), Cell(share(error), error, tone))
     off = p.absolute_error(truth)  # nothing is a share of zero
-    return [Cell(number(truth, 6), truth), Cell(f"{number(off, 2)} {unit(p.unit)}".rstrip(), off, tone)]
-
-
-def _other(name: str, other: Estimate) -> list[Cell]:
-    if name not in other:
-        return [Cell(""), Cell("")]
-    q = other[name]
-    low, high = q.interval
-    return [Cell(number(q.value, 6), q.value), Cell(half(q.value, low, high), 0.5 * (high - low))]
+    return cells((truth, 6), Cell(f"{number(off, 2)} {unit(p.unit)}".rstrip(), off, tone))
 
 
 def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: Known) -> Figure:
@@ -102,9 +87,8 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
     rows = []
     for p in shown:
         width = NORMAL95 * p.relative_sigma
-        items: list[Mark | Bar] = [
-            Bar(width, 0 if p.status == "identifiable" else 2, tip=f"± {share(width)}")
-        ]
+        known_well = p.status == "identifiable"
+        items: list[Mark | Bar] = [Bar(width, 0 if known_well else 2, tip=f"± {share(width)}")]
         values.append(width)
         for label, value, series, shape in (
             ("description", p.nominal, 5, "ring"),
@@ -120,8 +104,7 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
             off = max(known.paper[p.name], SMALLEST)
             items.append(Mark(off, series=4, shape="square", tip=f"the paper: {share(off)}"))
             values.append(off)
-        tone: Tone = "neutral" if p.status == "identifiable" else "warn"
-        rows.append(Row(p.name, tuple(items), f"± {share(width)}", tone=tone))
+        rows.append(Row(p.name, items, f"± {share(width)}", tone="neutral" if known_well else "warn"))
     legend = [("half of the 95 % interval", 0, "bar")]
     legend += [("the same, not identifiable", 2, "bar")] if any(r.tone == "warn" for r in rows) else []
     described = not known.truth and any(p.nominal is not None for p in shown)
@@ -129,13 +112,8 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
     legend += [("off the description", 5, "ring")] if described else []
     legend += [("error in the paper", 4, "square")] if any(p.name in known.paper for p in shown) else []
     axis = Axis.over("share of the parameter's size", values, log=True, within=(SMALLEST, 1e3))
-    chart = RowChart(
-        axis,
-        tuple(rows),
-        f"95 % intervals of {len(rows)} parameters relative to their size",
-        tuple(legend),
-        ((IDENTIFIABLE_BELOW * NORMAL95, "limit of identifiable"),),
-    )
+    alt = f"95 % intervals of {len(rows)} parameters relative to their size"
+    chart = RowChart(axis, rows, alt, legend, ((IDENTIFIABLE_BELOW * NORMAL95, "limit of identifiable"),))
     caption = "Left is better."
     if known.truth:
         caption += " The error against the truth lies within the bar for 95 % of parameters when intervals "
@@ -143,6 +121,22 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate], known: K
     elif described:
         caption += " A ring to the right of its bar: the recordings contradict the description's value."
     return Figure(name, "How well each parameter is known", chart, caption)
+
+
+def parameter_section(
+    parameters: Sequence[ParameterEstimate], known: Known, single: str, prefix: str = ""
+) -> Section:
+    """Return the section "Parameters": those that are named alone, titled ``single``, then combinations."""
+    parts: list[Figure | Table] = []
+    mixed = "Combinations of inertial parameters that the motion depends on"
+    for key, title, combined in (("single", single, False), ("mixed", mixed, True)):
+        some = [p for p in parameters if (" " in p.name) is combined]
+        if some:
+            parts += [
+                identifiability(f"{prefix}known-{key}", some, known),
+                parameter_table(title, some, known),
+            ]
+    return Section(f"{prefix}parameters", "Parameters", parts, f"{len(parameters)} with intervals")
 
 
 def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance: np.ndarray) -> Figure | None:
@@ -156,27 +150,9 @@ def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance:
     strongest = np.abs(r - np.eye(len(r))).max(axis=1)
     kept = np.sort(np.argsort(-strongest)[:ALIASES])
     names = [parameters[int(index[k])].name for k in kept]
-    cells = tuple(
-        tuple(
-            HeatCell(
-                step_of(abs(float(r[i, j])), CORRELATED) if i != j else 0,
-                f"{float(r[i, j]):.2f}".replace("-", "−") if i != j else "1",
-                f"{names[a]} and {names[b]}: {float(r[i, j]):.3f}",
-                i != j and abs(float(r[i, j])) >= 0.9,
-            )
-            for b, j in enumerate(kept)
-        )
-        for a, i in enumerate(kept)
-    )
-    labels = tuple(f"{clip_text(n, 30)}  {k}" for k, n in enumerate(names, 1))
-    body = HeatMap(
-        labels,
-        tuple(str(k) for k in range(1, len(names) + 1)),
-        cells,
-        "correlations of the parameters that move together most",
-        ((0, "below 0.1"), (3, "0.5"), (5, "0.8"), (6, "0.9"), (7, "0.97"), (-1, "0.9 and above")),
-        square=True,
-    )
+    labels = [clip_text(n, 30) for n in names]
+    alt = "correlations of the parameters that move together most"
+    body = correlation_map(names, labels, r[np.ix_(kept, kept)], alt)
     caption = (
         f"The {len(names)} parameters with the strongest correlations. Where two have almost one, this "
         "experiment knows their sum or difference better than either."

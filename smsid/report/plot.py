@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,7 +55,7 @@ class Plot:
 
     x: Axis
     y: Axis
-    marks: tuple[Curve | Band | Rule, ...]
+    marks: Sequence[Curve | Band | Rule]
     alt: str
     height: int = 280
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from smsid._files import atomic_write
-from smsid.report.model import Cell, Report, Table
+from smsid.report.model import Report, Table, cells
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -29,7 +29,7 @@ def render(report: Report) -> str:
     """Return the HTML of a report; style, script and data are in it. All text is escaped."""
     inputs = None
     if report.provenance.inputs:
-        rows = tuple((Cell(name), Cell(digest)) for name, digest in report.provenance.inputs.items())
+        rows = [cells(name, digest) for name, digest in report.provenance.inputs.items()]
         inputs = Table("inputs", ("file", "sha256"), rows)
     page = _environment().get_template("report.html")
     return page.render(r=report, inputs=inputs, style=_source("style.css"), script=_source("report.js"))

@@ -25,7 +25,7 @@ from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.report.model import Cell, Figure, Table, Tone
+from smsid.report.model import Cell, Figure, Table, Tone, cells
 from smsid.report.numbers import number, unit
 from smsid.report.traces import Trace, Traces, spark
 
@@ -110,23 +110,12 @@ def _channel(
         values, simulated = c.values, c.values - residual
     noise = np.asarray(white_sigma(residual), dtype=float)
     label = f"{recording}: {c.sensor.name} {c.quantity.replace('_', ' ')}"
-    return tuple(
-        Trace(
-            f"{label} {_component(k, c.width)}".strip(),
-            UNITS[c.quantity],
-            c.times,
-            values[:, k],
-            simulated[:, k],
-            residual[:, k],
-            float(noise[k]) or None,
-            None if before is None else before[:, k],
-        )
-        for k in range(c.width)
-    )
-
-
-def _component(k: int, width: int) -> str:
-    return f"{'xyz'[k % 3]}{f' at station {k // 3 + 1}' if width > 3 else ''}"
+    out = []
+    for k in range(c.width):
+        name = f"{label} {'xyz'[k % 3]}{f' at station {k // 3 + 1}' if c.width > 3 else ''}"
+        own, was = (values[:, k], simulated[:, k], residual[:, k]), None if before is None else before[:, k]
+        out.append(Trace(name, UNITS[c.quantity], c.times, *own, float(noise[k]) or None, was))
+    return tuple(out)
 
 
 def residual_parts(
@@ -135,10 +124,10 @@ def residual_parts(
     """Return the figure to look into every channel, and the table of what is left beside the noise."""
     traces = [t for r in found for t in r.traces]
     if not with_before:
-        traces = [_without_before(t) for t in traces]
+        traces = [t.alone() for t in traces]
     rms = np.array([t.whitened_rms for t in traces])
     first = int(np.nanargmax(rms)) if np.isfinite(rms).any() else 0
-    body = Traces(tuple(traces), "measured and simulated over time, with what is left", first, budget=budget)
+    body = Traces(traces, "measured and simulated over time, with what is left", first, budget=budget)
     caption = (
         "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
         "that samples show between each other. Attitudes are rotation vectors from the start."
@@ -169,28 +158,9 @@ def residual_table(target: str, traces: Sequence[Trace], scale: str = "noise", n
         ratio = t.whitened_rms
         tone: Tone = "good" if ratio <= EXPLAINED else "warn" if ratio <= 2.0 else "bad"
         tone = tone if np.isfinite(ratio) else "neutral"  # no noise to compare with
-        rows.append(
-            (
-                Cell(t.name),
-                Cell(unit(t.unit)),
-                Cell(number(rms, 3), rms),
-                Cell(number(t.sigma, 3), t.sigma),
-                Cell(number(ratio, 3), ratio, tone),
-                Cell(number(round(lag, 3), 2), lag),
-                Cell(f"residual of {t.name}", spark=spark(x)),
-            )
-        )
-    columns = (
-        "channel",
-        "unit",
-        "#residual, rms",
-        f"#{scale}",
-        "#ratio",
-        "#neighbours' correlation",
-        "residual",
-    )
-    return Table("Every channel (choose one to see it above)", columns, tuple(rows), note, target)
-
-
-def _without_before(t: Trace) -> Trace:
-    return Trace(t.name, t.unit, t.time, t.measured, t.simulated, t.residual, t.sigma)
+        curve = Cell(f"residual of {t.name}", spark=spark(x))
+        known = cells((rms, 3), (t.sigma, 3), (ratio, 3, tone), Cell(number(round(lag, 3), 2), lag))
+        rows.append(cells(t.name, unit(t.unit), *known, curve))
+    columns = ("channel", "unit", "#residual, rms", f"#{scale}", "#ratio", "#neighbours' correlation",
+               "residual")  # fmt: skip
+    return Table("Every channel (choose one to see it above)", columns, rows, note, target)

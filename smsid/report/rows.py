@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from smsid.report.axes import Axis
@@ -38,7 +39,7 @@ class Row:
     """One row: its name, what stands in it, and a value in words at the end; ``band`` is shaded behind."""
 
     name: str
-    items: tuple[Mark | Bar, ...]
+    items: Sequence[Mark | Bar]
     value: str = ""
     band: tuple[float, float] | None = None
     tone: str = "neutral"
@@ -49,10 +50,10 @@ class RowChart:
     """Rows on one axis. ``legend`` names the series; ``rules`` are values marked across all rows."""
 
     axis: Axis
-    rows: tuple[Row, ...]
+    rows: Sequence[Row]
     alt: str
-    legend: tuple[tuple[str, int, str], ...] = ()
-    rules: tuple[tuple[float, str], ...] = ()
+    legend: Sequence[tuple[str, int, str]] = ()
+    rules: Sequence[tuple[float, str]] = ()
 
     @property
     def kind(self) -> str:

@@ -34,7 +34,7 @@ def spectrum_grid(
         "Power spectral density of what is left, pooled over components, relative to white noise of the same "
         "channel: the shaded band holds 95 % of the values when nothing but white noise is left."
     )
-    return Grid("Spectra of the residuals", tuple(figures), caption)
+    return Grid("Spectra of the residuals", figures, caption)
 
 
 def _spectrum(title: str, traces: Sequence[Trace], labels: tuple[str, str]) -> Plot | None:
@@ -51,13 +51,9 @@ def _spectrum(title: str, traces: Sequence[Trace], labels: tuple[str, str]) -> P
         marks.append(Curve(labels[0], before[0], before[1], 1, "thin"))
     marks.append(Curve(labels[1], f, density, 0, "line"))
     values = [density, [0.5, 2.0]] + ([before[1]] if before is not None else [])
-    return Plot(
-        Axis.over("frequency [Hz]", [f], log=True, room=0.0, count=4),
-        Axis.over("density / white noise", values, log=True, count=4),
-        tuple(marks),
-        f"spectrum of the residual of {title}, before and after",
-        170,
-    )
+    x = Axis.over("frequency [Hz]", [f], log=True, room=0.0, count=4)
+    y = Axis.over("density / white noise", values, log=True, count=4)
+    return Plot(x, y, marks, f"spectrum of the residual of {title}, before and after", 170)
 
 
 def _pooled(traces: Sequence[Trace], which: str) -> tuple[np.ndarray, np.ndarray, int] | None:

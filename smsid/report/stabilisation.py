@@ -102,14 +102,13 @@ def stabilisation_figures(prefix: str, found: Sequence[Diagram]) -> tuple[Figure
         x = Axis.over("frequency [Hz]", [[0.0, top]], room=0.0, count=7)
         orders = [p.order for p in d.poles]
         y = Axis.over("model order", [[0, max(orders) + 1]], room=0.0, count=6)
-        stable, other = d.points(True), d.points(False)
-        marks: list[Curve | Rule] = [
-            Rule(f"{m.frequency:.4g} Hz", m.frequency, colour=1) for m in d.modes if m.frequency <= top
-        ]
-        marks.append(Curve("not stable", *other, 2, "ticks"))
-        marks.append(Curve("stable pole", *stable, 0, "rings"))
+        marks = (
+            *(Rule(f"{m.frequency:.4g} Hz", m.frequency, colour=1) for m in d.modes if m.frequency <= top),
+            Curve("not stable", *d.points(False), 2, "ticks"),
+            Curve("stable pole", *d.points(True), 0, "rings"),
+        )
         read = ", ".join(f"{m.frequency:.4g} Hz (damping {m.damping:.3g})" for m in d.modes)
-        body = Plot(x, y, tuple(marks), f"poles of {d.appendage} over model orders; modes at {read}", 240)
+        body = Plot(x, y, marks, f"poles of {d.appendage} over model orders; modes at {read}", 240)
         title = f"{d.appendage}, {d.state}, sampled at {d.rate:.3g} Hz"
         out.append(Figure(f"{prefix}-{k}", title, body, f"Read here: {read or 'none'}."))
     return tuple(out)

@@ -11,7 +11,7 @@ from smsid.lab.tank import COUNTS, TankFit, TankTest
 from smsid.lab.tank_diagnosis import ABOVE
 from smsid.lab.tank_models import LEVEL, TankComparison
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import half, number, unit
 from smsid.report.parameters import Known, identifiability, parameter_table
 from smsid.report.residuals import residual_table
@@ -49,30 +49,24 @@ def tank_report(name: str, test: TankTest, found: TankComparison, origin: Proven
     left = residual_table("traces", traces, "before the motion", NOTE)
     title, columns = "What every model leaves (choose one to see it above)", ("model", *left.columns[1:])
     left = replace(left, title=title, columns=columns)
-    parameters = [p for p in best.estimate.parameters if math.isfinite(p.sigma)]
+    parameters = best.estimate.parameters
+    chart = identifiability("known", [p for p in parameters if math.isfinite(p.sigma)], Known())
+    table = parameter_table(f"Model named: {found.named}", parameters, Known())
+    gist = f"{len(parameters)} with 95 % intervals"
     sections = (
-        Section(
-            "parameters",
-            "Parameters",
-            (
-                identifiability("known", parameters, Known()),
-                parameter_table(f"Model named: {found.named}", best.estimate.parameters, Known()),
-                _lags(test, best),
-            ),
-            f"{len(best.estimate.parameters)} with 95 % intervals",
-        ),
+        Section("parameters", "Parameters", (chart, table, _lags(test, best)), gist),
         Section("models", "Models compared", (_models(found), _values(found)), f"named: {found.named}"),
         Section("residuals", "Measured against fitted", (figure, left), name),
-        Section("notes", "Notes", (Text(best.estimate.notes or ("none",), bullets=True),), open=False),
+        *notes_section(best.estimate.notes),
     )
     sentence, tone = verdict(found, quiet)
     glance = [("model", found.named)]
     for label, key in (("slosh mass", "tank.slosh_mass"), ("frequency", "tank.frequency")):
         if key in best.estimate:
             p = best.estimate[key]
-            glance.append((label, f"{number(p.value, 4)} {p.unit}"))
+            glance.append((label, f"{number(p.value, 4)} {unit(p.unit)}"))
     glance.append(("left ringing down", f"{number(best.ring_down, 3)} N"))
-    return Report("Tank test", name, sentence, tone, sections, origin, tuple(glance))
+    return Report("Tank test", name, sentence, tone, sections, origin, glance)
 
 
 def verdict(found: TankComparison, quiet: float) -> tuple[str, Tone]:
@@ -105,19 +99,14 @@ def verdict(found: TankComparison, quiet: float) -> tuple[str, Tone]:
 def _traces(test: TankTest, found: TankComparison, quiet: float) -> tuple[Trace, ...]:
     sigma = quiet if math.isfinite(quiet) and quiet > 0.0 else None
     rigid = next(iter(found.fits.values())).residual
-    return tuple(
-        Trace(
-            model,
-            "N",
-            test.time,
-            test.force,
-            test.force - fit.residual,
-            fit.residual,
-            sigma,
+    out = []
+    for model, fit in found.fits.items():
+        values, was = (
+            (test.force, test.force - fit.residual, fit.residual),
             None if fit.residual is rigid else rigid,
         )
-        for model, fit in found.fits.items()
-    )
+        out.append(Trace(model, "N", test.time, *values, sigma, was))
+    return tuple(out)
 
 
 def _models(found: TankComparison) -> Table:
@@ -125,23 +114,15 @@ def _models(found: TankComparison) -> Table:
     for model, fit in found.fits.items():
         gain = found.gains.get(model)
         named = Cell("named", tone="good") if model == found.named else Cell("")
-        rows.append(
-            (
-                Cell(model),
-                Cell(str(COUNTS[model]), float(COUNTS[model])),
-                Cell(number(fit.ring_down, 3), fit.ring_down),
-                Cell(number(fit.moving, 3), fit.moving),
-                Cell("" if gain is None else number(gain, 3), gain),
-                named,
-            )
-        )
+        left = (fit.ring_down, 3), (fit.moving, 3), None if gain is None else (gain, 3)
+        rows.append(cells(model, COUNTS[model], *left, named))
     columns = ("model", "#parameters", "#left ringing down [N]", "#left moving [N]", "#gain", "")
     note = (
         "Gain: twice the increase of the log likelihood over the model named before, in independent samples; "
         "of two as rich the likelier comes first. A richer model is named where that is significant at "
         f"{LEVEL:g}."
     )
-    return Table("What the data ask for", columns, tuple(rows), note)
+    return Table("What the data ask for", columns, rows, note)
 
 
 def _values(found: TankComparison) -> Table:
@@ -149,17 +130,13 @@ def _values(found: TankComparison) -> Table:
     names = list(dict.fromkeys(p.name for fit in found.fits.values() for p in fit.estimate.parameters))
     rows = []
     for name in names:
-        cells, units = [], ""
-        for fit in found.fits.values():
-            if name not in fit.estimate:
-                cells.append(Cell(""))
-                continue
-            p = fit.estimate[name]
-            units = unit(p.unit)
-            cells.append(Cell(f"{number(p.value, 4)} {half(p.value, *p.interval)}", p.value))
-        rows.append((Cell(name), *cells, Cell(units)))
+        own = [
+            next((p for p in fit.estimate.parameters if p.name == name), None) for fit in found.fits.values()
+        ]
+        texts = [p and Cell(f"{number(p.value, 4)} {half(p.value, *p.interval)}", p.value) for p in own]
+        rows.append(cells(name, *texts, next(unit(p.unit) for p in own if p)))
     columns = ("parameter", *(f"#{model}" for model in found.fits), "unit")
-    return Table("Parameters by model, 95 % intervals", columns, tuple(rows))
+    return Table("Parameters by model, 95 % intervals", columns, rows)
 
 
 def _lags(test: TankTest, best: TankFit) -> Figure:
@@ -173,10 +150,6 @@ def _lags(test: TankTest, best: TankFit) -> Figure:
         text = f"{number(1e3 * value, 3)} ms"
         rows.append(Row(label, (Mark(1e3 * value, 1e3 * low, 1e3 * high),), text))
     ends = np.array([*p.interval, *test.lag.interval, 0.0]) * 1e3
-    chart = RowChart(
-        Axis.over("force behind motion [ms]", [ends], room=0.08),
-        tuple(rows),
-        "lag of the force behind the motion, two ways",
-        rules=((0.0, "none"),),
-    )
+    axis = Axis.over("force behind motion [ms]", [ends], room=0.08)
+    chart = RowChart(axis, rows, "lag of the force behind the motion, two ways", rules=((0.0, "none"),))
     return Figure("lag", "Lag of the force", chart, "Intervals that do not meet: one of the clocks is off.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class Trace:
     sigma: float | None = None
     before: np.ndarray | None = None
 
+    def alone(self) -> Trace:
+        """Return it without the residual of the model before."""
+        return replace(self, before=None)
+
     @property
     def whitened_rms(self) -> float:
         """Root mean square of the residual in standard deviations of its noise."""
@@ -54,7 +58,7 @@ class Traces:
     ``along`` names the axis they run along.
     """
 
-    traces: tuple[Trace, ...]
+    traces: Sequence[Trace]
     alt: str
     first: int = 0
     labels: tuple[str, str, str, str] = ("measured", "simulated", "residual", "residual before")
@@ -77,7 +81,7 @@ class Traces:
         if s is not None:
             curves.append(Curve(self.labels[1], x, s, 0, "thin"))
         y = Axis.over(_axis(t, "value"), [c.y for c in curves], count=5)
-        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), y, tuple(curves), self.alt, 220)
+        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), y, curves, self.alt, 220)
 
     @property
     def lower(self) -> Plot | None:
@@ -95,10 +99,9 @@ class Traces:
             marks.append(Curve(self.labels[3], x, b, 1, "thin"))
         if r is not None:
             marks.append(Curve(self.labels[2], x, r, 0, "thin"))
-        axis = Axis.over(
-            _axis(t, self.labels[2]), [x for x in (r, b) if x is not None] + [[-width, width]], count=4
-        )
-        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), axis, tuple(marks), self.alt, 150)
+        shown = [x for x in (r, b) if x is not None]
+        axis = Axis.over(_axis(t, self.labels[2]), [*shown, [-width, width]], count=4)
+        return Plot(Axis.over(self.along, [t.time], room=0.0, count=7), axis, marks, self.alt, 150)
 
     def data(self) -> str:
         """Return everything that zooming needs as JSON without any ``<``."""

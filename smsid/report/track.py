@@ -6,7 +6,7 @@ import numpy as np
 
 from smsid._statistics import NORMAL95
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone
+from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number
 from smsid.report.plot import Band, Curve, Plot, Rule
 from smsid.tracking.history import TrackHistory
@@ -36,7 +36,7 @@ def track_report(history: TrackHistory, origin: Provenance) -> Report:
         ("recordings", str(len(history.recordings))),
         ("time", f"{number(float(history.time[-1] - history.time[0]), 4)} s"),
     )
-    return Report("Track", history.description, sentence, tone, tuple(sections), origin, glance)
+    return Report("Track", history.description, sentence, tone, sections, origin, glance)
 
 
 def verdict(history: TrackHistory) -> tuple[str, Tone]:
@@ -83,14 +83,6 @@ def _fit(history: TrackHistory, starts: list[float]) -> Figure:
 def _table(history: TrackHistory) -> Table:
     rows = []
     for i, name in enumerate(history.names):
-        x, s = float(history.values[-1, i]), float(history.sigmas[-1, i])
-        rows.append(
-            (
-                Cell(name),
-                Cell(number(float(history.described[i]), 5), float(history.described[i])),
-                Cell(number(x, 5), x),
-                Cell(number(NORMAL95 * s, 2), s),
-                Cell(history.units[i]),
-            )
-        )
-    return Table("at the end", ("parameter", "described", "last", "± 95 %", "unit"), tuple(rows))
+        last = (history.values[-1, i], 5), (NORMAL95 * history.sigmas[-1, i], 2)
+        rows.append(cells(name, (history.described[i], 5), *last, history.units[i]))
+    return Table("at the end", ("parameter", "#described", "#last", "#± 95 %", "unit"), rows)

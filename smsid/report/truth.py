@@ -37,9 +37,8 @@ class TrueWorld:
         terms = parse_combination(p.name)
         if terms is None or p.nominal is None:
             return None
-        if any(
-            n not in self.bodies or n not in self.described or n.split(".")[0] in self.unsaid for n in terms
-        ):
+        known = self.bodies.keys() & self.described.keys()
+        if any(n not in known or n.split(".")[0] in self.unsaid for n in terms):
             return None
         return p.nominal + sum(f * (self.bodies[n] - self.described[n]) for n, f in terms.items())
 

@@ -11,7 +11,7 @@ from smsid._callable import make_callable
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
-from smsid.view.main import live_main, played, view_main
+from smsid.view.main import played, write_view
 from smsid.view.motion import Motion
 from smsid.view.replay import Companion, Replay, replay
 from smsid.view.scene import Scene, build_scene
@@ -28,12 +28,11 @@ __all__ = [
     "build_scene",
     "export_html",
     "export_video",
-    "live_main",
     "played",
     "replay",
     "show",
     "simulated_twin",
-    "view_main",
+    "write_view",
 ]
 
 make_callable(__name__)  # smsid.view(...) is that of smsid.api

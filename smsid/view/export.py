@@ -7,6 +7,7 @@ import html
 import json
 import logging
 import os
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -17,11 +18,10 @@ import numpy as np
 from smsid._files import atomic_write
 from smsid.errors import require
 from smsid.view import arrows, trail
-from smsid.view.bending import Bend, bending_parts
 from smsid.view.camera import ASPECT
 from smsid.view.commands import Command, scene_commands, sky_commands
-from smsid.view.drivers import DEFLECTION
-from smsid.view.nominal_overlay import GHOST
+from smsid.view.drivers import DEFLECTION, Frames, StripDriver
+from smsid.view.parts import GHOST
 from smsid.view.readouts import readouts
 from smsid.view.replay import Replay
 from smsid.view.scene import Scene
@@ -157,3 +157,37 @@ def _packed(command: Command) -> str:
 def _script_safe(text: str) -> str:
     """Keep a text from ending the script element it stands in."""
     return text.replace("<", "\\u003c")
+
+
+@dataclass(frozen=True)
+class Bend:
+    """A surface of S strips with M modes over N frames, in surface axes.
+
+    ``paths`` (S) of the strips' nodes; ``step`` [m] a strip's length; ``edges`` (S + 1, M, 3) [m] movement of
+    the strips' edges per unit modal coordinate, ``twist`` (S, M) [rad] their rotation about x; ``delta``
+    (N, M) modal coordinates true to scale. Twin in the page: `bendStrips` in player.js.
+    """
+
+    paths: tuple[str, ...]
+    step: float
+    edges: np.ndarray
+    twist: np.ndarray
+    delta: np.ndarray
+
+
+def bending_parts(scene: Scene, frames: Frames) -> list[Bend]:
+    """Return what bends in a scene, over the frames; appendages without modes do not."""
+    strips: dict[str, list[tuple[str, StripDriver]]] = {}
+    for part in scene.parts:
+        if isinstance(part.driver, StripDriver) and len(part.driver.q):
+            strips.setdefault(part.path.rpartition("/")[0], []).append((part.path, part.driver))
+    found = []
+    for drawn in strips.values():
+        driver = drawn[0][1]
+        surface, count = driver.surface, driver.strips
+        step = surface.length / count
+        delta = frames.motion.q[:, driver.q] * driver.scale
+        edges = surface.displacement(step * np.arange(count + 1))
+        twist = surface.twist(step * (np.arange(count) + 0.5))
+        found.append(Bend(tuple(path for path, _ in drawn), step, edges, twist, delta))
+    return found

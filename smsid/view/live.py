@@ -84,13 +84,17 @@ class LiveView:
             self._visualizer.window.send(_Message(command))
 
 
-def show(replay: Replay, *, zmq_url: str | None = None, loop: bool = True, host: str = LOOPBACK) -> LiveView:
-    """Play a replay in a live meshcat view and return it; open its ``url`` in a browser.
+def show(
+    view: Replay | Scene, *, zmq_url: str | None = None, loop: bool = True, host: str = LOOPBACK
+) -> LiveView:
+    """Show a replay, or a scene at rest, in a live meshcat view; open the ``url`` of what is returned.
 
     ``host`` as of `LiveView`.
 
     Raises `MissingDependencyError` when meshcat is not installed.
     """
-    view = LiveView(replay.scene, zmq_url=zmq_url, host=host)
-    view.play(replay, loop=loop)
-    return view
+    if not isinstance(view, Replay):
+        return LiveView(view, zmq_url=zmq_url, host=host)
+    live = LiveView(view.scene, zmq_url=zmq_url, host=host)
+    live.play(view, loop=loop)
+    return live

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.motion import Motion
-from smsid.view.velocity import slopes
+from smsid.view.recorded import slopes
 
 SAMPLED = 200  # frames of a motion that its largest momenta are sought in
 NOISY = 0.2  # share of noise in a momentum above which it tells of the sensors and not of the motion

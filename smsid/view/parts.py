@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,8 +16,11 @@ from smsid.view.look import Look
 from smsid.view.motion import Motion
 from smsid.view.shapes import (
     Box,
+    Color,
     Cylinder,
+    Lines,
     Material,
+    Mesh,
     Shape,
     Sphere,
     box_edges,
@@ -236,3 +240,23 @@ def z_to(axis: np.ndarray) -> np.ndarray:
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+GHOST: Color = (0.10, 0.55, 0.85)
+VEIL = Material(GHOST, opacity=0.30, shine=0.2, inside=False)
+LEFT_OUT = ("centre of mass", "sensors")
+
+
+def as_overlay(parts: Iterable[Part]) -> list[Part]:
+    """Return parts as a ghost's: what would only confuse left out, trails as they are."""
+    found: list[Part] = []
+    hulls = tuple(p.path for p in parts if p.shape is not None and p.material.opacity < 1.0)
+    for part in parts:
+        if part.layer in LEFT_OUT or part.path.startswith(hulls) or isinstance(part.shape, Lines):
+            continue
+        if part.shape is None or part.layer:
+            found.append(part)
+            continue
+        shape = replace(part.shape, colors=None) if isinstance(part.shape, Mesh) else part.shape
+        found.append(replace(part, shape=shape, material=VEIL, shadow=False))
+    return found

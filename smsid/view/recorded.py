@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 
 import numpy as np
+import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.view.channels import Samples, commanded_samples, hidden_coordinates, measured_samples
+from smsid.sensing.sensor import Sensor
 from smsid.view.motion import Motion, grid, interpolate
-from smsid.view.velocity import SMOOTHED, recorded_velocity
 
 logger = logging.getLogger(__name__)
 
@@ -145,3 +147,116 @@ def _configurations(
     if modes is not None:
         q[:, model.modes.q] = modes / model.mode_scale
     return q
+
+
+Samples = tuple[np.ndarray, np.ndarray]
+"""Times (N,) [s] and values (N, ...)."""
+
+
+def channel(recording: Recording, name: str) -> Samples:
+    """Return time and values of a channel, samples that are not finite left out.
+
+    Raises `RecordingError` when there is no finite sample.
+    """
+    t, values = recording.time(name), recording[name]
+    good = np.isfinite(values.reshape(len(t), -1)).all(axis=1) & np.isfinite(t)
+    if not good.any():
+        raise RecordingError(
+            f"'{name}' has no finite sample.", advice="Leave it out or mend it.", channel=name
+        )
+    return np.asarray(t[good]), np.asarray(values[good])
+
+
+def sources(model: SpacecraftModel, kind: str, default: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and positions (3,) [m] of the sensors that may have recorded a quantity."""
+    sensors: tuple[Sensor, ...] = model.description.sensor
+    for sensor in sensors:
+        if sensor.kind == kind:
+            yield sensor.name, np.asarray(sensor.position)
+    if all(sensor.name != default for sensor in sensors):
+        yield default, np.zeros(3)
+
+
+def measured_samples(
+    model: SpacecraftModel, recording: Recording, kind: str, default: str, quantity: str
+) -> tuple[Samples, np.ndarray] | None:
+    """Return the samples of a quantity, from the first source that has it, and where (3,) [m] that sits."""
+    for name, position in sources(model, kind, default):
+        if f"{name}.{quantity}" in recording:
+            return channel(recording, f"{name}.{quantity}"), position
+    return None
+
+
+def commanded_samples(recording: Recording, quantity: str) -> Samples | None:
+    """Return the samples of a force or torque: what was commanded, else what any source has of it."""
+    names = [f"command.{quantity}", *(c for c in recording.channels if c.endswith(f".{quantity}"))]
+    return next((channel(recording, n) for n in names if n in recording), None)
+
+
+def hidden_coordinates(recording: Recording, quantity: str, *, together: bool) -> Samples | None:
+    """Return slosh or modal coordinates (N, columns), of the truth first; None if not recorded.
+
+    Several tanks may have a channel each (``together``); several sources of modes tell the same.
+    """
+    names = [c for c in recording.channels if c.endswith(f".{quantity}")]
+    if not names:
+        return None
+    names.sort(key=lambda c: not c.startswith("truth."))
+    t, values = channel(recording, names[0])
+    same = names if together else [n for n in names if n.split(".")[0] == names[0].split(".")[0]]
+    columns = [values.reshape(len(t), -1)]
+    columns += [interpolate(*channel(recording, n), t).reshape(len(t), -1) for n in same[1:]]
+    return t, np.concatenate(columns, axis=1)
+
+
+SMOOTHED = 0.5  # [s] over which slopes are averaged: a rate differentiated from noisy samples is noise
+
+
+def slopes(model: SpacecraftModel, times: np.ndarray, q: np.ndarray, smoothed: float = 0.0) -> np.ndarray:
+    """Return velocities (N, nv) of configurations q (N, nq) at times (N,) [s], by central differences."""
+    if len(times) < 2 or times[-1] <= times[0]:
+        return np.zeros((len(times), model.nv))
+    before, after = np.maximum(np.arange(len(q)) - 1, 0), np.minimum(np.arange(len(q)) + 1, len(q) - 1)
+    step = times[after] - times[before]
+    pairs = zip(q[before], q[after], strict=True)
+    v = (
+        np.array([pin.difference(model.pin, a, b) for a, b in pairs])
+        / np.where(step > 0.0, step, np.inf)[:, None]
+    )
+    width = round(smoothed / float(np.median(np.diff(times))))
+    return uniform_filter1d(v, width, axis=0, mode="nearest") if width > 1 else v
+
+
+def recorded_velocity(
+    model: SpacecraftModel, recording: Recording, times: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """Return velocities (N, nv) at times (N,) [s] of configurations q (N, nq), body axes first.
+
+    Rates of the bus, joints, wheels, slosh and modes are taken from their channels; the rest is the slope of
+    q, smoothed.
+    """
+    v = slopes(model, times, q, SMOOTHED)
+
+    def put(found: Samples | None, index: np.ndarray | slice, factor: np.ndarray | float = 1.0) -> None:
+        if found is not None and found[1].shape[1:] == v[0, index].shape:
+            v[:, index] = interpolate(*found, times) * factor
+
+    def measured(kind: str, default: str, quantity: str) -> Samples | None:
+        found = measured_samples(model, recording, kind, default, quantity)
+        return None if found is None else found[0]
+
+    if model.free:
+        put(measured("imu", "imu", "angular_rate"), slice(3, 6))
+        velocity = measured_samples(model, recording, "pose", "pose", "velocity")
+        if velocity is not None:
+            samples, lever = velocity
+            turn = Rotation.from_quat(q[:, 3:7])
+            v[:, :3] = turn.inv().apply(interpolate(*samples, times)) - np.cross(v[:, 3:6], lever)
+    put(measured("encoder", "encoder", "joint_velocity"), model.arm_joints.v)
+    put(measured("tachometer", "tachometer", "wheel_rate"), model.wheels.v)
+    put(
+        hidden_coordinates(recording, "modal_velocity", together=False), model.modes.v, 1.0 / model.mode_scale
+    )
+    columns = np.concatenate([np.arange(s.v.start, s.v.stop) for s in model.slosh] or [np.zeros(0)])
+    put(hidden_coordinates(recording, "slosh_velocity", together=True), columns.astype(int))
+    return v

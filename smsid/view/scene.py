@@ -15,8 +15,7 @@ from smsid.view.drivers import Frames, JointDriver, Scale
 from smsid.view.look import Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion
-from smsid.view.nominal_overlay import GHOST, as_overlay
-from smsid.view.parts import Part
+from smsid.view.parts import GHOST, Part, as_overlay
 from smsid.view.trail import Trail, trail_parts
 from smsid.view.visuals import visuals_of
 

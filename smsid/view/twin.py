@@ -13,8 +13,8 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Trajectory, simulate
-from smsid.view.channels import Samples, channel, measured_samples
 from smsid.view.motion import motion_of
+from smsid.view.recorded import Samples, channel, measured_samples
 
 WELL = 5  # degree of the spline through measured joint angles: their acceleration is continuous
 

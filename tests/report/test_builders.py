@@ -17,9 +17,8 @@ from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause,
 from smsid.identify.estimate import Estimate, classify
 from smsid.paper.table4_report import study_report
 from smsid.report import render
-from smsid.report.campaign import campaign_report
+from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
-from smsid.report.convergence import normalised_errors
 from smsid.report.diagnose import ReportInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import Known, correlations, identifiability, parameter_table
@@ -97,8 +96,8 @@ TESTS = (
 
 def test_the_map_has_the_strongest_test_of_every_cell_and_marks_what_is_significant():
     body = diagnosis_map("m", "map", TESTS, level=0.001).body
-    assert body.rows == ("torque of joint2", "torque of joint10", "imu.acceleration")
-    assert body.columns == ("rate", "its own past (frequency)")
+    assert body.rows == ["torque of joint2", "torque of joint10", "imu.acceleration"]
+    assert body.columns == ["rate", "its own past (frequency)"]
     assert [[c.marked for c in row] for row in body.cells] == [[True, False], [False, False], [False, True]]
     assert float(body.cells[0][0].text) == pytest.approx(-math.log10(4 * chi2.sf(80.0, 3)), abs=0.5)
     assert body.cells[1][1].step == -1
@@ -153,7 +152,9 @@ def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
     page = check_page(render(report), names)
     assert report.tone == "good"
     assert report.verdict.startswith("Explained. In plain words: joint2 has viscous friction")
-    assert "0.0500 ± 0.0039 N m s/rad" in report.verdict  # 95 %, not one standard deviation
+    assert (
+        "0.0500 ± 0.0039 N\N{NO-BREAK SPACE}m\N{NO-BREAK SPACE}s/rad" in report.verdict
+    )  # 95 %, not one standard deviation
     cells = page.texts["td"]
     assert {"± 0.0039", "move the joint at several rates", "0.97"} <= set(cells)
     assert report.sections[1].summary == "2 of 4 tests significant before, 0 after"

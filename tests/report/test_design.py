@@ -15,8 +15,7 @@ from smsid.design.model_discrimination import Discrimination, Separation
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
 from smsid.model import build_model
 from smsid.report import render
-from smsid.report.design import ReportInputs, design_report, verdict
-from smsid.report.designed_signals import signal_grids, signal_points
+from smsid.report.design import ReportInputs, design_report, signal_grids, signal_points, verdict
 
 from .pages import check_page, needs_chromium, run_page
 

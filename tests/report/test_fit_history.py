@@ -14,7 +14,7 @@ from smsid.experiments import fly, named_experiment
 from smsid.identify.estimate import Iteration, load_estimate
 from smsid.model import build_model
 from smsid.recording import save_recording
-from smsid.report.fit_history import convergence_section
+from smsid.report.identify import convergence_section
 
 from .pages import check_page
 

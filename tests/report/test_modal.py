@@ -13,8 +13,7 @@ from smsid.cli import main
 from smsid.lab import ambient_modes
 from smsid.recording import Recording, save_recording
 from smsid.report import render
-from smsid.report.correlations import correlation_traces
-from smsid.report.modal import modal_report
+from smsid.report.modal import correlation_traces, modal_report
 
 from .pages import check_page
 

@@ -19,8 +19,9 @@ def cause(effect="joint_friction", location="joint2", shape: str | None = "visco
 
 def test_a_cause_is_a_sentence_with_its_interval():
     d = Diagnosis("craft", ("rec",), "explained", "It lacks friction.", causes=(cause(),))
+    unit = "N m s/rad".replace(" ", "\N{NO-BREAK SPACE}")
     wanted = (
-        "In plain words: joint2 has viscous friction that the description lacks, 1.5000 ± 0.0020 N m s/rad."
+        f"In plain words: joint2 has viscous friction that the description lacks, 1.5000 ± 0.0020 {unit}."
     )
     assert plain_words(d) == wanted
     assert plain_words(Diagnosis("craft", ("rec",), "adequate", "Nothing.")) == ""

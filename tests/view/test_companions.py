@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from smsid.cli.view import file_names
+from smsid.description import load_description
 from smsid.errors import RecordingError, SmsidError
 from smsid.recording import Recording
 from smsid.simulate import truth_of
@@ -106,10 +110,10 @@ def test_unknown_layout_is_refused(model, trajectory):
         replay(model, trajectory, layout="above")  # type: ignore[arg-type]
 
 
-def test_files_are_named_by_their_stems(recording, tmp_path):
-    from smsid.recording import save_recording
-
-    save_recording(recording, tmp_path / "a.nc")
-    save_recording(recording, tmp_path / "b.nc")
-    shown = played(URDF / "paper_sms.toml", [tmp_path / "a.nc", tmp_path / "b.nc"], fps=2.0)
+def test_recordings_are_named(recording):
+    described = load_description(URDF / "paper_sms.toml")
+    shown = played(described, [recording, recording], ["a", "b"], fps=2.0)
     assert (shown.label, [c.label for c in shown.companions]) == ("a", ["b"])
+    files = [Path("x/a.nc"), Path("y/b.nc"), Path("y/a.nc")]
+    assert file_names(files[:2]) == ["a", "b"]
+    assert file_names(files) == ["x/a.nc", "y/b.nc", "y/a.nc"]

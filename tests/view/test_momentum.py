@@ -11,8 +11,8 @@ from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion, motion_of
+from smsid.view.recorded import slopes
 from smsid.view.scene import build_scene
-from smsid.view.velocity import slopes
 
 
 @pytest.fixture(scope="module")

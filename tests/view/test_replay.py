@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from smsid.description import load_description
 from smsid.errors import RecordingError, SmsidError
-from smsid.recording import Recording, save_recording
+from smsid.recording import Recording, load_recording, save_recording
 from smsid.simulate import States, truth_of
-from smsid.view import Look, replay, view_main
+from smsid.view import Look, played, replay, write_view
 
 from .conftest import URDF
 
@@ -121,13 +122,15 @@ def test_fuel_stays_in_its_tank_and_the_view_says_how(model, trajectory):
     assert any(note.startswith("slosh drawn") for note in played.notes)
 
 
-def test_view_main_writes_the_page(channels, tmp_path):
+def test_a_view_of_files_is_a_page(channels, tmp_path):
     pytest.importorskip("meshcat")
     times, found = channels
     names = ("pose.position", "pose.attitude", "truth.slosh_position")
     save_recording(Recording.from_arrays(times, {k: found[k] for k in names}), tmp_path / "rec.nc")
-    page, notes = view_main(URDF / "paper_sms.toml", tmp_path / "rec.nc", tmp_path / "view.html")
+    craft = load_description(URDF / "paper_sms.toml")
+    view = played(craft, [load_recording(tmp_path / "rec.nc")])
+    page = write_view(view, tmp_path / "view.html")
     assert page.stat().st_size > 1e6
-    assert any("joint angles" in note for note in notes)
-    home, _ = view_main(URDF / "two_arm_sms.toml", None, tmp_path / "home.html")
-    assert home.is_file()
+    assert any("joint angles" in note for note in view.notes)
+    home = played(load_description(URDF / "two_arm_sms.toml"))
+    assert write_view(home, tmp_path / "home.html").is_file()
