@@ -221,10 +221,6 @@ def true_value(name: str, kind: Kind) -> float | None:
     """Return the truth of a parameter or combination, if it is one of the satellite's."""
     full = kind.truth is FULL
     truth = true_values(kind.truth, tank=full, panel=full)
-    c, mass = np.array(kind.truth.centre), kind.truth.mass
-    about = np.array(kind.truth.inertia) - mass * ((c @ c) * np.eye(3) - np.outer(c, c))
-    for i, a in enumerate("xyz"):
-        truth |= {f"bus.Ic{a}{'xyz'[k]}": about[i, k] for k in range(i, 3)}
     if name in truth:
         return truth[name]
     terms = parse_combination(name)
