@@ -28,7 +28,7 @@ from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
-from smsid.export.bodies import parse_combination
+from smsid.identify.combination_name import parse_combination
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel
@@ -221,10 +221,6 @@ def true_value(name: str, kind: Kind) -> float | None:
     """Return the truth of a parameter or combination, if it is one of the satellite's."""
     full = kind.truth is FULL
     truth = true_values(kind.truth, tank=full, panel=full)
-    c, mass = np.array(kind.truth.centre), kind.truth.mass
-    about = np.array(kind.truth.inertia) - mass * ((c @ c) * np.eye(3) - np.outer(c, c))
-    for i, a in enumerate("xyz"):
-        truth |= {f"bus.Ic{a}{'xyz'[k]}": about[i, k] for k in range(i, 3)}
     if name in truth:
         return truth[name]
     terms = parse_combination(name)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from smsid.comparison.result import NotComparable
-from smsid.export.bodies import parse_combination
+from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
 from smsid.model.regressor import INERTIAL_NAMES
 

@@ -13,8 +13,8 @@ from smsid.comparison.explanations import Differences, Explained, explain
 from smsid.comparison.result import LEVEL, Comparison, Finding, ParameterChange, Quantity
 from smsid.description.schema import Description
 from smsid.effects.base import AXES, Effect, catalogue
+from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.identify.estimate import Estimate
-from smsid.identify.momentum_rows import carried_by_bus
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -171,9 +171,7 @@ def _unexplained(parameters: tuple[ParameterChange, ...], left: float) -> Findin
 def _sizes(model: SpacecraftModel | None) -> dict[str, float]:
     if model is None:
         return {}
-    regressor = Regressor(model)
-    whole = regressor.parameters + (carried_by_bus(model, regressor) if model.free else 0.0)
-    return dict(zip(regressor.names, np.abs(whole).tolist(), strict=True))
+    return dict(zip(Regressor(model).names, np.abs(whole_bodies(model)).tolist(), strict=True))
 
 
 def _tanks(model: SpacecraftModel | None) -> tuple[Propellant, ...]:

@@ -11,9 +11,10 @@ from smsid.description.schema import Description
 from smsid.diagnose.beam_values import with_beams
 from smsid.effects.base import Effect, Parameter
 from smsid.errors import SmsidError
+from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.estimation.unknowns import moving_bodies
-from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, parse_combination, urdf_bodies
+from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, linear_terms, urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -152,10 +153,11 @@ def _inertial_knowledge(
         return set(), {}
     names = {f"{body}.{p}" for body in body_names(point.base.pin) for p in INERTIAL_NAMES}
     single, combined = set(), {}
+    known = linear_terms(estimate, whole_bodies(point.base)[:10])
     for p in estimate.parameters:
         if not (np.isfinite(p.sigma) and p.sigma > 0.0):
             continue
-        terms = parse_combination(p.name)
+        terms = known[p.name][0] if p.name in known else None
         own = {n: f for n, f in (terms or {}).items() if n in names}
         if not own:
             continue

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import input_channels, mixed, stepwise
+from smsid.estimation.input_hold import curved, input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import ChannelSlice, Measured, measurements_of
 from smsid.estimation.parameter_vector import Point
@@ -126,7 +126,8 @@ def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
 def likely_timing(recording: Recording) -> Timing:
     """Return how commands act between samples, as the recording says or as they look."""
     choices = timings(recording)
-    looks = "jumps" if mixed(recording) else "held" if stepwise(recording) else "linear"
+    smooth = "smooth" if curved(recording) else "linear"
+    looks = "jumps" if mixed(recording) else "held" if stepwise(recording) else smooth
     return next((t for t in choices if t.hold == looks), choices[0])
 
 
@@ -192,12 +193,17 @@ def _drives(
 
 
 def _moving(data: Measured, blocks: list[ChannelSlice], size: int) -> np.ndarray:
-    """Return which joints (size,) move by more than their sensors' noise; all where none is measured."""
+    """Return which joints (size,) move by more than their sensors' noise; all where none is measured.
+
+    So does a wheel at a constant speed.
+    """
     out = np.zeros(size, dtype=bool)
     for block in blocks:
         x, sigma = data.values[:, block.rows], data.sigma[block.rows]
-        spread = np.nanpercentile(x, 99, axis=0) - np.nanpercentile(x, 1, axis=0)
-        out |= spread > 2.0 * STILL * sigma
+        low, high = np.nanpercentile(x, 1, axis=0), np.nanpercentile(x, 99, axis=0)
+        out |= high - low > 2.0 * STILL * sigma
+        if block.quantity == "wheel_rate":
+            out |= np.maximum(low, -high) > STILL * sigma
     return out if blocks else np.ones(size, dtype=bool)
 
 

@@ -18,15 +18,17 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import Reported, reported
+from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
-from smsid.estimation.maximum import converged, maximise, settled
-from smsid.estimation.normal_equations import NormalEquations, objective_of
+from smsid.estimation.maximum import converged, maximise, predicted_gain, settled
+from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Timing
 from smsid.estimation.profile_interval import bound_intervals
+from smsid.estimation.trust_region import bounded_step
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.prior import Cad
@@ -37,6 +39,8 @@ METHOD = "maximum_likelihood"
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
+MATTERS = 0.5  # standard deviations by which another course of commands may move an estimate without a word
+WORDS = {"linear": "straight lines between samples", "smooth": "curves through their samples"}
 HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
 UNSEEN = "the data do not see it"
 
@@ -219,15 +223,15 @@ def _search(
         loose = [_loosened(f, share) for f in flights]
         point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
         flights = [
-            _with_timing(f, _as_commands_act(point, unknowns, x).problem.timing)
+            _with_timing(f, _as_commands_act(point, unknowns, x, False).problem.timing)
             for f, x in zip(flights, loose, strict=True)
         ]
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
-    again = [_as_commands_act(found.point, unknowns, f) for f in flights]
-    if any(a.problem.timing != f.problem.timing for a, f in zip(again, flights, strict=True)):
-        flights = again
+    rest, before = converged(found), flights
+    flights = [_as_commands_act(found.point, unknowns, f, rest) for f in flights]
+    if any(a.problem.timing != f.problem.timing for a, f in zip(flights, before, strict=True)):
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
     if not converged(found) or not derivatives_hold(found, flights):
@@ -250,26 +254,42 @@ def _loosened(flight: Flight, share: float) -> Flight:
     return replace(flight, problem=loosened(flight.model, flight.problem, share))
 
 
-def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight) -> Flight:
-    """Return the flight with commands held, linear or both between samples, as is most likely at a point."""
+def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
+    """Return the flight with commands held, linear or both between samples, as is most likely near a point.
+
+    Where the search is ``at_rest``, each is judged by what the likelihood would come to one step of all
+    parameters on: inertia may make up for a wave that straight lines between samples cut off. A note says
+    where straight lines and curves are as likely and parameters differ.
+    """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
         return flight
-    likely: dict[int, float] = {}
-    for k, timing in enumerate(choices):
+    now = flight.problem.timing
+    likely: dict[Timing, float] = {}
+    moves: dict[Timing, float] = {}
+    for timing in choices:
         try:
-            likely[k] = -objective_of(point, unknowns, [_with_timing(flight, timing)])
+            if not at_rest:
+                likely[timing] = -objective_of(point, unknowns, [_with_timing(flight, timing)])
+                continue
+            here = normal_equations(point, unknowns, [_with_timing(flight, timing)])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-    now = choices.index(flight.problem.timing)
-    if not likely:
-        return flight
-    best = max(likely, key=lambda k: likely[k])
-    if likely[best] - likely.get(now, -np.inf) < CLEARLY:
-        return flight
-    timing = choices[best]
-    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, timing.hold, timing.side)
-    return _with_timing(flight, timing)
+            continue
+        step = bounded_step(here)
+        likely[timing] = predicted_gain(here, step) - here.objective
+        moves[timing] = float(np.max(np.abs(step) / np.sqrt(np.diag(np.linalg.inv(here.gram)))))
+    best = max(likely, key=lambda t: likely[t], default=now)
+    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
+        best = now
+    alike = {t for t in moves if likely[best] - likely[t] < CLEARLY and moves[t] > MATTERS} - {best}
+    for other in alike if best.hold in VARYING else ():
+        if other.hold in VARYING:
+            note = f"commands are taken as {WORDS[best.hold]}; {WORDS[other.hold]} are as likely, and would "
+            note += f"move estimates by up to {moves[other]:.2g} standard deviations: record them faster"
+            flight = replace(flight, notes=(*flight.notes, note))
+    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
+    return _with_timing(flight, best)
 
 
 def _with_timing(flight: Flight, timing: Timing) -> Flight:

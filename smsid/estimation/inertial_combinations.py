@@ -4,8 +4,9 @@ Reported are the parameters of effects, the total mass, and base parameters of t
 bodies in the order from the bus to the tips, each with what cannot be told from it lumped in, as textbooks
 do (Gautier, J. Robotic Systems 8 (1991) 485) - but by the information in the recordings at hand, not by the
 structure alone: a direction of which they say less than is known beforehand is not told. "bus" includes its
-wheels and undeformed appendages. Where nothing tells the bus's centre of mass, its inertia is reported about
-that (``bus.Icxx``): about the origin it depends on the square of what is not known.
+wheels and undeformed appendages. Where nothing tells the bus's mass or centre of mass, what is told of the
+centre is reported (``bus.cx``) and the inertia about it (``bus.Icxx``): in mass, first moments and inertia
+about the origin both are products of what is not known.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from smsid.identify.momentum_rows import carried_by_bus
 from smsid.model.regressor import Regressor, body_names
 from smsid.model.spacecraft import SpacecraftModel
 
+ELEMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of inertias, as inertial parameters have them
+AS_WELL = 2.0  # times a combination's standard deviation that may be that of what stands for it
 STEP = 1e-4  # of a parameter's scale, for derivatives of inertias
 NEGLIGIBLE = 0.05  # share of a combination's standard deviation that a term may bring and is left out below
 SMALLEST = 1e-6  # of its prior's standard deviation, an amplitude below which an angle is none
@@ -55,11 +58,7 @@ def reported(found: NormalEquations, described: Point) -> list[Reported]:
             size = abs(u.nominal) or u.sigma
             reference = size if abs(found.point.value(u)) < 0.1 * size else None
             out.append(Reported(u.name, u.unit, found.point.value(u), row, u.nominal, reference))
-    out += _base_parameters(found, described)
-    body = body_names(described.base.pin)[0]
-    if described.base.free and not any(r.name.startswith(f"{body}.m") for r in out):
-        out = [_central(r, body, found, described) for r in out]
-    return out
+    return out + _base_parameters(found, described)
 
 
 def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
@@ -80,31 +79,6 @@ def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
     own = values[u.name]
     reference = float(np.pi) if not amplitude else None
     return Reported(u.name, own.unit, own.value, row * found.scales, before[u.name].value, reference)
-
-
-def _central(row: Reported, body: str, found: NormalEquations, described: Point) -> Reported:
-    """Return a moment or product of inertia of the bus about its centre of mass; anything else as it is."""
-    start = f"{body}.I"
-    symbol = row.name.removeprefix(start)
-    if not row.name.startswith(start) or len(symbol) != 2:
-        return row
-    i, j = ("xyz".index(x) for x in symbol)
-
-    def shift(theta: np.ndarray) -> float:
-        m, h = theta[0], theta[1:4]
-        return float(((h @ h) * (i == j) - h[i] * h[j]) / m)
-
-    whole = whole_bodies(found.point.model())[:10]
-    gradient = row.gradient.copy()
-    for k, u in enumerate(found.unknowns):
-        if u.kind == "inertial" and u.column < 4:
-            step = np.zeros(10)
-            step[u.column] = STEP * u.scale
-            gradient[k] -= (shift(whole + step) - shift(whole - step)) / (2.0 * STEP)
-    nominal = row.nominal - shift(whole_bodies(described.model())[:10])
-    return Reported(
-        f"{body}.Ic{symbol}", row.unit, row.value - shift(whole), gradient, nominal, row.reference
-    )
 
 
 def whole_bodies(model: SpacecraftModel) -> np.ndarray:
@@ -177,14 +151,73 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]
     for factors, _ in rows:
         lead = unknowns[own[int(np.flatnonzero(factors == 1.0)[0])]].name
         sizes[_kind(lead)] = max(sizes.get(_kind(lead), 0.0), abs(float(factors @ values)))
+    central = _central(found, described, rows, kept, own, moved, covariance)
     out = []
     for (factors, gradient), k in zip(rows, kept, strict=True):
+        if int(k) in central:
+            out.append(central[int(k)])
+            continue
         value, size = float(factors @ values), sizes[_kind(unknowns[own[k]].name)]
         name = combination_name(factors, int(k), [unknowns[i].name for i in own])
         reference = size if abs(value) < 0.1 * size else None
         unit = unknowns[own[k]].unit
         out.append(Reported(name, unit, value, gradient, float(factors @ nominal), reference))
     return out
+
+
+def _central(
+    found: NormalEquations,
+    described: Point,
+    rows: Sequence[tuple[np.ndarray, np.ndarray]],
+    kept: np.ndarray,
+    own: Sequence[int],
+    moved: np.ndarray,
+    covariance: np.ndarray,
+) -> dict[int, Reported]:
+    """Return what stands for combinations of the bus's own parameters, by the parameter those lead with.
+
+    That is the centre of mass and the inertia about it, where mass or first moments are not all told: factors
+    of a combination go by the centre's estimate, whose error times that of a mass which nothing tells may be
+    more than the combination's standard deviation. Left out is what is not told about as well.
+    """
+    unknowns = [found.unknowns[i] for i in own]
+    bus = [k for k, u in enumerate(unknowns) if u.column < 10]
+    if not described.base.free or {unknowns[k].column for k in bus} != set(range(10)):
+        return {}
+    place = {unknowns[k].column: k for k in bus}
+    if set(kept) >= {place[c] for c in range(4)}:
+        return {}
+    theta, before = (whole_bodies(x.model())[:10] for x in (found.point, described))
+    slopes = moved[[place[c] for c in range(10)]].copy()
+    for c, k in place.items():
+        slopes[c, own[k]] += unknowns[k].scale
+    steps = STEP * np.diag([abs(theta[0]), *3 * [abs(theta[0])], *6 * [1.0]])
+    by_theta = np.array([about_centre(theta + s) - about_centre(theta - s) for s in steps]).T
+    gradients = by_theta / (2.0 * np.diag(steps)) @ slopes
+    values, nominal = about_centre(theta), about_centre(before)
+    body, size = body_names(described.base.pin)[0], float(np.abs(values[3:]).max())
+    out = {}
+    for (_, combined), k in zip(rows, kept.tolist(), strict=True):
+        u = unknowns[k]
+        if not 0 < u.column < 10:
+            continue
+        i, moment = u.column - 1, u.column < 4
+        row, scale = gradients[i], theta[0] if moment else 1.0
+        if scale**2 * (row @ covariance @ row) > AS_WELL**2 * (combined @ covariance @ combined):
+            continue
+        symbol = u.name.rsplit(".", 1)[1]
+        name, unit = (f"c{symbol[1:]}", "m") if moment else (f"Ic{symbol[1:]}", u.unit)
+        reference = size if not moment and abs(values[i]) < 0.1 * size else None
+        found_ = float(values[i]), row, float(nominal[i])
+        out[k] = Reported(f"{body}.{name}", unit, *found_, reference)
+    return out
+
+
+def about_centre(theta: np.ndarray) -> np.ndarray:
+    """Return the centre of mass (3,) and the inertia about it (6,), in the order of inertial parameters."""
+    centre = theta[1:4] / theta[0]
+    shift = [float((centre @ centre) * (i == j) - centre[i] * centre[j]) for i, j in ELEMENTS]
+    return np.concatenate([centre, theta[4:] - theta[0] * np.array(shift)])
 
 
 def combinations(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,9 +19,9 @@ from smsid._short_repr import short_repr
 from smsid.description import Description
 from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.errors import DescriptionError
+from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import Estimate
-from smsid.identify.momentum_rows import carried_by_bus
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
 from smsid.model import SpacecraftModel
 from smsid.model.load import load_bus, mount_arm
@@ -39,6 +39,8 @@ ROUNDED = 5e-5
 THINNEST = 1e-3
 """Smallest second moment a start may have, relative to the largest."""
 
+_CENTRAL = re.compile(r"(?P<body>.+)\.(?:c(?P<axis>[xyz])|Ic(?P<i>[xyz])(?P<j>[xyz]))")
+
 
 @short_repr
 @dataclass(frozen=True)
@@ -53,6 +55,36 @@ class IdentifiedBodies:
     misfit: float
     combinations: int
     notes: tuple[str, ...]
+
+
+def linear_terms(estimate: Estimate, described: np.ndarray) -> dict[str, tuple[dict[str, float], float]]:
+    """Return the factors of ordinary parameters, and the value, of every combination of an estimate, by name.
+
+    Of a centre of mass and the inertia about it those are the first derivatives at the estimated centre, or
+    at that of ``described`` (10,), the bus, where it is not told. In mass, first moments and inertia, the one
+    about the centre is homogeneous of first degree, the centre of degree zero: values are its own, and zero.
+    """
+    out = {}
+    for p in estimate.parameters:
+        terms, value, central = parse_combination(p.name), p.value, _CENTRAL.fullmatch(p.name)
+        if central is not None:
+            body, axis = central["body"], central["axis"]
+            names = [f"{body}.m", *(f"{body}.c{a}" for a in "xyz")]
+            guess = [described[0], *(described[1:4] / described[0])]
+            known = [estimate[n].value if n in estimate else x for n, x in zip(names, guess, strict=True)]
+            mass, c = known[0], np.array(known[1:])
+            if axis:
+                terms, value = {f"{body}.m{axis}": 1.0 / mass, f"{body}.m": -c["xyz".index(axis)] / mass}, 0.0
+            else:
+                i, j = ("xyz".index(central[k]) for k in "ij")
+                own = np.eye(3)
+                slope = own[i] * c[j] + own[j] * c[i] - 2.0 * c * (i == j)
+                terms = {f"{body}.I{central['i']}{central['j']}": 1.0}
+                terms[f"{body}.m"] = float((c @ c) * (i == j) - c[i] * c[j])
+                terms |= {f"{body}.m{a}": float(x) for a, x in zip("xyz", slope, strict=True)}
+        if terms is not None:
+            out[p.name] = terms, value
+    return out
 
 
 def urdf_bodies(description: Description) -> dict[str, np.ndarray]:
@@ -139,20 +171,19 @@ def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, 
     regressor = Regressor(model)
     place = {name: k for k, name in enumerate(regressor.names)}
     theta = regressor.parameters
-    whole = theta + carried_by_bus(model, regressor) if model.free else theta
+    whole = whole_bodies(model)
     effects = {p.name: p.value for e in model.description.effect for p in e.parameters()}
     rows: list[np.ndarray] = []
     target: list[float] = []
     sigma: list[float] = []
+    known = linear_terms(estimate, whole[:10])
     for p in estimate.parameters:
         if not (np.isfinite(p.value) and np.isfinite(p.sigma) and p.sigma > 0.0):
             continue
+        terms, value = known.get(p.name, (None, p.value)) if p.group in GROUPS else (None, p.value)
+        values = whole
         if p.name == "total.mass":
-            terms: dict[str, float] | None = {f"{body}.m": 1.0 for body in regressor.bodies}
-            values = theta
-        else:
-            terms = parse_combination(p.name) if p.group in GROUPS else None
-            values = whole
+            terms, values = {f"{body}.m": 1.0 for body in regressor.bodies}, theta
         if not terms or not any(n in place for n in terms) or any(n not in place | effects for n in terms):
             continue
         row = np.zeros(len(theta))
@@ -162,7 +193,7 @@ def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, 
         beyond = sum(size * effects[n] for n, size in terms.items() if n not in place)
         scale = np.abs(row) @ np.abs(values)
         rows.append(row)
-        target.append(p.value - float(row @ values) - beyond)
+        target.append(value - float(row @ values) - beyond)
         sigma.append(float(np.hypot(p.sigma, ROUNDED * scale if len(terms) > 1 else 0.0)))
     return np.array(rows).reshape(-1, len(theta)), np.array(target), np.array(sigma)
 

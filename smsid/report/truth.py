@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from smsid.description.schema import Description
-from smsid.export.bodies import parse_combination, urdf_bodies
+from smsid.export.bodies import urdf_bodies
+from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import ParameterEstimate
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES, body_names

@@ -230,7 +230,11 @@ def true_values(truth, *, tank=True, panel=True):
     j = np.array(truth.inertia)
     out = {"bus.m": truth.mass}
     out |= {f"bus.m{a}": truth.mass * c for a, c in zip(AXES, truth.centre, strict=True)}
-    out |= {f"bus.I{AXES[i]}{AXES[k]}": j[i, k] for i in range(3) for k in range(i, 3)}
+    c = np.array(truth.centre)
+    central = j - truth.mass * ((c @ c) * np.eye(3) - np.outer(c, c))
+    out |= {f"bus.c{a}": x for a, x in zip(AXES, c, strict=True)}
+    for symbol, inertia in (("I", j), ("Ic", central)):
+        out |= {f"bus.{symbol}{AXES[i]}{AXES[k]}": inertia[i, k] for i in range(3) for k in range(i, 3)}
     if tank:
         m, k, c = truth.tank
         out |= {"tank.mass": m}

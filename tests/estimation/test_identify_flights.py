@@ -8,7 +8,6 @@ import pytest
 from smsid.effects import SensorBias
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.identify_flights import identify_flights
-from smsid.export.bodies import parse_combination
 
 from .satellite import AXES, Satellite, burns_and_wheels, guess, recorded, true_values
 
@@ -22,14 +21,6 @@ def deviations(found, truth):
         p.name: (p.value - truth[p.name]) / p.sigma
         for p in found.estimate.parameters
         if p.name in truth and p.status != "not_identifiable"
-    }
-
-
-def combined(found, truth):
-    """Return the true values of an estimate's combinations, by their names."""
-    terms = {p.name: parse_combination(p.name) for p in found.estimate.parameters}
-    return {
-        n: sum(f * truth[k] for k, f in t.items()) for n, t in terms.items() if t and set(t) <= set(truth)
     }
 
 
@@ -70,13 +61,6 @@ def wheels_alone(t):
     return np.zeros(3), np.zeros(3), 0.1 * np.sin(2 * np.pi * np.array([0.05, 0.083, 0.031]) * t)
 
 
-def about_the_centre_of_mass(truth):
-    """Return the moments and products of inertia about the centre of mass, by name."""
-    c = np.array(truth.centre)
-    inertia = np.array(truth.inertia) - truth.mass * ((c @ c) * np.eye(3) - np.outer(c, c))
-    return {f"bus.Ic{AXES[i]}{AXES[k]}": inertia[i, k] for i in range(3) for k in range(i, 3)}
-
-
 def test_gyro_and_wheels_alone_give_inertias_and_no_mass(tmp_path):
     flight = RIGID.fly(60.0, wheels_alone)
     description = guess(tmp_path, RIGID, tank=False, panel=False)
@@ -93,7 +77,7 @@ def test_gyro_and_wheels_alone_give_inertias_and_no_mass(tmp_path):
         ),
     )
     found = identify_flights(description, [recording])
-    off = deviations(found, about_the_centre_of_mass(RIGID))
+    off = deviations(found, true_values(RIGID, tank=False, panel=False))
     assert {"bus.Icxx", "bus.Icyy", "bus.Iczz", "bus.Icxy", "bus.Icyz"} <= set(off)
     assert not [p for p in found.estimate.parameters if p.name.startswith("bus.m")]
     assert max(abs(x) for x in off.values()) < 4.0
@@ -107,8 +91,57 @@ def test_a_moving_start_is_no_trouble(tmp_path):
     flight = RIGID.fly(60.0, wheels_alone, start=start)
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng(4))])
-    off = deviations(found, combined(found, true_values(RIGID, tank=False, panel=False)))
-    assert {n.split(" ")[0] for n in off} >= {"bus.Ixx", "bus.Iyy", "bus.Izz"}
+    off = deviations(found, true_values(RIGID, tank=False, panel=False))
+    assert {"bus.Icxx", "bus.Icyy", "bus.Iczz"} <= set(off)
+    assert max(abs(x) for x in off.values()) < 4.0
+
+
+def test_a_mass_that_nothing_tells_is_in_nothing_that_is_told(tmp_path):
+    """Wheels alone: the accelerometer tells the centre of mass, roughly. Combinations with factors by that
+    estimate were off with the mass as described, 30 % wrong: by 2.3 sigma in three of six."""
+    description = guess(tmp_path, RIGID, off=0.3, tank=False, panel=False)
+    truth = true_values(RIGID, tank=False, panel=False)
+    flight = RIGID.fly(30.0, wheels_alone)
+    off = []
+    for seed in range(3):
+        found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng([seed, 91]))])
+        assert found.estimate["total.mass"].status == "not_identifiable"
+        own = [p for p in found.estimate.parameters if p.name.startswith("bus.")]
+        assert {p.name[:6] for p in own} == {"bus.cx", "bus.cy", "bus.cz", "bus.Ic"}
+        off += [(p.value - truth[p.name]) / p.sigma for p in own]
+    assert max(abs(x) for x in off) < 3.5
+    assert np.mean(np.square(off)) < 1.8
+
+
+def test_waves_that_slow_samples_cut_off_do_not_make_the_craft_lighter(tmp_path):
+    """At 1 Hz straight lines lose up to 3 % of a wave, which the inertia about each axis makes up for."""
+
+    def torque(t):
+        return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t), np.zeros(3)
+
+    flight = RIGID.fly(80.0, torque)
+    description = guess(tmp_path, RIGID, off=0.3, tank=False, panel=False)
+    found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng(5), every=50)])
+    off = deviations(found, true_values(RIGID, tank=False, panel=False))
+    assert {"bus.Icxx", "bus.Icyy", "bus.Iczz"} <= set(off)
+    assert max(abs(x) for x in off.values()) < 4.0
+    assert any("straight lines between samples are as likely" in n for n in found.estimate.notes)
+
+
+def test_a_wheel_at_a_constant_speed_does_not_stand_still(tmp_path):
+    """What it carries turns the craft: held still, the recording is not explained at all."""
+    start = np.zeros(24)
+    start[6], start[10:13], start[21:24] = 1.0, (0.01, -0.008, 0.005), (1.0, -2.0, 3.0)
+
+    def torque(t):
+        return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t), np.zeros(3)
+
+    flight = RIGID.fly(20.0, torque, start=start)
+    description = guess(tmp_path, RIGID, tank=False, panel=False)
+    found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng(6))])
+    assert found.quality.judgement == "explained"
+    off = deviations(found, true_values(RIGID, tank=False, panel=False))
+    assert {"bus.Icxx", "bus.Icyy", "bus.Iczz"} <= set(off)
     assert max(abs(x) for x in off.values()) < 4.0
 
 
