@@ -9,6 +9,7 @@ its bodies is therefore the description's.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
