@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
+from smsid.estimation.filter_pass import Applied
 from smsid.estimation.joint_problem import JointSensitivities
-from smsid.estimation.kalman import Applied, applied
+from smsid.estimation.kalman import applied
 from smsid.estimation.map_estimate import Fit, fit
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities

@@ -30,6 +30,7 @@ SEEN = 1e-9  # share of the largest eigenvalue below which a direction of a jump
 MEMORY = 60.0  # [s] over which the size of innovations is averaged
 AGAIN = (0.5, 0.2, 0.1, 0.0)  # shares of a jump by which parameters may still be off, each time
 SETTLING = 4.0  # [s] after an alarm, and between looks, in which a jump is measured
+CLOCK = 1e-6  # [s] by which times may differ that are the same
 WARM = 10.0  # [s] after the motion begins in which no change is sought
 
 
@@ -145,28 +146,27 @@ class ChangeDetector:
 
     def hear(self, update: Update) -> Change | None:
         """Take in an update; return a change if there is enough to say so."""
-        passed = sum(p.seconds for p in update.passages)
-        if not np.isclose(update.time - self._last, passed, atol=1e-9):
+        found, passed = update.record, update.passed
+        if abs(update.time - self._last - passed) > CLOCK:
             self._starts, self._alarm, self._measured = [], None, None
             self._next = update.time + WARM
         self._last = update.time
-        for passage in update.passages:
+        for transition in found.transition:
             for start in self._starts:
-                start.delta = passage.transition @ start.delta
-        found = update.correction
-        if found is None:
+                start.delta = transition @ start.delta
+        if not len(update.rows):
             return None
         if self._alarm is None:  # a change is no noise
-            self._size += (float(np.mean(found.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
-        scale = max(1.0, self._size)
-        errors = np.clip(found.innovations, -CLIPPED * np.sqrt(scale), CLIPPED * np.sqrt(scale))
+            self._size += (float(np.mean(update.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
+        scale, innovations = max(1.0, self._size), found.innovations[-1]
+        errors = np.clip(innovations, -CLIPPED * np.sqrt(scale), CLIPPED * np.sqrt(scale))
         for start in self._starts:
-            seen = found.sensitivity @ start.delta
-            signature = found.whitening @ seen
+            seen = found.sensitivity[-1] @ start.delta
+            signature = found.whitening[-1] @ seen
             start.score += signature.T @ errors
-            start.whole += signature.T @ found.innovations
+            start.whole += signature.T @ innovations
             start.information += signature.T @ signature
-            start.delta = start.delta - found.gain @ seen
+            start.delta = start.delta - found.gain[-1] @ seen
         if self._measured is not None:
             return self._measure(update.time, self._measured)
         if self._alarm is not None:
@@ -247,7 +247,7 @@ class ChangeDetector:
         # as wide as the jump is large: the filter, linear about the old values, has drawn from data since
         opened = moved @ (covariance + np.diag(jump**2)) @ moved.T
         f.covariance = f.covariance + 0.5 * (opened + opened.T)
-        f._move(moved @ jump)
+        f.move(moved @ jump)
         f.linearise_at(f.values, f.sigmas())
         change = Change(
             alarm,
