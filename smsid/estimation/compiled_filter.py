@@ -261,7 +261,7 @@ def senses_of(outputs: MeasurementModel) -> Readings | None:
         gain,
         bias,
         np.array(later, dtype=float),
-        np.array(added).reshape(-1, rows),
+        np.array(added).reshape(len(later), rows),
         integers(late, 2),
         delay,
     )

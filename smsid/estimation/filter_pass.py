@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import os
+import time
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,11 +19,15 @@ from smsid.estimation.parameter_vector import Point
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel import filter as kernel
 from smsid.kernel.filter_arrays import Drive, Model, Record, Samples, State
+from smsid.kernel.jit import SWITCH, compiled_already
 from smsid.model.spacecraft import SpacecraftModel
 
 WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
 CLOSE = 1e-3  # standard deviations within which a parameter is where the model is
 ROUND = 1e-12  # relative: what keeps a covariance of parameters regular
+COMPILATION = 30.0  # [s] that it takes, once; plain passes of as long are waited for before
+_plain_seconds = [0.0]
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -191,13 +198,24 @@ def filter_samples(
     """
     n, rows = samples.values.shape
     record = _empty_record(len(samples.edges) - 1, n, rows, len(state.covariance), base.model)
-    if compiled is not None:
+    if compiled is not None and _compiled_pays():
         lost = kernel.run(*compiled, drive, state, samples, record, WILD)
     else:
+        began = time.perf_counter()
         lost = run_plain(base, parameters, drive, state, samples, record)
+        _plain_seconds[0] += time.perf_counter() - began
     if lost != kernel.DONE:
         raise lost_at(float(samples.edges[lost]))
     return record
+
+
+def _compiled_pays() -> bool:
+    """Return whether to take compiled code: it is there, is asked for, or would be worth the wait by now."""
+    asked = os.environ.get(SWITCH) == "1"
+    if not (asked or compiled_already(kernel.run)) and _plain_seconds[0] > COMPILATION:
+        LOGGER.info("the filter is compiled, once: some 30 s")
+        return True
+    return asked or compiled_already(kernel.run)
 
 
 def _empty_record(moves: int, n: int, rows: int, width: int, model: SpacecraftModel) -> Record:

@@ -99,7 +99,9 @@ def outward(tree, bodies, root, angles, v, vdot, gravity, work):
         at = three(places[parent], 0) if parent >= 0 else here
         axis, place = three(body, AXIS), three(body, POSITION)
         moment, inertia, mass = three(body, MOMENT), six(body, INERTIA), body[MASS]
-        heavy = mass != 0.0 or inertia[0] != 0.0 or inertia[2] != 0.0 or inertia[5] != 0.0
+        heavy = mass != 0.0
+        for k in range(MOMENT, MOMENT + 9):  # a difference of bodies may have any of them alone
+            heavy = heavy or body[k] != 0.0
         if tree[i, TURNING] > 0:
             turn = matrix(body, ROTATION)
             if parent >= 0 and tree[parent, TURNING] > 0:

@@ -45,6 +45,7 @@ class ParameterFilter:
     values: np.ndarray
     covariance: np.ndarray
     at: Linearisation = field(init=False)
+    last: tuple = field(init=False, default=())  # what `go_on` was given
 
     def __post_init__(self) -> None:
         self._unknowns = tuple(f.unknown for f in self.followed)
@@ -134,7 +135,7 @@ class ParameterFilter:
         samples = Samples(edges, values, attitudes, np.isfinite(values), self._variance, len(edges))
         record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
         self._take(now)
-        self.time = float(edges[-1])
+        self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes)
         return record
 
     def move(self, step: np.ndarray) -> None:
