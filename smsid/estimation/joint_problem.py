@@ -13,9 +13,10 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import RecordingError
+from smsid.estimation.filter_pass import Applied
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
-from smsid.estimation.kalman import Applied, applied
+from smsid.estimation.kalman import applied
 from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each

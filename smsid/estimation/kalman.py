@@ -2,49 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import block_diag, lapack
+from scipy.linalg import block_diag
 
-from smsid.errors import SimulationError
+from smsid.estimation.compiled_filter import compiled_model
+from smsid.estimation.filter_pass import Applied, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.problem import (
     Problem,
     recordings_of,
 )
 from smsid.estimation.process_model import ProcessModel
+from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
-WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
 AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
-
-
-@dataclass(frozen=True)
-class Applied:
-    """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
-    between samples (N - 1, nv), and values at the samples (N, nv). ``rise`` (N - 1, substeps, nv) is by how
-    much the line of equal mean and equal first moment rises over half a substep. ``before`` (nv,) are the
-    forces just before the first sample, where that is not the first of all.
-    """
-
-    means: np.ndarray
-    middle: np.ndarray
-    at: np.ndarray
-    rise: np.ndarray
-    before: np.ndarray | None = None
-
-    def about(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the forces (nv,) just before and just after sample k."""
-        before = self.means[k - 1, -1] + self.rise[k - 1, -1] if k > 0 else self.before
-        before = self.at[0] if before is None else before
-        after = self.means[k, 0] - self.rise[k, 0] if k < len(self.means) else self.at[k]
-        return before, after
 
 
 def applied(
@@ -89,27 +67,28 @@ class KalmanFilter:
 
     def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
         self.model, self.problem, self.until = model, problem, until
-        self.plant = ProcessModel(model, problem.locked)
-        self.outputs = MeasurementModel(model, problem.data, problem.locked)
+        self.base = Instance.of(model, problem.data, problem.locked)
+        self.compiled = compiled_model(self.base)
         self.inputs = problem.inputs(model)
         begin = problem.begin
         if begin is None:
             self.q, self.v = first_state(model, problem)
-            self.covariance = _first_covariance(model, problem)
+            covariance = _first_covariance(model, problem)
         else:
-            self.q, self.v, self.covariance = begin.q.copy(), begin.v.copy(), begin.covariance.copy()
+            self.q, self.v, covariance = begin.q.copy(), begin.v.copy(), begin.covariance
         self.input_noise = _input_covariance(model, problem)
         unknown = problem.unknown_inputs
         self.unknown = np.zeros(len(unknown))
         self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
         self.walk = np.array([u.walk**2 for u in unknown])
         start = np.diag([u.sigma**2 for u in unknown])
-        self.covariance: np.ndarray = np.asarray(block_diag(self.covariance, start))
-        self._late = np.array([b.delay for b in problem.data.blocks])
+        self.covariance: np.ndarray = np.asarray(block_diag(covariance, start))
         self._readable = _readable(problem)
+        names = [b.channel for b in problem.data.blocks if b.quantity == "attitude"]
+        seen = [problem.data.attitude[name] for name in names]
+        self._attitudes = np.stack(seen, axis=1) if seen else np.zeros((len(problem.data.times), 0, 4))
         self._next, self._before = 0, None
 
-    @np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
     def advance(self, samples: int) -> FilterRun:
         """Read the next samples and return what was made of them.
 
@@ -117,108 +96,35 @@ class KalmanFilter:
 
         Raises `SimulationError` when the state or its covariance is no longer finite.
         """
-        model, data, plant, outputs = self.model, self.problem.data, self.plant, self.outputs
-        first = self._next
+        data, first = self.problem.data, self._next
         n = min(samples, len(data.times) - first)
-        edges = data.times[first : first + n + 1]
-        times, nv, rows = edges[:n], model.nv, data.rows
-        drive = replace(applied(plant, self.problem, self.inputs, edges), before=self._before)
-        moves = len(edges) - 1
-        present, late, input_noise = self._readable[first : first + n], self._late, self.input_noise
-        q, v, p, w = self.q, self.v, self.covariance, self.unknown
-        acts, width = self._unknown_at, 2 * nv + len(w)
-        driving = np.zeros(nv)
-
-        e, used = np.zeros((n, rows)), present & (times <= self.until)[:, None]
-        whitening, gain = np.zeros((n, rows, rows)), np.zeros((n, width, rows))
-        sensitivity, by_a = np.zeros((n, rows, width)), np.zeros((n, rows, nv))
-        transition, forcing = np.zeros((moves, width, width)), np.zeros((moves, width, nv))
-        at, mid = _Store(n, model), _Store(moves, model)
-        predicted, normalised, errors = np.zeros((3, n, rows))
-        variance = data.sigma**2
-        log_likelihood = 0.0
-        for k in range(n):
-            corrects = times[k] <= self.until
-            driving[acts] = w
-            tau = drive.at[k] + driving
-            lin = (plant.linear if corrects else plant.moving)(times[k], q, v, tau)
-            at.put(k, q, v, lin.a, tau, lin.by_tau)
-            if late.any():
-                before, after = drive.about(k)
-                forces = before + driving, after + driving
-                h, cq, cv, ca = _delayed(outputs, late, times[k], (q, v), lin.a, forces, plant)
-            else:
-                h, cq, cv, ca = outputs.predict(q, v, lin.a)
-            outputs.twisted(h, times[k], q, v, tau, lin.a)
-            predicted[k] = h
-            rotation = pin.Quaternion(q[3:7]).matrix() if model.free else None
-            residual = data.residual(first + k, h, rotation)
-            by_a[k], errors[k] = ca, residual
-            there = np.flatnonzero(present[k]) if corrects else ()
-            if corrects:
-                big_h = sensitivity[k]
-                np.matmul(ca, lin.by_q, out=big_h[:, :nv])
-                np.matmul(ca, lin.by_v, out=big_h[:, nv : 2 * nv])
-                big_h[:, :nv] += cq
-                big_h[:, nv : 2 * nv] += cv
-                if len(acts):
-                    big_h[:, 2 * nv :] = ca @ lin.by_tau[:, acts]
-            if len(there):
-                hk = big_h[there]
-                ph = p @ hk.T
-                s = hk @ ph
-                s.flat[:: len(there) + 1] += variance[there]
-                normalised[k, there] = residual[there] / np.sqrt(s.diagonal())
-                low, info = lapack.dpotrf(s, lower=1, clean=1)
-                if info != 0 or not np.isfinite(residual[there]).all():
-                    raise _lost(times[k])
-                inverse, _ = lapack.dtrtri(low, lower=1)
-                root = ph @ inverse.T
-                white = inverse @ residual[there]
-                e[k, there] = white
-                log_likelihood -= 0.5 * float(white @ white) + float(np.log(low.diagonal()).sum())
-                if len(there) == rows:
-                    whitening[k], gain[k] = inverse, root @ inverse
-                else:
-                    whitening[k][np.ix_(there, there)] = inverse
-                    gain[k][:, there] = root @ inverse
-                p = p - root @ root.T
-                dx = root @ white
-                q, v, w = pin.integrate(plant.pin, q, dx[:nv]), v + dx[nv : 2 * nv], w + dx[2 * nv :]
-            if k == moves:
-                break
-            h_k = float(edges[k + 1] - edges[k])
-            substeps = drive.means.shape[1]
-            driving[acts] = w
-            for s_ in range(substeps):
-                if s_ == substeps // 2:
-                    tau = drive.middle[k] + driving
-                    mid_lin = (plant.linear if corrects else plant.moving)(times[k] + 0.5 * h_k, q, v, tau)
-                    mid.put(k, q, v, mid_lin.a, tau, mid_lin.by_tau)
-                    if corrects:
-                        f, psi = plant.transition(h_k, v, mid_lin)
-                        transition[k, : 2 * nv, : 2 * nv], forcing[k, : 2 * nv] = f, psi[:, nv:]
-                        if len(acts):
-                            transition[k, : 2 * nv, 2 * nv :] = psi[:, nv:] @ mid_lin.by_tau[:, acts]
-                            transition[k, 2 * nv :, 2 * nv :] = np.eye(len(acts))
-                tau, rise = drive.means[k, s_] + driving, drive.rise[k, s_]
-                q, v = plant.step(times[k] + s_ * h_k / substeps, h_k / substeps, q, v, tau, rise)
-            if not np.abs(v).max() < WILD:
-                raise _lost(times[k])
-            if not corrects:
-                continue
-            b = forcing[k] @ mid_lin.by_tau
-            p = transition[k] @ p @ transition[k].T + (b * input_noise) @ b.T
-            if len(acts):
-                p[2 * nv :, 2 * nv :].flat[:: len(acts) + 1] += self.walk * h_k  # a view: written in place
-            p = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
-        self.q, self.v, self.covariance, self.unknown, self._next = q, v, p, w, first + n
-        self._before = drive.means[-1, -1] + drive.rise[-1, -1] if moves else None
+        edges = np.array(data.times[first : first + n + 1], dtype=float)
+        forces = replace(applied(self.base.plant, self.problem, self.inputs, edges), before=self._before)
+        times, present = edges[:n], self._readable[first : first + n]
+        corrections = int(np.searchsorted(times, self.until, side="right"))
+        own = Samples(
+            edges,
+            np.array(data.values[first : first + n], dtype=float),
+            np.array(self._attitudes[first : first + n], dtype=float),
+            present,
+            data.sigma**2,
+            corrections,
+        )
+        # what was handed out before stays as it was
+        state = State(self.q.copy(), self.v.copy(), self.unknown.copy(), np.zeros(0), self.covariance.copy())
+        drive = forces.drive(self._unknown_at, self.walk, self.input_noise)
+        found = filter_samples(self.base, None, self.compiled, drive, state, own)
+        self.q, self.v, self.unknown, self.covariance = state.q, state.v, state.unknown, state.covariance
+        self._next, self._before = first + n, forces.last
+        (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle
         middle_times = 0.5 * (edges[1:] + edges[:-1])
         return FilterRun(
-            e, log_likelihood, whitening, gain, sensitivity, by_a, transition, forcing,
-            at.states(times), mid.states(middle_times), at.inverse, mid.inverse, predicted, errors,
-            normalised, used, edges,
+            found.innovations, float(found.log_likelihood[0]), found.whitening, found.gain,
+            found.sensitivity, found.by_a, found.transition, found.forcing,
+            States(times, q, v, a, tau, np.zeros_like(tau)),
+            States(middle_times, mid_q, mid_v, mid_a, mid_tau, np.zeros_like(mid_tau)),
+            inverse, mid_inverse, found.predicted, found.errors, found.normalised,
+            present & (times <= self.until)[:, None], edges,
         )  # fmt: skip
 
 
@@ -233,52 +139,6 @@ def _readable(problem: Problem) -> np.ndarray:
             if block.quantity in AT_ONCE:
                 present[0, block.rows] = False
     return present
-
-
-class _Store:
-    def __init__(self, n: int, model: SpacecraftModel) -> None:
-        self.q, self.v, self.a, self.tau = (np.zeros((n, w)) for w in (model.nq, *(3 * [model.nv])))
-        self.inverse = np.zeros((n, model.nv, model.nv))
-
-    def put(
-        self, k: int, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, inv: np.ndarray
-    ) -> None:
-        self.q[k], self.v[k], self.a[k], self.tau[k], self.inverse[k] = q, v, a, tau, inv
-
-    def states(self, times: np.ndarray) -> States:
-        return States(times, self.q, self.v, self.a, self.tau, np.zeros_like(self.tau))
-
-
-def _delayed(
-    outputs: MeasurementModel,
-    late: np.ndarray,
-    t: float,
-    state: tuple[np.ndarray, np.ndarray],
-    a: np.ndarray,
-    forces: tuple[np.ndarray, np.ndarray],
-    plant: ProcessModel,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Predict what late sensors read: the state (q, v) carried back by each delay, forces held.
-
-    ``forces`` are those just before the sample, which a late reading is under, and just after it, for one
-    that is early.
-    """
-    q, v = state
-    full = outputs.predict(q, v, a)
-    for delay in np.unique(late[late != 0.0]):
-        tau = forces[0] if delay > 0.0 else forces[1]
-        under = plant.acceleration(t, q, v, tau)
-        back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * under)
-        before = v - delay * under
-        then = outputs.predict(back, before, plant.acceleration(t - delay, back, before, tau))
-        for block, own in zip(outputs.data.blocks, late, strict=True):
-            if own == delay:
-                if block.quantity == "attitude":  # predicted as a rotation from the attitude there is now
-                    here, there = (pin.Quaternion(x[3:7]).matrix() for x in (q, back))
-                    then[0][block.rows] += pin.log3(here.T @ there)
-                for now, old in zip(full, then, strict=True):
-                    now[block.rows] = old[block.rows]
-    return full
 
 
 def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -331,11 +191,3 @@ def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     for dof, sigma in noise.more:
         out[dof] += sigma**2
     return out
-
-
-def _lost(time: float) -> SimulationError:
-    return SimulationError(
-        f"The filter lost the recording at t = {time:.6g} s: the prediction is no longer finite.",
-        advice="Does the description belong to this recording? Check units and the sign of the commands.",
-        time=time,
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +13,20 @@ from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.simulate.trajectory import States
 from smsid.simulate.truth import exact_readings
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Stations (n,) of an appendage: at ``rest`` (n, 3), moved by ``shapes`` (n, 3, m) of the joints at ``q``
+    and ``v`` (m,), and ``drawn`` in (n, m, m) along an ``axis`` (3,), ``None``: not at all.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    rest: np.ndarray
+    shapes: np.ndarray
+    axis: np.ndarray
+    drawn: np.ndarray | None
 
 
 class MeasurementModel:
@@ -123,20 +138,24 @@ class MeasurementModel:
             ca[index, range(3)] = 1.0
         return lambda bus, q, v, a, h, cq, cv, ca: bus and bus.force(rows, r[None], h, cq, cv, ca)
 
-    def _panel(self, block: ChannelSlice) -> Callable[..., None]:
+    def stations(self, block: ChannelSlice) -> Stations:
+        """Return the stations that a block of accelerometers is of."""
         panel = find_appendage(self.model, str(block.sensor.appendage))
         seen = JointGroup.of(self.model.pin, panel.seen)
-        kq, kv = _range(seen.q), _range(seen.v)
-        stations = [int(i) for i in station_indices(panel, block.sensor)]
+        chosen = [int(i) for i in station_indices(panel, block.sensor)]
         positions = panel.appendage.station_positions()
-        rest = np.array([panel.placement.act(positions[i]) for i in stations])
-        shapes = np.array([panel.moved(i).T for i in stations])
-        rows, n = block.rows, len(stations)
-
-        axis, drawn = panel.placement.rotation[:, 0], None
+        drawn = None
         if panel.drawn is not None:  # by joint coordinates, which are modal ones over the scale
-            drawn = np.outer(panel.scale, panel.scale) * panel.drawn[stations]
+            drawn = np.outer(panel.scale, panel.scale) * panel.drawn[chosen]
             drawn = np.pad(drawn, ((0, 0), *2 * [(0, len(panel.more))]))
+        rest = np.array([panel.placement.act(positions[i]) for i in chosen])
+        shapes = np.array([panel.moved(i).T for i in chosen])
+        return Stations(seen.q, seen.v, rest, shapes, panel.placement.rotation[:, 0].copy(), drawn)
+
+    def _panel(self, block: ChannelSlice) -> Callable[..., None]:
+        own, rows = self.stations(block), block.rows
+        kq, kv, n = _range(own.q), _range(own.v), len(own.rest)
+        rest, shapes, axis, drawn = own.rest, own.shapes, own.axis, own.drawn
         moving_ca = self._constant[2][rows].reshape(n, 3, -1)
         if self.model.free:
             moving_ca[:, :, :3] += np.eye(3)

@@ -113,21 +113,18 @@ class Measured:
 
         ``rotation`` is the predicted attitude (3, 3).
         """
-        out = self.values[k] - predicted
-        for block in self.blocks:
-            if block.quantity == "attitude" and rotation is not None:
-                turn = rotation.T @ matrix(self.attitude[block.channel][k])
-                out[block.rows] = pin.log3(turn) - predicted[block.rows]
-            for start, bias in block.later:
-                if self.times[k] >= start:
-                    out[block.rows] -= np.resize(bias, block.rows.stop - block.rows.start)
-        return out
+        seen = [self.attitude[b.channel][k] for b in self.blocks if b.quantity == "attitude"]
+        return reading_errors(self.blocks, self.times[k], self.values[k], seen, predicted, rotation)
 
     def with_blocks(self, sensors: Sequence[Sensor]) -> Measured:
         """Return the same samples read through other error models of the sensors."""
         by_name = {s.name: s for s in sensors}
+        same = {b.sensor.name: b.sensor == by_name[b.sensor.name] for b in self.blocks}
         blocks = tuple(
-            _block(by_name[b.sensor.name], b.quantity, b.rows, b.stations, b.names) for b in self.blocks
+            b
+            if same[b.sensor.name]
+            else _block(by_name[b.sensor.name], b.quantity, b.rows, b.stations, b.names)
+            for b in self.blocks
         )
         return replace(self, blocks=blocks)
 
@@ -149,6 +146,31 @@ class Measured:
         values = self.values.copy()
         values[faulty] = np.nan
         return replace(self, values=values)
+
+
+def reading_errors(
+    blocks: Sequence[ChannelSlice],
+    time: float,
+    values: np.ndarray,
+    attitudes: Sequence[np.ndarray] | np.ndarray,
+    predicted: np.ndarray,
+    rotation: np.ndarray | None,
+) -> np.ndarray:
+    """Return measured minus predicted (rows,) at a time [s]; an attitude's as rotation vector, body axes.
+
+    ``attitudes`` (a, 4) are the measured quaternions in the order of their blocks, zero where there is none;
+    ``rotation`` is the predicted attitude (3, 3).
+    """
+    out, place = values - predicted, 0
+    for block in blocks:
+        if block.quantity == "attitude":
+            seen, place = attitudes[place], place + 1
+            if rotation is not None and seen.any():
+                out[block.rows] = pin.log3(rotation.T @ matrix(seen)) - predicted[block.rows]
+        for start, bias in block.later:
+            if time >= start:
+                out[block.rows] -= np.resize(bias, block.rows.stop - block.rows.start)
+    return out
 
 
 def measurements_of(

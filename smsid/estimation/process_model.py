@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.effects.spatial import ExtraInertia
+from smsid.kernel.arrays import Kernel, arrays_of
+from smsid.kernel.jit import available
 from smsid.model.inertial_forces import InertialForces
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
@@ -62,6 +64,15 @@ class ProcessModel:
         self._upper = np.triu_indices(model.nv, 1)
         self._stiffness, self._damping = np.zeros((2, model.nv))
         self._stiffness[model.spring_v], self._damping[model.spring_v] = model.stiffness, model.damping
+
+    def kernel(self, *, balanced: bool = True) -> Kernel | None:
+        """Return the arrays that compiled code takes, as `smsid.kernel.arrays.arrays_of`, or ``None``."""
+        own = self.model
+        if not available() or self._forces or self._slow or self._growing:
+            return None
+        if own.inertial is not None or own.followers is not None:
+            return None
+        return arrays_of(own, self.pin, balanced=balanced)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,)."""

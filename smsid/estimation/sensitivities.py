@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
+from smsid.estimation.filter_pass import Applied
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.kalman import Applied, applied
+from smsid.estimation.kalman import applied
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import mounting
 from smsid.estimation.parameter_vector import Point, Unknown

@@ -51,9 +51,15 @@ class Kernel:
         return self.tree, self.bodies, self.root
 
 
-def arrays_of(model: SpacecraftModel) -> Kernel | None:
-    """Return the arrays of a model, ``None`` for joints or springs that the kernel does not know."""
-    found, start = tree_of(model.pin, model.free), 6 if model.free else 0
+def arrays_of(
+    model: SpacecraftModel, bodies: pin.Model | None = None, *, balanced: bool = True
+) -> Kernel | None:
+    """Return the arrays of a model, ``None`` for joints or springs that the kernel does not know.
+
+    ``bodies`` stand for the model's own; ``balanced=False``: as `tree_of`.
+    """
+    found = tree_of(bodies or model.pin, model.free, balanced=balanced)
+    start = 6 if model.free else 0
     if found is None or np.any(model.spring_v < start):
         return None
     found.bodies[model.spring_v - start, c.STIFFNESS] = model.stiffness
@@ -61,8 +67,11 @@ def arrays_of(model: SpacecraftModel) -> Kernel | None:
     return found
 
 
-def tree_of(m: pin.Model, free: bool) -> Kernel | None:
-    """Return the arrays of a Pinocchio model, whose first joint is a free-flyer or not, without springs."""
+def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None:
+    """Return the arrays of a Pinocchio model, whose first joint is a free-flyer or not, without springs.
+
+    A rotor that is balanced need not be turned; ``balanced=False`` turns all, whatever their inertia is.
+    """
     first = 2 if free else 1
     root = np.zeros(16)
     root[c.GRAVITY : c.GRAVITY + 3] = m.gravity.linear
@@ -88,7 +97,8 @@ def tree_of(m: pin.Model, free: bool) -> Kernel | None:
             row[c.AXIS : c.AXIS + 3] = axis
             row[c.MASS : c.MASS + 10] = theta
             row[c.ARMATURE] = m.armature[joint.idx_v + k]
-            turns = kind != c.SLIDE and not (j not in parents and _is_balanced(axis, theta))
+            still = balanced and j not in parents and _is_balanced(axis, theta)
+            turns = kind != c.SLIDE and not still
             turning = turns or (above >= 0 and tree[above][c.TURNING] > 0)
             tree.append([above, kind, joint.idx_q + k, int(turning)])
             rows.append(row)

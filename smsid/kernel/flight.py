@@ -13,7 +13,7 @@ import numpy as np
 
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
-from smsid.kernel.spatial import cross, dot, plus, three, times_vector
+from smsid.kernel.spatial import cross, dot, plus, three, times_vector, transposed
 from smsid.kernel.steps import held_steps
 from smsid.kernel.tree import assemble, workspace
 
@@ -140,16 +140,6 @@ def quaternion_of(m):
     if w < 0.0:
         size = -size
     return size * x, size * y, size * z, size * w
-
-
-@compiled
-def transposed(m):
-    """Return the transpose of a matrix."""
-    return (
-        (m[0][0], m[1][0], m[2][0]),
-        (m[0][1], m[1][1], m[2][1]),
-        (m[0][2], m[1][2], m[2][2]),
-    )
 
 
 @compiled

@@ -18,7 +18,7 @@ except ImportError:
 
 logger = logging.getLogger(__name__)
 
-SWITCH = "SMSID_COMPILED"  # environment variable; "0" asks for the plain way
+SWITCH = "SMSID_COMPILED"  # environment variable; "0" asks for the plain way, "1" to compile at once
 # not-a-number and infinity keep their meaning
 OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
 _reasons: list[str] = [] if numba else ["numba is not installed (pip install 'smsid[fast]')"]
@@ -63,6 +63,19 @@ def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
 def _digest() -> str:
     files = sorted(Path(__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def compiled_already(function: Any) -> bool:
+    """Return whether a function of `compiled_and_cached` is compiled, in this process or on the disk."""
+    return bool(getattr(function, "signatures", None)) or _on_disk(function)
+
+
+@cache
+def _on_disk(function: Any) -> bool:
+    try:
+        return bool(function._cache._cache_file._load_index())
+    except (AttributeError, OSError, EOFError, ValueError):
+        return False
 
 
 def available() -> bool:

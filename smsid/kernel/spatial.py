@@ -73,6 +73,16 @@ def times_matrix(m, n):
 
 
 @compiled
+def transposed(m):
+    """Return the transpose of a matrix."""
+    return (
+        (m[0][0], m[1][0], m[2][0]),
+        (m[0][1], m[1][1], m[2][1]),
+        (m[0][2], m[1][2], m[2][2]),
+    )
+
+
+@compiled
 def turn_about(axis, angle):
     """Return the rotation about a unit vector."""
     c, s = cos(angle), sin(angle)

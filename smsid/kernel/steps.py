@@ -56,7 +56,7 @@ def conserved(tree, bodies, root, q, v, out):
     zero[6] = 1.0
     for row in range(len(q)):
         gravity = start_of_chart(tree, root, q[row], angles)
-        outward(tree, bodies, root, angles, v[row], gravity, work)
+        outward(tree, bodies, root, angles, v[row], work[10], gravity, work)
         push, spin, energy, kinetic = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0
         mass, moment = 0.0, (0.0, 0.0, 0.0)
         for i in range(n + 1):

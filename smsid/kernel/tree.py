@@ -41,7 +41,7 @@ GRAVITY, FREE = 10, 13  # in `root`, which begins with mass, moment and inertia 
 @compiled
 def workspace(n):
     """Return scratch space: orientations, places, axes, velocities, accelerations, forces, inertias of
-    bodies (the last row is the bus), and the mass matrix in three parts.
+    bodies (the last row is the bus), the mass matrix in three parts, and zeros (n + 6,).
     """
     return (
         np.empty((n, 9)),
@@ -54,12 +54,16 @@ def workspace(n):
         np.empty((n, n)),
         np.empty((n, 6)),
         np.empty((6, 6)),
+        np.zeros(n + 6),
     )
 
 
 @compiled
-def outward(tree, bodies, root, angles, v, gravity, work):
-    """Velocities, bias forces and inertias of all bodies in bus axes, from the bus outwards."""
+def outward(tree, bodies, root, angles, v, vdot, gravity, work):
+    """Velocities, accelerations, forces and inertias of all bodies in bus axes, from the bus outwards.
+
+    ``vdot`` (nv,) are the accelerations; with zeros the forces are the bias forces.
+    """
     turns, places, axes, velocities, accelerations, forces, inertias = work[:7]
     n = len(tree)
     free = root[FREE] > 0.0
@@ -69,7 +73,10 @@ def outward(tree, bodies, root, angles, v, gravity, work):
         put(velocities[n], three(v, 0), three(v, 3))
     else:
         put(velocities[n], here, here)
-    put(accelerations[n], (-gravity[0], -gravity[1], -gravity[2]), here)
+    lift, turning = (-gravity[0], -gravity[1], -gravity[2]), here
+    if free:
+        lift, turning = plus(lift, 1.0, three(vdot, 0)), three(vdot, 3)
+    put(accelerations[n], lift, turning)
     if free:
         inertias[n] = root[:10]
         f, m = bearing_force(
@@ -78,8 +85,8 @@ def outward(tree, bodies, root, angles, v, gravity, work):
             six(root, 4),
             three(v, 0),
             three(v, 3),
-            three(accelerations[n], 0),
-            here,
+            lift,
+            turning,
         )
         put(forces[n], f, m)
     else:
@@ -92,7 +99,9 @@ def outward(tree, bodies, root, angles, v, gravity, work):
         at = three(places[parent], 0) if parent >= 0 else here
         axis, place = three(body, AXIS), three(body, POSITION)
         moment, inertia, mass = three(body, MOMENT), six(body, INERTIA), body[MASS]
-        heavy = mass != 0.0 or inertia[0] != 0.0 or inertia[2] != 0.0 or inertia[5] != 0.0
+        heavy = mass != 0.0
+        for k in range(MOMENT, MOMENT + 9):  # a difference of bodies may have any of them alone
+            heavy = heavy or body[k] != 0.0
         if tree[i, TURNING] > 0:
             turn = matrix(body, ROTATION)
             if parent >= 0 and tree[parent, TURNING] > 0:
@@ -119,8 +128,9 @@ def outward(tree, bodies, root, angles, v, gravity, work):
         spin = plus(three(velocities[above], 3), rate, angular)
         put(velocities[i], velocity, spin)
         lift = plus(cross(spin, linear), 1.0, cross(velocity, angular))
-        acceleration = plus(three(accelerations[above], 0), rate, lift)
+        acceleration = plus(plus(three(accelerations[above], 0), rate, lift), vdot[start + i], linear)
         turning = plus(three(accelerations[above], 3), rate, cross(spin, angular))
+        turning = plus(turning, vdot[start + i], angular)
         put(accelerations[i], acceleration, turning)
         if not heavy:  # in between two joints
             forces[i], inertias[i] = 0.0, 0.0
@@ -160,7 +170,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
     Of the mass matrix: ``work[7]`` (n, n) of the joints, each with those it is carried by, ``work[8]`` (n, 6)
     theirs with the bus, ``work[9]`` (6, 6) the lower triangle of the bus's own.
     """
-    outward(tree, bodies, root, angles, v, gravity, work)
+    outward(tree, bodies, root, angles, v, work[10], gravity, work)
     axes, forces, inertias, mass, coupling, whole = work[2], work[5], work[6], work[7], work[8], work[9]
     n = len(tree)
     free = root[FREE] > 0.0

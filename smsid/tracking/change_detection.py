@@ -3,8 +3,9 @@
 A jump of parameters at some time leaves a signature in the innovations of a filter that does not know of it.
 For starts on a grid, as far back as is looked, the generalised likelihood ratio of every group of parameters
 (those of a body, of an effect, of a channel's bias) is kept up; each start is judged at ages that double.
-Alarms come at the rate asked for at most, by Bonferroni's inequality over all that is tested. The filter then
-takes the jump into its state, with what is not known of it.
+Alarms come at the rate asked for at most, by Bonferroni's inequality over all that is tested. The filter is
+then run again from before the jump, with its parameters open, about better and better values of them, and
+goes on from there: a jump that is large is no small step of a linear filter.
 
 Source: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108; Basseville and Nikiforov, Detection of
 Abrupt Changes (1993), section 7.2.4.
@@ -12,14 +13,18 @@ Abrupt Changes (1993), section 7.2.4.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
+from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Unknown
+from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
 
@@ -28,8 +33,15 @@ CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: 
 LOOKS = 3.0  # tests of a group in the time between two starts: 1 + 1 + 1/2 + 1/4 + ...
 SEEN = 1e-9  # share of the largest eigenvalue below which a direction of a jump is not seen
 MEMORY = 60.0  # [s] over which the size of innovations is averaged
-AGAIN = (0.5, 0.2, 0.1, 0.0)  # shares of a jump by which parameters may still be off, each time
-SETTLING = 4.0  # [s] after an alarm, and between looks, in which a jump is measured
+SETTLING = 4.0  # [s] after an alarm, before the filter takes the jump in
+TOLD = 16.0  # [s] after that, when it is measured again and told
+MOST = 4  # groups that are tried
+ITERATIONS = 4  # of the point about which a run is linear
+LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
+FINEST = 0.05  # of the time between two starts, to which the time of a jump is sought
+EXPLAINED, UNEXPLAINED = 1.1, 1.5  # mean square of the innovations after a jump: other times, larger jumps
+CONVERGED = 0.3  # standard deviations by which a jump may still move
+CLOCK = 1e-6  # [s] by which times may differ that are the same
 WARM = 10.0  # [s] after the motion begins in which no change is sought
 
 
@@ -76,8 +88,7 @@ class _Start:
     """A time a change may have begun: signature in the state (x, m), scores (m,), information (m, m).
 
     ``score`` is of clipped innovations, which raises alarms; ``whole`` of all there was, which says what it
-    was: of a large change, clipped ones keep little but the signs. ``values`` and ``sigmas`` (m,) are what
-    was believed of the parameters then.
+    was: of a large change, clipped ones keep little but the signs. ``before`` is the filter as it was then.
     """
 
     number: int
@@ -86,25 +97,29 @@ class _Start:
     score: np.ndarray
     whole: np.ndarray
     information: np.ndarray
-    values: np.ndarray
-    sigmas: np.ndarray
+    before: ParameterFilter
     looked: int = 0
 
 
 @dataclass(eq=False)
-class _Measured:
-    """A change whose size is being measured: parameters at ``index`` were ``before``, known to ``spread``.
+class _Rerun:
+    """A filter that was run again with a jump at ``onset`` [s]: how likely, and the mean square it left."""
 
-    ``size`` (k,) is the first guess of the jump, in scales; ``shares`` are the times at which parameters are
-    opened again by that share of it, at the last of which the change is told.
-    """
+    filter: ParameterFilter
+    onset: float
+    likely: float
+    left: float
+
+
+@dataclass(eq=False)
+class _Found:
+    """A change that is in the filter, how it was alarmed, from where it is run, when it is to be told [s]."""
 
     change: Change
+    start: _Start
     index: np.ndarray
-    before: np.ndarray
-    spread: np.ndarray
-    size: np.ndarray
-    shares: list[tuple[float, float]]
+    run: _Rerun
+    due: float
 
 
 @dataclass(eq=False)
@@ -126,7 +141,8 @@ class ChangeDetector:
         self._last, self._number, self._next = -np.inf, 0, -np.inf
         self._size = 1.0
         self._alarm: float | None = None
-        self._measured: _Measured | None = None
+        self._found: _Found | None = None
+        self._passes: deque[tuple] = deque()
         self._groups = groups_of([f.unknown for f in self.tracker.start.followed])
         self.level = self.false_alarms / HOUR * self.every / (LOOKS * len(self._groups))
 
@@ -145,33 +161,36 @@ class ChangeDetector:
 
     def hear(self, update: Update) -> Change | None:
         """Take in an update; return a change if there is enough to say so."""
-        passed = sum(p.seconds for p in update.passages)
-        if not np.isclose(update.time - self._last, passed, atol=1e-9):
-            self._starts, self._alarm, self._measured = [], None, None
+        found, passed = update.record, update.passed
+        if abs(update.time - self._last - passed) > CLOCK:
+            self._starts, self._alarm, self._found = [], None, None
+            self._passes.clear()
             self._next = update.time + WARM
         self._last = update.time
-        for passage in update.passages:
+        self._passes.append(self.tracker.filter.last)
+        while self._passes[0][0][-1] < update.time - self.horizon - SETTLING - TOLD - self.every:
+            self._passes.popleft()
+        if self._found is not None:
+            return self._tell(update.time, self._found)
+        for transition in found.transition:
             for start in self._starts:
-                start.delta = passage.transition @ start.delta
-        found = update.correction
-        if found is None:
+                start.delta = transition @ start.delta
+        if not len(update.rows):
             return None
         if self._alarm is None:  # a change is no noise
-            self._size += (float(np.mean(found.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
-        scale = max(1.0, self._size)
-        errors = np.clip(found.innovations, -CLIPPED * np.sqrt(scale), CLIPPED * np.sqrt(scale))
+            self._size += (float(np.mean(update.innovations**2)) - self._size) * min(1.0, passed / MEMORY)
+        scale, innovations = max(1.0, self._size), found.innovations[-1]
+        errors = np.clip(innovations, -CLIPPED * np.sqrt(scale), CLIPPED * np.sqrt(scale))
         for start in self._starts:
-            seen = found.sensitivity @ start.delta
-            signature = found.whitening @ seen
+            seen = found.sensitivity[-1] @ start.delta
+            signature = found.whitening[-1] @ seen
             start.score += signature.T @ errors
-            start.whole += signature.T @ found.innovations
+            start.whole += signature.T @ innovations
             start.information += signature.T @ signature
-            start.delta = start.delta - found.gain @ seen
-        if self._measured is not None:
-            return self._measure(update.time, self._measured)
+            start.delta = start.delta - found.gain[-1] @ seen
         if self._alarm is not None:
             if update.time >= self._alarm + SETTLING:
-                self._measured = self._taken_in(update.time, self._alarm, scale)
+                self._found = self._taken_in(update.time, self._alarm, scale)
             return None
         self._judge(update.time, scale)
         if self._alarm is None and update.time >= self._next:
@@ -191,8 +210,7 @@ class ChangeDetector:
                 np.zeros(m),
                 np.zeros(m),
                 np.zeros((m, m)),
-                f.values.copy(),
-                f.sigmas(),
+                copy(f),  # what it holds is replaced, not changed
             )
         )
         self._number += 1
@@ -229,56 +247,144 @@ class ChangeDetector:
         ratio = float(np.sum((basis.T @ score)[seen] ** 2 / size[seen])) / scale
         return float(chi2.logsf(ratio, int(seen.sum()))), ratio, int(seen.sum())
 
-    def _taken_in(self, now: float, alarm: float, scale: float) -> _Measured:
-        """Take the likeliest jump into the filter's state and return what is to be measured from here on."""
+    def _taken_in(self, now: float, alarm: float, scale: float) -> _Found:
+        """Take the likeliest jump into the filter and return what is to be told once it is measured.
+
+        Groups are tried in the order of their ratios until one explains what is read: of a large jump, which
+        group it was of is no linear question.
+        """
         found = {}
         for group, index in self._groups.items():
             looks = [(self._chance(start, start.whole, index, scale), start) for start in self._starts]
             (log_p, ratio, k), start = max(looks, key=lambda x: x[0][1] - 2.0 * x[0][2])
             found[group] = ratio - 2.0 * k, start, log_p
         order = sorted(found, key=lambda g: -found[g][0])
-        worth, start, log_p = found[order[0]]
-        index = self._groups[order[0]]
+        tried: list[_Found] = []
+        for group in order[:MOST]:
+            worth, start, log_p = found[group]
+            tried.append(self._tried(group, start, alarm, scale, log_p, now + TOLD))
+            if tried[-1].run.left <= UNEXPLAINED:
+                break
+        best = max(tried, key=lambda x: x.run.likely)
+        best.run = self._at_onset(best.start, best.index, best.run, best.change.grid)
+        if best.run.onset != best.change.began:  # it was sought
+            best.change = replace(best.change, began=best.run.onset, grid=FINEST * self.every)
+        worth = found[best.change.group][0]
+        others = tuple((g, 0.5 * (worth - found[g][0])) for g in order if g != best.change.group)
+        best.change = replace(best.change, others=others[:3])
+        self._take(best.run)
+        return best
+
+    def _tried(
+        self, group: str, start: _Start, alarm: float, scale: float, log_p: float, due: float
+    ) -> _Found:
+        """Return a jump of a group, measured from where the linear filter sees it."""
+        index = self._groups[group]
         followed = [self.tracker.start.followed[i] for i in index]
-        f = self.tracker.filter
+        scales = self.tracker.filter.scales[index]
         prior = np.diag([(u.unknown.scale / _reach(u.unknown)) ** 2 for u in followed])
         covariance = np.linalg.inv(start.information[np.ix_(index, index)] / scale + prior)
-        jump, moved = covariance @ start.whole[index] / scale, start.delta[:, index]
-        # as wide as the jump is large: the filter, linear about the old values, has drawn from data since
-        opened = moved @ (covariance + np.diag(jump**2)) @ moved.T
-        f.covariance = f.covariance + 0.5 * (opened + opened.T)
-        f._move(moved @ jump)
-        f.linearise_at(f.values, f.sigmas())
-        change = Change(
-            alarm,
-            start.time,
-            self.every * 2 ** max(0, start.looked - 1),
-            order[0],
-            tuple(u.name for u in followed),
-            tuple(u.unknown.unit for u in followed),
-            jump * f.scales[index],
-            np.sqrt(np.diag(covariance)) * f.scales[index],
-            log_p,
-            tuple((g, 0.5 * (worth - found[g][0])) for g in order[1:4]),
-        )
-        shares = [(now + (k + 1) * SETTLING, share) for k, share in enumerate(AGAIN)]
-        return _Measured(change, index, start.values[index], start.sigmas[index], np.abs(jump), shares)
+        jump = covariance @ start.whole[index] / scale * scales
+        grid = self.every * 2 ** max(0, start.looked - 1)
+        names, units = zip(*((u.name, u.unknown.unit) for u in followed), strict=True)
+        sigmas = np.sqrt(np.diag(covariance)) * scales
+        change = Change(alarm, start.time, grid, group, names, units, jump, sigmas, log_p, ())
+        begun = self._passes[0][0][0]  # from before the change, as far as that is remembered
+        earlier = [s for s in self._starts if begun - CLOCK <= s.time <= start.time - grid]
+        base = max(earlier, key=lambda s: s.time, default=start)
+        best, values = self._iterated(base, index, jump, start.time), base.before.values[index]
+        if best is None or best.left > UNEXPLAINED:
+            for i in range(len(index)):
+                if followed[i].unknown.positive:
+                    larger = [share * values[i] * np.eye(len(index))[i] for share in LARGER]
+                    runs = [self._iterated(base, index, x, start.time, 1) for x in larger]
+                    best = _likelier(best, *runs)
+            if best is not None:
+                guess = best.filter.values[index] - values
+                best = _likelier(best, self._iterated(base, index, guess, start.time))
+        if best is None:  # lost in all of them: the filter goes on as it is, and knows the jump no better
+            best = _Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
+        return _Found(change, base, index, best, due)
 
-    def _measure(self, now: float, measured: _Measured) -> Change | None:
-        """Open the parameters again, less each time, where the filter is linear about better values."""
-        if not (measured.shares and now >= measured.shares[0][0]):
+    def _tell(self, now: float, found: _Found) -> Change | None:
+        """Measure a change by all there is since it began, when it is time, and tell it."""
+        if now < found.due:
             return None
-        _, share = measured.shares.pop(0)
-        f, index = self.tracker.filter, measured.index
-        if share > 0.0:
-            at = f.parameters.start + index
-            f.covariance[at, at] += (share * measured.size) ** 2
-            return None
-        jumps = f.values[index] - measured.before
-        change = replace(measured.change, jumps=jumps, sigmas=np.hypot(f.sigmas()[index], measured.spread))
+        before, index = found.start.before, found.index
+        guess = found.run.filter.values[index] - before.values[index]
+        run = self._iterated(found.start, index, guess, found.run.onset) or found.run
+        self._take(run := self._at_onset(found.start, index, run, self.every))
+        jumps = run.filter.values[index] - before.values[index]
+        sigmas = np.hypot(run.filter.sigmas()[index], before.sigmas()[index])
+        change = replace(found.change, jumps=jumps, sigmas=sigmas)
         self.changes.append(change)
-        self._starts, self._next, self._alarm, self._measured = [], now + self.every, None, None
+        self._starts, self._next, self._alarm, self._found = [], now + self.every, None, None
         return change
+
+    def _take(self, run: _Rerun) -> None:
+        """Let the tracker's filter go on from a run; what that leaves unexplained may be in any of it."""
+        f, g = self.tracker.filter, run.filter
+        f.q, f.v, f.unknown, f.values, f.at = g.q, g.v, g.unknown, g.values, g.at
+        f.covariance = max(1.0, run.left) * g.covariance if np.isfinite(run.left) else g.covariance
+        f.known_at = f.sigmas()
+
+    def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
+        """Return the likeliest run with a jump within ``grid`` [s] of a run's, where that does not explain."""
+        step = 0.5 * grid
+        while EXPLAINED < best.left < np.inf and step > FINEST * self.every:
+            guess, middle = best.filter.values[index] - start.before.values[index], best.onset
+            for at in (middle - step, middle + step):
+                best = _likelier(best, self._iterated(start, index, guess, at, 2)) or best
+            step *= 0.5
+        return best
+
+    def _iterated(
+        self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float, times: int = ITERATIONS
+    ) -> _Rerun | None:
+        """Return the likeliest of runs, each about the parameters at which the one before ended."""
+        best = None
+        for _ in range(times):
+            found = self._run(start, index, jump, onset)
+            if found is None:
+                break
+            best, g = _likelier(best, found), found.filter
+            before, jump = jump, g.values[index] - start.before.values[index]
+            if (np.abs(jump - before) <= CONVERGED * g.sigmas()[index]).all():
+                break
+        return best
+
+    def _run(self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float) -> _Rerun | None:
+        """Run the filter again from a start: parameters open at ``onset`` [s], it linear about a jump (k,).
+
+        ``None`` where no such spacecraft can be, or the motion is lost.
+        """
+        g, opened, likely, squares, count = copy(start.before), False, 0.0, 0.0, 0
+        try:
+            for edges, drive, values, attitudes in self._passes:
+                if edges[-1] <= g.time + CLOCK:
+                    continue
+                if not opened and edges[-1] > onset + CLOCK:
+                    opened, at = True, g.parameters.start + index
+                    reach = np.array([_reach(g.followed[i].unknown) for i in index])
+                    p, point = g.covariance.copy(), g.values.copy()
+                    p[at, at] += (reach / g.scales[index]) ** 2
+                    point[index] += jump
+                    g.covariance = p
+                    g.linearise_at(point, np.sqrt(p.diagonal())[g.parameters] * g.scales)
+                record = g.go_on(edges, drive, values, attitudes)
+                likely += float(record.log_likelihood[0])
+                if opened:
+                    squares += float((record.innovations**2).sum())
+                    count += int(np.isfinite(values).sum())
+        except SmsidError:
+            return None
+        return _Rerun(g, onset, likely, squares / max(count, 1)) if np.isfinite(likely) else None
+
+
+def _likelier(*runs: _Rerun | None) -> _Rerun | None:
+    """Return the likeliest of runs that there are."""
+    there = [r for r in runs if r is not None]
+    return max(there, key=lambda r: r.likely) if there else None
 
 
 def groups_of(unknowns: Sequence[Unknown]) -> Mapping[str, np.ndarray]:

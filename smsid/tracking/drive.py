@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from smsid.errors import RecordingError
+from smsid.estimation.filter_pass import Applied
 from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
-from smsid.estimation.kalman import Applied
 from smsid.estimation.process_model import ProcessModel
 from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.model.spacecraft import SpacecraftModel

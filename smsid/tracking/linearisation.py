@@ -10,87 +10,26 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.estimation.kalman import Applied, _delayed
-from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tables, with_parameters
+from smsid.estimation.filter_pass import Instance, Moment
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import DIFFERENCE
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
 from smsid.tracking.drive import applied_forces
+from smsid.tracking.followed_parameters import Followed
 
 LEAST = 0.05  # of its first value, the least mass or spring that a model is built with
 MOVED = 0.02  # share by which masses or an effect may change before derivatives by differences are renewed
 
 
 @dataclass(frozen=True)
-class Moment:
-    """Where a derivative is taken: time [s], q (nq,), v (nv,), applied forces (nv,), accelerations, M^-1."""
+class Difference(Change):
+    """Spacecraft that differ in one parameter. ``drives``: commands act otherwise; ``reads``: sensors do."""
 
-    time: float
-    q: np.ndarray
-    v: np.ndarray
-    tau: np.ndarray
-    a: np.ndarray
-    inverse: np.ndarray
-
-
-@dataclass(frozen=True)
-class Instance:
-    """A spacecraft as a filter sees it: forward dynamics, sensors, and how late these are [s]."""
-
-    model: SpacecraftModel
-    plant: ProcessModel
-    outputs: MeasurementModel
-    late: np.ndarray
-
-    @classmethod
-    def at(cls, point: Point, layout: Measured, locked: np.ndarray) -> Instance:
-        """Return the spacecraft at a point, degrees of freedom ``locked`` (k,) held still.
-
-        Raises `DescriptionError` where there can be none.
-        """
-        model = point.model()
-        data = layout.with_blocks(point.sensors())
-        late = np.array([b.delay for b in data.blocks])
-        return cls(model, ProcessModel(model, locked), MeasurementModel(model, data, locked), late)
-
-    def predict(
-        self, m: Moment, forces: tuple[np.ndarray, np.ndarray], plant: ProcessModel
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return what sensors read (rows,), and its derivatives by q, v and a (rows, nv).
-
-        ``forces`` are those just before and just after the sample, for sensors that are late.
-        """
-        if self.late.any():
-            found = _delayed(self.outputs, self.late, m.time, (m.q, m.v), m.a, forces, plant)
-        else:
-            found = self.outputs.predict(m.q, m.v, m.a)
-        self.outputs.twisted(found[0], m.time, m.q, m.v, m.tau, m.a)
-        return found
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Two spacecraft that differ in one parameter alone: where it stands among those followed, and by how
-    much it differs. ``drives``: commands act otherwise; ``reads``: sensors do.
-    """
-
-    index: int
-    low: Instance
-    high: Instance
-    width: float
     drives: bool
     reads: bool
-
-
-@dataclass(frozen=True)
-class Driven:
-    """Applied forces over some samples: of the model, and of the two of each parameter that changes them."""
-
-    base: Applied
-    pairs: dict[int, tuple[Applied, Applied]]
 
 
 class Linearisation:
@@ -99,15 +38,16 @@ class Linearisation:
     def __init__(
         self,
         origin: Point,
-        unknowns: Sequence[Unknown],
+        followed: Sequence[Followed],
         values: np.ndarray,
         layout: Measured,
         locked: np.ndarray,
         before: Linearisation | None = None,
     ) -> None:
-        self.unknowns = tuple(unknowns)
+        self.unknowns = unknowns = tuple(f.unknown for f in followed)
         self.values = np.array([_buildable(u, x) for u, x in zip(unknowns, values, strict=True)])
         self.scales = np.array([u.scale for u in unknowns])
+        self.rates = (np.array([f.rate for f in followed]) / self.scales) ** 2
         self.point = point_at(origin, unknowns, self.values)
         self.base = Instance.at(self.point, layout, locked)
         inertial = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
@@ -117,7 +57,7 @@ class Linearisation:
         inverse = _inverse_mass(self.base)
         if before is not None and self._like(before, inverse):
             self.differences, self._biases, self.renewed = before.differences, before._biases, before.renewed
-            self._inverse = before._inverse
+            self._inverse, self._tables = before._inverse, before._tables
         else:
             self.renewed, self._inverse = self.values, inverse
             self.differences = tuple(
@@ -126,6 +66,17 @@ class Linearisation:
                 if u.kind == "effect"
             )
             self._biases = self._bias_columns(layout)
+            found = (
+                inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial]),
+                effect_tables(self.differences),
+            )
+            self._tables = None if None in found else found
+        self.compiled = None
+        if self._tables is not None:
+            pushed = [d.index for d in self.differences if d.drives]
+            self.compiled = with_parameters(
+                self.base, self._tables, self.scales, self.values, self.rates, self._biases, pushed
+            )
 
     def _like(self, before: Linearisation, inverse: np.ndarray) -> bool:
         """Whether derivatives by differences are still those of ``before``: what a force does has hardly
@@ -159,7 +110,7 @@ class Linearisation:
             )
         effect = self.point.description.get_effect(u.name.partition(".")[0])
         drives = type(effect).drive is not Effect.drive
-        return Difference(i, low, high, more - less, drives, _reads(low, high))
+        return Difference(i, low, high, u.scale / (more - less), drives, _reads(low, high))
 
     def _bias_columns(self, layout: Measured) -> np.ndarray:
         """Return how readings change with biases (rows, m), per scale."""
@@ -174,38 +125,52 @@ class Linearisation:
                         out[block.rows, i] = axis * u.scale
         return out
 
-    def drive(self, inputs: Inputs, edges: np.ndarray, substep: float) -> Driven:
-        """Return the applied forces between edges (n + 1,) [s], and at them."""
-        pairs = {}
-        for d in self.differences:
-            if d.drives:
-                low, high = (applied_forces(x.plant, inputs, edges, substep) for x in (d.low, d.high))
-                pairs[d.index] = (low, high)
-        return Driven(applied_forces(self.base.plant, inputs, edges, substep), pairs)
+    def drive(
+        self,
+        inputs: Inputs,
+        edges: np.ndarray,
+        substep: float,
+        before: np.ndarray | None,
+        unknown: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> Drive:
+        """Return the applied forces between edges (n + 1,) [s] and at them; ``before`` (nv,) those earlier.
 
-    def accelerations(self, m: Moment, pairs: dict[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        ``unknown`` are where unknown inputs act (k,), how they wander (k,), and the noise of all (nv,).
+        """
+        own = applied_forces(self.base.plant, inputs, edges, substep)
+        shape = (sum(d.drives for d in self.differences), len(own.at[0]))
+        at, middle = np.zeros((len(own.at), *shape)), np.zeros((len(own.middle), *shape))
+        for k, d in enumerate(d for d in self.differences if d.drives):
+            low, high = (applied_forces(x.plant, inputs, edges, substep) for x in (d.low, d.high))
+            at[:, k] = d.factor * (high.at - low.at)
+            middle[:, k] = d.factor * (high.middle - low.middle)
+        return replace(own, before=before).drive(*unknown, at, middle)
+
+    def accelerations(self, moment: Moment, push: np.ndarray) -> np.ndarray:
         """Return how accelerations change with the parameters (nv, m), per scale.
 
-        ``pairs``: applied forces of the two models of parameters that change them.
+        Applied forces change by ``push`` (d, nv) with those parameters that drive.
         """
+        m = moment
         out = np.zeros((self.base.model.nv, len(self.unknowns)))
         if len(self._columns):
             y = pin.computeJointTorqueRegressor(self.base.model.pin, self._data, m.q, m.v, m.a)
             out[:, self._inertial] = -(m.inverse @ y[:, self._columns]) * self.scales[self._inertial]
         for d in self.differences:
-            low, high = pairs.get(d.index, (m.tau, m.tau))
-            change = d.high.plant.acceleration(m.time, m.q, m.v, high)
-            change = change - d.low.plant.acceleration(m.time, m.q, m.v, low)
-            out[:, d.index] = change * (self.scales[d.index] / d.width)
+            change = d.high.plant.acceleration(m.time, m.q, m.v, m.tau)
+            change = change - d.low.plant.acceleration(m.time, m.q, m.v, m.tau)
+            out[:, d.index] = change * d.factor
+        for x, d in zip(push, (d for d in self.differences if d.drives), strict=True):
+            out[:, d.index] += m.inverse @ x
         return out
 
-    def readings(self, m: Moment, forces: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def readings(self, moment: Moment, forces: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return how readings at fixed motion change with the parameters (rows, m), per scale."""
         out = self._biases.copy()
         for d in self.differences:
             if d.reads:
-                high, low = (x.predict(m, forces, self.base.plant)[0] for x in (d.high, d.low))
-                out[:, d.index] = (high - low) * (self.scales[d.index] / d.width)
+                high, low = (x.predict(moment, forces, self.base.plant)[0] for x in (d.high, d.low))
+                out[:, d.index] = (high - low) * d.factor
         return out
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.simulate import Inputs
-from smsid.tracking.linearisation import Driven
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.setting import Setting
 
@@ -36,10 +35,10 @@ def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: flo
     """Return state and readings ``horizon`` [s] ahead under ``inputs``; the filter is not changed."""
     ahead = copy.copy(now)
     edges = filled(ahead.time, ahead.time + horizon, setting.longest)
-    driven = ahead.at.drive(inputs, edges, setting.substep)
-    for k in range(len(edges) - 1):
-        ahead.advance(float(edges[k + 1] - edges[k]), driven, k)
-    readings, sigmas = _readings(ahead, driven, len(edges) - 1)
+    count = sum(b.quantity == "attitude" for b in ahead.layout.blocks)
+    nothing = np.full((len(edges), ahead.layout.rows), np.nan), np.zeros((len(edges), count, 4))
+    found = ahead.go_on(edges, ahead.drive(inputs, edges, setting.substep), *nothing)
+    readings, sigmas = _readings(ahead, found.predicted[-1], found.sensitivity[-1])
     return Prediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
 
 
@@ -58,12 +57,11 @@ def covariance_in_units(f: ParameterFilter) -> np.ndarray:
 
 
 def _readings(
-    f: ParameterFilter, driven: Driven, k: int
+    f: ParameterFilter, h: np.ndarray, sensitivity: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return what sensors read and with what standard deviations, by channel, under forces number k."""
-    _, h, _, big, off = f.predicted(driven, k, None)
-    h = h + big @ off
-    variance = np.einsum("ij,jk,ik->i", big, f.covariance, big) + f.layout.sigma**2
+    """Return what sensors read and with what standard deviations, by channel."""
+    h = h + sensitivity @ f.reference_offset()
+    variance = np.einsum("ij,jk,ik->i", sensitivity, f.covariance, sensitivity) + f.layout.sigma**2
     readings = {b.channel: h[b.rows] for b in f.layout.blocks}
     for b in f.layout.blocks:
         if b.quantity == "attitude":

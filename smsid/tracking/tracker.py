@@ -17,13 +17,14 @@ from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, Problem, Timing
 from smsid.identify.estimate import Estimate
+from smsid.kernel.filter_arrays import Record
 from smsid.likelihood.prior import Cad
 from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.tracking.drive import CommandMemory
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, StartingPoint, followed_parameters
-from smsid.tracking.parameter_filter import Correction, ParameterFilter, Passage
+from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import Entry, EventLog, SampleBuffer
@@ -114,6 +115,8 @@ class Tracker:
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
         self._unknown_channels: set[str] = set()
+        self._row_names = layout.names
+        self._attitudes = [b.channel for b in layout.blocks if b.quantity == "attitude"]
         self._shapes = {
             b.channel: QUATERNION if b.quantity == "attitude" else b.rows.stop - b.rows.start
             for b in layout.blocks
@@ -286,16 +289,15 @@ class Tracker:
         if not seen or not (force or len(seen) == len(self._shapes) or own[-1].time - own[0].time >= SETTLE):
             return []
         f = self.filter
-        rows = [self._stacked(e) for e in own]
+        values = np.full((len(own), f.layout.rows), np.nan)
+        attitudes = np.full((len(own), len(self._attitudes), QUATERNION), np.nan)
+        for k, entry in enumerate(own):
+            self._stack(entry, values[k], attitudes[k])
         data = replace(
             f.at.base.outputs.data,
             times=np.array([e.time for e in own]),
-            values=np.array([v for v, _ in rows]),
-            attitude={
-                b.channel: np.array([a.get(b.channel, np.full(QUATERNION, np.nan)) for _, a in rows])
-                for b in f.layout.blocks
-                if b.quantity == "attitude"
-            },
+            values=values,
+            attitude={name: attitudes[:, i] for i, name in enumerate(self._attitudes)},
         )
         belief = initial_belief(f.at.base.model, data, f.locked, self.setting.initial)
         self.begin(belief, own[0].time)
@@ -312,31 +314,32 @@ class Tracker:
             edges += filled(edges[-1], entry.time, setting.longest).tolist()[1:]
             at.append(len(edges) - 1)
         times = np.array(edges)
-        driven = f.at.drive(known, times, setting.substep)
+        drive = f.drive(known, times, setting.substep, self._before)
+        values = np.full((len(times), f.layout.rows), np.nan)
+        attitudes = np.zeros((len(times), len(self._attitudes), QUATERNION))
+        for entry, k in zip(entries, at, strict=True):
+            self._stack(entry, values[k], attitudes[k])
         out: list[Update] = []
         done = 0
         for entry, k in zip(entries, at, strict=True):
-            passages = []
-            for i in range(done, k):
-                passages.append(f.advance(float(times[i + 1] - times[i]), driven, i))
-            f.time, done = entry.time, k
-            values, attitudes = self._stacked(entry)
-            found = f.correct(values, attitudes, driven, k, self._before)
-            out.append(self._told(found, passages))
+            f.time = float(times[done])
+            here = slice(done, k + 1)
+            record = f.go_on(times[here], drive.part(done, k), values[here], attitudes[here])
+            f.time = entry.time
+            out.append(self._told(record, float(times[k] - times[done]), np.isfinite(values[k])))
+            done = k
             self.samples += 1
             self.watch.hear(out[-1])
             if self.listener is not None:
                 self.listener(out[-1])
             if f.relinearise() and f.at.drives:
-                driven = f.at.drive(known, times, setting.substep)
-        if len(driven.base.means):
-            self._before = driven.base.means[-1, -1] + driven.base.rise[-1, -1]
+                drive = f.drive(known, times, setting.substep, self._before)
+        if len(times) > 1:
+            self._before = drive.before[-1]
         return out
 
-    def _stacked(self, entry: Entry) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the readings of a moment (rows,), NaN where there is none, and attitudes by channel."""
-        out = np.full(self.filter.layout.rows, np.nan)
-        attitudes = {}
+    def _stack(self, entry: Entry, values: np.ndarray, attitudes: np.ndarray) -> None:
+        """Write the readings of a moment (rows,), and its attitudes (a, 4); what is not there stays."""
         for block in self.filter.layout.blocks:
             value = entry.channels.get(block.channel)
             if value is None or not np.isfinite(value).all():
@@ -346,25 +349,23 @@ class Tracker:
                 if norm < 0.5:
                     self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
                     continue
-                attitudes[block.channel], out[block.rows] = value / norm, 0.0
+                attitudes[self._attitudes.index(block.channel)], values[block.rows] = value / norm, 0.0
             else:
-                out[block.rows] = value
-        return out, attitudes
+                values[block.rows] = value
 
-    def _told(self, found: Correction | None, passages: list[Passage]) -> Update:
-        f = self.filter
-        names = f.layout.names
-        nothing = np.zeros(0)
+    def _told(self, record: Record, passed: float, there: np.ndarray) -> Update:
+        f, names = self.filter, self._row_names
+        every = bool(there.all())
         return Update(
             f.time,
             f.values.copy(),
             f.sigmas(),
-            () if found is None else tuple(names[i] for i in found.rows),
-            nothing if found is None else found.innovations,
-            nothing if found is None else found.normalised,
-            0.0 if found is None else found.log_likelihood,
-            found,
-            tuple(passages),
+            names if every else tuple(names[i] for i in np.flatnonzero(there)),
+            record.innovations[-1] if every else record.innovations[-1, there],
+            record.normalised[-1] if every else record.normalised[-1, there],
+            float(record.log_likelihood[0]),
+            passed,
+            record,
         )
 
 

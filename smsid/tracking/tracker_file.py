@@ -120,9 +120,8 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     f = tracker.filter
     f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
     f.covariance, f.time, f.rebuilt = arrays["covariance"], document["time"], document["rebuilt"]
-    unknowns = [x.unknown for x in followed]
-    renewed = Linearisation(f.origin, unknowns, arrays["renewed"], f.layout, f.locked)
-    f.at = Linearisation(f.origin, unknowns, arrays["linearised"], f.layout, f.locked, before=renewed)
+    renewed = Linearisation(f.origin, followed, arrays["renewed"], f.layout, f.locked)
+    f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, before=renewed)
     f.known_at = arrays["known_at"]
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}

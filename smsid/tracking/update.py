@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.tracking.parameter_filter import Correction, Passage
+from smsid.kernel.filter_arrays import Record
 
 
 @short_repr
@@ -18,6 +18,7 @@ class Update:
 
     ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
     ``innovations`` the same decorrelated; both are white with variance one while the model is right.
+    ``record`` is the filter's pass over the ``passed`` seconds since the moment before, which ends with it.
     """
 
     time: float
@@ -27,8 +28,8 @@ class Update:
     innovations: np.ndarray
     normalised: np.ndarray
     log_likelihood: float
-    correction: Correction | None
-    passages: tuple[Passage, ...]
+    passed: float
+    record: Record
 
 
 @short_repr

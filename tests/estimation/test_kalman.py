@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.estimation.kalman import _delayed, _readable, run_filter
+from smsid.estimation.filter_pass import predict_delayed
+from smsid.estimation.kalman import _readable, run_filter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.problem import Timing
@@ -115,7 +116,7 @@ def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem, delay):
     v, tau = 0.1 * rng.standard_normal((2, model.nv))
     late = np.full(len(problem.data.blocks), delay)
     forces = (tau, tau + 1.0) if delay > 0.0 else (tau + 1.0, tau)
-    found = _delayed(outputs, late, 1.0, (q, v), plant.acceleration(1.0, q, v, tau), forces, plant)[0]
+    found = predict_delayed(outputs, late, 1.0, (q, v), plant.acceleration(1.0, q, v, tau), forces, plant)[0]
     before, slower = plant.step(1.0, -delay, q, v, tau)
     then = plant.acceleration(1.0 - delay, before, slower, tau)
     expected, now = (

@@ -1,0 +1,385 @@
+"""Following spacecraft on line: how fast, how steadily, how soon a change is told, how right in the end.
+
+    python benchmarks/online.py [speed] [hours] [grasp] [end] [fuel] [--draws 50]
+
+*speed*: the paper's craft at 100 Hz for 60 s, followed by chosen parameters, compiled and plain; times real
+time on one core, the whole of `track_recordings` and a sample alone. *hours*: one tracker with its change
+detector is fed a rigid satellite at 10 Hz in flights of 5000 s, 1e6 samples in all: alarms, and memory after
+each. *grasp*: the paper's craft without tank and panel at 20 Hz moves its arm; a body drifting with the
+gripper is grasped at an unknown time. *end*: the filter after a minute against the maximum of the posterior
+(`identify_flights`' own) and against the truth. *fuel*: ten burns of the numpy satellite with a tank from
+which half a kilogram is used in between. Rows that are there are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from _common import RESULTS, ROOT, environment, write_result
+from _exp2 import URDF, smooth_inputs
+from _rigid_satellite import GYRO, INERTIA, elements, turned
+from inertia_ladder import TACHOMETER, WHEEL, described
+
+from smsid.description import load_description
+from smsid.description.schema import Description
+from smsid.effects import GraspedBody
+from smsid.estimation.flight import FlightOptions
+from smsid.inputs.signals import sample
+from smsid.model import build_model
+from smsid.recording import Recording
+from smsid.sensing import observe
+from smsid.simulate import Sampled, simulate, truth_of
+from smsid.tracking import ChangeDetector, Sample, Setting, Tracker, track_recordings
+
+sys.path.insert(0, str(ROOT))
+
+from tests.estimation.satellite import Satellite, guess, recorded
+
+NAME = "online"
+FOLLOWED = {
+    "8": ("link3.m", "tank.mass", "tank.stiffness.*", "panel.mode1.*", "panel.mode2.frequency"),
+    "12": ("link3.m", "bus.m", "tank.mass", "tank.stiffness.*", "tank.damping.*", "panel.mode?.frequency"),
+    "all": ("*",),
+}
+ELEMENTS = ("xx", "xy", "yy", "xz", "yz", "zz")
+MASSES = (10.0, 30.0, 60.0, 120.0)  # [kg]
+FLIGHT, RATE = 50_000, 10.0  # samples of a steady flight, [Hz]
+
+
+def paper(rate: float, *, rigid: bool = False) -> Description:
+    """Return the paper's craft with all sensors at one rate."""
+    d = load_description(URDF / "paper_sms.toml")
+    sensors = tuple(s.model_copy(update={"rate": rate}) for s in d.effective_sensors())
+    if rigid:
+        d = d.model_copy(update={"effect": ()})
+        sensors = tuple(s for s in sensors if s.name != "panel")
+    return d.model_copy(update={"sensor": sensors})
+
+
+def flown(
+    d: Description, seconds: float, rate: float, seed: int, shift: float = 0.0, start=None
+) -> tuple[Recording, np.ndarray, np.ndarray]:
+    """Return what is recorded of the paper's torques, held, from ``shift`` [s] on, and q and v at the end."""
+    times, own = np.arange(round(seconds * rate) + 1) / rate, smooth_inputs()
+    held = {
+        name: Sampled.from_samples(times, sample(getattr(own, name), times + shift), degree=0)
+        for name in ("wheel_torque", "joint_torque")
+    }
+    q0, v0 = (None, None) if start is None else start
+    model = build_model(d)
+    motion = simulate(model, replace(own, **held), seconds, q0=q0, v0=v0)
+    sensors = d.effective_sensors()
+    found = observe(
+        truth_of(motion, sensors), sensors, start=0.0, stop=seconds, rng=np.random.default_rng(seed),
+        exact=tuple(f"command.{n}" for n in held), rate=rate, name="paper",
+    )  # fmt: skip
+    end = motion.states(np.array([seconds]))
+    return found, end.q[0], end.v[0]
+
+
+def speed(_: int) -> list[dict]:
+    """Return one row for each set of parameters and way."""
+    seconds, rate, rows = 60.0, 100.0, []
+    d = paper(rate)
+    recording, _, _ = flown(d, seconds, rate, 1)
+    short, _, _ = flown(d, 1.0, rate, 1)
+    for way, label in (("1", "8"), ("1", "12"), ("1", "all"), ("0", "8")):
+        os.environ["SMSID_COMPILED"] = way
+        follow = dict.fromkeys(FOLLOWED[label])
+        track_recordings(d, [short], follow=follow, warm_up=0.0)  # compiled, or from its cache
+        began = time.process_time()
+        _, tracker = track_recordings(d, [recording], follow=follow, warm_up=0.0)
+        whole = time.process_time() - began
+        rows.append(
+            {
+                "part": "speed",
+                "key": f"{label} {'compiled' if way == '1' else 'plain'}",
+                "parameters": len(tracker.names),
+                "samples": tracker.samples,
+                "seconds": round(whole, 3),
+                "times_real_time": round(seconds / whole, 2),
+                "milliseconds_a_sample": round(1e3 * whole / tracker.samples, 4),
+                "models_built_anew": tracker.filter.rebuilt,
+            }
+        )
+    os.environ["SMSID_COMPILED"] = "1"
+    return rows
+
+
+def memory() -> float:
+    """Return the resident memory [MiB]."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def steady(flights: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rates, wheel momenta and wheel torques (flights, n, 3) under a slow dither of the wheels."""
+    rng, step, n = np.random.default_rng(seed), 1.0 / RATE, FLIGHT
+    period, phase = rng.uniform(20.0, 60.0, (flights, 3)), rng.uniform(0.0, 2 * np.pi, (flights, 3))
+    inverse, w, h = np.linalg.inv(INERTIA), np.zeros((flights, 3)), np.zeros((flights, 3))
+    out = np.empty((3, flights, n, 3))
+    for k in range(n):
+        torque = 0.02 * np.sin(2 * np.pi * k * step / period + phase)
+        out[:, :, k] = w, h, torque
+        after = h + step * torque
+        given = np.broadcast_to(-torque, (3, flights, 3))
+        w = turned(w, h, after, given, step, INERTIA, inverse, np.zeros(3))
+        h = after
+    return out[0], out[1], out[2]
+
+
+def hours(_: int) -> list[dict]:
+    """Return alarms and memory of one tracker after every flight."""
+    flights, rows = 20, []
+    rate, momentum, torque = steady(flights, 5)
+    with tempfile.TemporaryDirectory() as folder:
+        d = described(Path(folder), "wheels")
+        follow = dict.fromkeys([*(f"bus.I{e}" for e in ELEMENTS), "gyro.angular_rate.bias.*"], 0.0)
+        tracker = Tracker(d, follow=follow)
+        detector = ChangeDetector.watch(tracker, false_alarms=0.1)
+        rng, began, count = np.random.default_rng(6), time.process_time(), 0
+        for i in range(flights):
+            offset = i * (FLIGHT / RATE + 60.0)
+            for k in range(FLIGHT):
+                read = {
+                    "gyro.angular_rate": rate[i, k] + GYRO * rng.standard_normal(3),
+                    "tacho.wheel_rate": momentum[i, k] / WHEEL + TACHOMETER * rng.standard_normal(3),
+                    "command.wheel_torque": torque[i, k],
+                }
+                tracker.update(Sample(offset + k / RATE, read))
+                count += 1
+            rows.append(
+                {
+                    "part": "hours",
+                    "key": f"flight {i}",
+                    "samples": count,
+                    "hours": round(count / RATE / 3600.0, 2),
+                    "alarms": len(detector.changes),
+                    "memory_mib": round(memory(), 2),
+                    "milliseconds_a_sample": round(1e3 * (time.process_time() - began) / count, 4),
+                }
+            )
+            print(json.dumps(rows[-1]), flush=True)
+    return rows
+
+
+def grasp(draw: int) -> list[dict]:
+    """Return when a grasped body was told, and what was said of its mass 20 s after it was grasped."""
+    rng, rate = np.random.default_rng([draw, 3]), 20.0
+    mass, at = MASSES[draw % len(MASSES)], round(rng.uniform(25.0, 40.0) * rate) / rate
+    side = mass ** (1.0 / 3.0) * 0.1
+    place = np.array([0.5, 0.0, 0.0]) + 0.2 * rng.standard_normal(3)
+    body = GraspedBody(
+        name="prey", frame="link3", mass=mass, centre=tuple(place),
+        central_inertia=tuple(mass * side**2 * np.array([1.0, 0.0, 1.2, 0.0, 0.0, 0.8])),
+    )  # fmt: skip
+    d = paper(rate, rigid=True)
+    before, q, v = flown(d, at, rate, draw)
+    after, _, _ = flown(d.with_effects(body), 20.0, rate, draw + 1000, at, (q, v))
+    follow = dict.fromkeys(("link3.*", "bus.I*"), 0.0)
+    setting = Setting.of(d, build_model(d))
+    tracker = Tracker(d, follow=follow, cad=0.01, setting=setting)
+    detector = ChangeDetector.watch(tracker, false_alarms=0.1)
+    for recording, shift, first in ((before, 0.0, 0), (after, at, 1)):  # the last of one is the next's first
+        channels = {c: np.asarray(recording[c]) for c in recording.channels if not c.startswith("truth")}
+        for k, t in enumerate(recording.time()):
+            if k >= first:
+                tracker.update(Sample(float(t) + shift, {c: x[k].ravel() for c, x in channels.items()}))
+    tracker.flush()
+    told = [c for c in detector.changes if c.alarm > at]
+    i = tracker.names.index("link3.m")
+    gained = tracker.values[i] - tracker.start.mean[i]
+    sigma = tracker.sigmas[i]
+    return [
+        {
+            "part": "grasp",
+            "key": f"draw {draw}",
+            "mass": mass,
+            "after": round(told[0].alarm - at, 2) if told else None,
+            "group": told[0].group if told else None,
+            "before_it": len(detector.changes) - len(told),
+            "error": round(float(gained - mass), 3),
+            "z": round(float((gained - mass) / sigma), 2),
+            "sigma": round(float(sigma), 3),
+        }
+    ]
+
+
+def end(draw: int) -> list[dict]:
+    """Return how far the filter ends from the batch estimate and from the truth, in standard deviations."""
+    from inertia_tracking import wheels_inertia
+
+    from smsid.estimation.flight import flight_of
+    from smsid.estimation.maximum import maximise
+    from smsid.estimation.parameter_vector import Point
+    from smsid.tracking import followed_parameters
+
+    rng, n = np.random.default_rng([draw, 11]), 601
+    torque = 0.1 * np.sin(
+        2 * np.pi * np.arange(n)[:, None] / RATE * np.array([0.03, 0.05, 0.08]) + rng.uniform(0, 6, 3)
+    )
+    inverse, w, h = np.linalg.inv(INERTIA), np.zeros(3), np.zeros(3)
+    rate, momentum = np.empty((n, 3)), np.empty((n, 3))
+    for k in range(n):
+        rate[k], momentum[k] = w, h
+        after = h + torque[k] / RATE
+        w = turned(w, h, after, np.broadcast_to(-torque[k], (3, 3)), 1 / RATE, INERTIA, inverse, np.zeros(3))
+        h = after
+    with tempfile.TemporaryDirectory() as folder:
+        d = described(Path(folder), "wheels")
+        recording = Recording.from_arrays(
+            np.arange(n) / RATE,
+            {
+                "gyro.angular_rate": rate + GYRO * rng.standard_normal((n, 3)),
+                "tacho.wheel_rate": momentum / WHEEL + TACHOMETER * rng.standard_normal((n, 3)),
+                "command.wheel_torque": torque,
+            },
+            labels={"wheel": ("rw0", "rw1", "rw2")},
+            name="minute",
+        )
+        follow, options = {"bus.I*": 0.0}, FlightOptions(drive="command")
+        history, _ = track_recordings(d, [recording], follow=follow, options=options)
+        unknowns = [f.unknown for f in followed_parameters(d, follow=follow).followed]
+        best = maximise(Point.of(d), unknowns, [flight_of(Point.of(d), recording, "minute", options)])[0]
+        batch = np.array([best.point.value(u) for u in unknowns])
+        batch += np.linalg.solve(best.gram, best.slope) * best.scales
+        truth = elements(INERTIA) - wheels_inertia(d)
+    sigma = history.sigmas[-1]
+    return [
+        {
+            "part": "end",
+            "key": f"draw {draw}",
+            "from_batch": round(float(np.abs((history.values[-1] - batch) / sigma).max()), 4),
+            "z": np.round((history.values[-1] - truth) / sigma, 2).tolist(),
+        }
+    ]
+
+
+def fuel(draw: int) -> list[dict]:
+    """Return errors of mass, stiffness and frequency after each of ten burns."""
+    rng, used, burns, rows = np.random.default_rng([draw, 13]), 0.5, 10, []
+    truth = Satellite(tank=(15.0, 0.5, 0.06), panel=(1.0, 0.1, 1e-6, -1e-6))
+    recordings, states = [], []
+    for i in range(burns):
+        m, k, c = 15.0 - used * i, 0.5 * (15.0 - used * i) / 15.0, 0.06  # stiffness goes with the fill
+        now = replace(truth, tank=(m, k, c))
+        phase = rng.uniform(0, 6, 3)
+
+        def drive(t: float, phase: np.ndarray = phase) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            level = np.floor(t / 2.0) * 2.0  # thrusters are held for two seconds
+            force = 4.0 * np.sign(np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * level + phase))
+            return force, np.zeros(3), 0.1 * np.sin(2 * np.pi * np.array([0.05, 0.08, 0.03]) * level + phase)
+
+        recordings.append(recorded(now, now.fly(40.0, drive, step=0.02), rng, name=f"burn {i}"))
+        states.append((m, k))
+    with tempfile.TemporaryDirectory() as folder:
+        d = guess(Path(folder), truth, off=0.02, panel=False)
+        follow = {"bus.m": 0.0, "bus.I*": 0.0, "tank.mass": used / np.sqrt(60.0)}
+        follow |= {"tank.stiffness.*": 0.02 / np.sqrt(60.0), "tank.damping.*": 0.0}
+        options = FlightOptions(drive="command")
+        history, _ = track_recordings(d, recordings, follow=follow, options=options, gap=60.0)
+    place = {n: i for i, n in enumerate(history.names)}
+    for i, (m, k) in enumerate(states):
+        last = int(np.flatnonzero(history.recording == i)[-1])
+        values, sigmas = history.values[last], history.sigmas[last]
+        mass = values[place["bus.m"]] + values[place["tank.mass"]]
+        own = [place[f"tank.stiffness.{a}"] for a in "xyz"]
+        frequency = np.sqrt(values[own] / values[place["tank.mass"]]) / (2 * np.pi)
+        spread = frequency * np.hypot(
+            0.5 * sigmas[own] / values[own], 0.5 * sigmas[place["tank.mass"]] / values[place["tank.mass"]]
+        )
+        rows.append(
+            {
+                "part": "fuel",
+                "key": f"draw {draw} burn {i}",
+                "mass_percent": round(100 * (mass / (truth.mass + m) - 1.0), 4),
+                "stiffness_z": np.round((values[own] - k) / sigmas[own], 2).tolist(),
+                "frequency_z": np.round((frequency - np.sqrt(k / m) / (2 * np.pi)) / spread, 2).tolist(),
+                "frequency_percent": np.round(
+                    100 * (frequency * 2 * np.pi / np.sqrt(k / m) - 1.0), 3
+                ).tolist(),
+            }
+        )
+    return rows
+
+
+PARTS: dict[str, tuple[Callable[[int], list[dict]], bool]] = {
+    "speed": (speed, False),
+    "end": (end, True),
+    "grasp": (grasp, True),
+    "fuel": (fuel, True),
+    "hours": (hours, False),
+}
+
+
+def summary(rows: list[dict]) -> dict:
+    """Return the figures by part."""
+    by = {part: [r for r in rows if r["part"] == part] for part in PARTS}
+    out: dict = {}
+    if by["speed"]:
+        out["speed"] = {r["key"]: r["times_real_time"] for r in by["speed"]}
+    if by["hours"]:
+        last, first = by["hours"][-1], by["hours"][0]
+        out["hours"] = {key: last[key] for key in ("samples", "hours", "alarms", "milliseconds_a_sample")}
+        out["hours"]["memory_growth_mib"] = round(last["memory_mib"] - first["memory_mib"], 2)
+    if by["grasp"]:
+        told = [r for r in by["grasp"] if r["after"] is not None]
+        out["grasp"] = {
+            "draws": len(by["grasp"]),
+            "told_within_2_s": sum(r["after"] <= 2.0 for r in told),
+            "named_link3": sum(r["group"] == "link3" for r in told),
+            "inside_95_percent": sum(abs(r["z"]) < 1.96 for r in by["grasp"]),
+            "false_before": sum(r["before_it"] for r in by["grasp"]),
+        }
+    if by["end"]:
+        z = np.array([r["z"] for r in by["end"]])
+        out["end"] = {
+            "draws": len(z),
+            "from_batch_most": max(r["from_batch"] for r in by["end"]),
+            "coverage_95": round(float(np.mean(np.abs(z) < 1.96)), 4),
+        }
+    if by["fuel"]:
+        out["fuel"] = {
+            "burns": len(by["fuel"]),
+            "mass_percent_most": max(abs(r["mass_percent"]) for r in by["fuel"]),
+            "stiffness_inside": round(
+                float(np.mean(np.abs([r["stiffness_z"] for r in by["fuel"]]) < 1.96)), 3
+            ),
+            "frequency_inside": round(
+                float(np.mean(np.abs([r["frequency_z"] for r in by["fuel"]]) < 1.96)), 3
+            ),
+        }
+    return out
+
+
+def main() -> None:
+    """Run what is not there yet."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[])
+    parser.add_argument("--draws", type=int, default=50)
+    given = parser.parse_args()
+    path = RESULTS / f"{NAME}.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
+    for part in given.parts or PARTS:
+        run, drawn = PARTS[part]
+        for draw in range(given.draws if drawn else 1):
+            there = [f"{r['key']} " for r in rows if r["part"] == part]
+            if any(not drawn or key.startswith(f"draw {draw} ") for key in there):
+                continue
+            rows += run(draw)
+            write_result(NAME, {"environment": environment("smsid"), "summary": summary(rows), "rows": rows})
+            print(json.dumps(rows[-1]), flush=True)
+    print(json.dumps(summary(rows), indent=1))
+
+
+if __name__ == "__main__":
+    main()

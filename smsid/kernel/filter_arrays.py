@@ -1,0 +1,128 @@
+"""What the compiled filter takes and gives: bodies, sensors, parameters, forces, samples, and its record."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from smsid.kernel.readings import Readings
+
+
+class Craft(NamedTuple):
+    """A ``tree`` (n, 4); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 16), the model's own first."""
+
+    tree: np.ndarray
+    bodies: np.ndarray
+    roots: np.ndarray
+
+
+class Parameters(NamedTuple):
+    """Parameters in the state (m,), in units of ``scales``; the model is at the values ``at``.
+
+    ``terms`` (k, 2) are (table, parameter): inverse dynamics of that table, times a weight, is how the forces
+    that a motion takes change with the parameter; ``read_terms`` are the same of readings. Constant changes
+    of readings are ``columns`` (rows, m). Applied forces change with the parameters ``pushed`` (d,).
+    Variances grow by ``rates`` (m,) a second. ``close``, ``regular``: see `smsid.kernel.filter.reference`.
+    """
+
+    scales: np.ndarray
+    at: np.ndarray
+    rates: np.ndarray
+    terms: np.ndarray
+    weights: np.ndarray
+    read_terms: np.ndarray
+    read_weights: np.ndarray
+    columns: np.ndarray
+    pushed: np.ndarray
+    close: float
+    regular: float
+
+
+class Model(NamedTuple):
+    """What stays the same from sample to sample: bodies, sensors, parameters."""
+
+    craft: Craft
+    senses: Readings
+    parameters: Parameters
+
+
+class Drive(NamedTuple):
+    """Applied forces: at samples (n, nv), in the middle and over substeps between them (N, nv), (N, s, nv),
+    their half rises; just before and after samples (n, nv); by how much they change with parameters
+    (n, d, nv), (N, d, nv). Unknown inputs act on ``acts`` (k,) and wander by ``walk`` (k,) a second;
+    ``noise`` (nv,) is the variance of what is held.
+    """
+
+    at: np.ndarray
+    middle: np.ndarray
+    means: np.ndarray
+    rise: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    push_at: np.ndarray
+    push_middle: np.ndarray
+    acts: np.ndarray
+    walk: np.ndarray
+    noise: np.ndarray
+
+    def part(self, first: int, last: int) -> Drive:
+        """Return what drives the motion from one sample to another."""
+        at, between = slice(first, last + 1), slice(first, last)
+        return Drive(
+            self.at[at],
+            self.middle[between],
+            self.means[between],
+            self.rise[between],
+            self.before[at],
+            self.after[at],
+            self.push_at[at],
+            self.push_middle[between],
+            *self[8:],
+        )
+
+
+class State(NamedTuple):
+    """What is believed, changed in place: q (nq,), v (nv,), unknown inputs (k,), values of parameters (m,),
+    and covariance (x, x) of all, x = 2 nv + k + m.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    unknown: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+
+
+class Samples(NamedTuple):
+    """What was read: values (n, rows), attitudes (n, a, 4), what is there (n, rows), variances (rows,), and
+    how many ``corrections`` are made; ``edges`` are the times and, where one follows, the next.
+    """
+
+    edges: np.ndarray
+    values: np.ndarray
+    attitudes: np.ndarray
+    there: np.ndarray
+    variance: np.ndarray
+    corrections: int
+
+
+class Record(NamedTuple):
+    """What came out, as in `smsid.estimation.filter_run.FilterRun`.
+
+    ``at`` samples and in the ``middle`` between them are q, v, a, tau and M^-1.
+    """
+
+    innovations: np.ndarray
+    whitening: np.ndarray
+    gain: np.ndarray
+    sensitivity: np.ndarray
+    by_a: np.ndarray
+    transition: np.ndarray
+    forcing: np.ndarray
+    predicted: np.ndarray
+    errors: np.ndarray
+    normalised: np.ndarray
+    log_likelihood: np.ndarray
+    at: tuple[np.ndarray, ...]
+    middle: tuple[np.ndarray, ...]

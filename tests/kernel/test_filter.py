@@ -1,0 +1,174 @@
+"""The compiled pass of the filter: what the plain one over Pinocchio gives, for every craft and kind of sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.effects import SensorScale
+from smsid.estimation.compiled_filter import compiled_model
+from smsid.estimation.filter_pass import Applied, Instance, filter_samples
+from smsid.estimation.measurements import matrix
+from smsid.kernel.arrays import arrays_of
+from smsid.kernel.derivatives import derivatives, inverse_dynamics
+from smsid.kernel.filter_arrays import Samples, State
+from smsid.kernel.jit import numba
+from smsid.kernel.motion import start_of_chart
+from smsid.kernel.tree import workspace
+from smsid.model import build_model
+from smsid.sensing import Sensor
+from smsid.tracking import Tracker
+from smsid.tracking.setting import Setting
+
+N, STEP = 4, 0.05  # samples, [s] between them
+SENSED = {
+    "plain": {},
+    "late": {"delay": 7e-3, "time_offset": 1e-3},
+    "early": {"time_offset": -4e-3},
+    "wrong": {"scale_error": 0.02, "bias": 0.01},
+}
+FOLLOW = {
+    name: None
+    for name in ("link3.m", "link2.mx", "bus.Ixy", "tank.mass", "tank.stiffness.*", "panel.mode1.*", "gain.*")
+}
+
+
+def with_errors(description, errors):
+    """Return the craft with errors of all quantities but attitudes, whose clocks alone may be off."""
+    sensors = []
+    kinds = ("pose", "imu", "encoder", "tachometer")
+    usual = [Sensor(name=k, kind=k, position=(0.5, 0.2, 0.1), rate=1.0 / STEP) for k in kinds]
+    for s in description.effective_sensors() or usual:
+        own = {
+            q: s.error(q).model_copy(
+                update={"noise_sigma": 1e-3}
+                | {k: v for k, v in errors.items() if q != "attitude" or k in ("delay", "time_offset")}
+            )
+            for q in s.quantities
+        }
+        sensors.append(s.model_copy(update={"errors": own, "rate": 1.0 / STEP}))
+    return description.model_copy(update={"sensor": tuple(sensors)})
+
+
+def moving(model, rng):
+    """Return a state q (nq,), v (nv,) in which everything moves."""
+    q = pin.integrate(model.pin, model.home, 0.2 * rng.standard_normal(model.nv))
+    return q, 0.1 * rng.standard_normal(model.nv)
+
+
+def forces(model, moves, rng):
+    """Return applied forces over some moves, and the arguments of a drive with two unknown inputs."""
+    own = Applied(
+        0.3 * rng.standard_normal((moves, 2, model.nv)),
+        0.3 * rng.standard_normal((moves, model.nv)),
+        0.3 * rng.standard_normal((moves + 1, model.nv)),
+        0.1 * rng.standard_normal((moves, 2, model.nv)),
+        0.3 * rng.standard_normal(model.nv),
+    )
+    acts = np.array([0, model.nv - 1])
+    return own, (acts, np.array([1e-3, 2e-3]), np.full(model.nv, 1e-4))
+
+
+def read(outputs, q, v, a, rng):
+    """Return a sample (rows,) of what is read, with its attitudes (a, 4)."""
+    h = outputs.predict(q, v, a)[0]
+    turned = [b for b in outputs.data.blocks if b.quantity == "attitude"]
+    for block in turned:
+        h[block.rows] = 0.0
+    nothing = np.zeros((0, 4))
+    own = np.array([pin.Quaternion(matrix(q[3:7])).coeffs() for _ in turned]) if turned else nothing
+    return h + 1e-3 * rng.standard_normal(len(h)) * (h != 0.0), own
+
+
+def covariance(width, rng):
+    root = rng.standard_normal((width, width))
+    return 1e-4 * (np.eye(width) + 0.1 * root @ root.T / width)
+
+
+def assert_same(ours, plain, *, within):
+    """Compare records, and the states they ended in."""
+    for name in plain._fields:
+        a, b = getattr(ours, name), getattr(plain, name)
+        for x, y in zip(a, b, strict=True) if isinstance(b, tuple) else [(a, b)]:
+            size = np.nanmax(np.abs(y), initial=0.0)
+            np.testing.assert_allclose(x, y, rtol=0.0, atol=within * max(size, 1e-12), err_msg=name)
+
+
+def test_derivatives_of_inverse_dynamics_are_those_of_pinocchio(craft):
+    model, rng = craft, np.random.default_rng(0)
+    kernel, (q, v), a = arrays_of(craft), moving(craft, rng), rng.standard_normal(craft.nv)
+    n, nv = len(kernel.tree), craft.nv
+    angles, mass, by_q, by_v, tau = np.empty(n), *np.empty((3, nv, nv)), np.empty(nv)
+    gravity = start_of_chart(kernel.tree, kernel.root, q, angles)
+    scratch = workspace(n), np.empty((n, 6)), np.empty((n, 6)), np.empty((n + 1, 12))
+    derivatives(*kernel.arrays, angles, v, a, gravity, scratch, mass, by_q, by_v)
+    inverse_dynamics(*kernel.arrays, angles, v, a, gravity, workspace(n), tau)
+    known_q, known_v, _ = pin.computeRNEADerivatives(model.pin, model.data, q, v, a)
+    known_q, known_v = known_q.copy(), known_v.copy()
+    known_q[model.spring_v, model.spring_v] += model.stiffness
+    known_v[model.spring_v, model.spring_v] += model.damping
+    upper = np.triu(pin.crba(model.pin, model.data, q))
+    found = pin.rnea(model.pin, model.data, q, v, a) - model.passive_forces(0.0, q, v)
+    for x, y in ((mass, upper + np.triu(upper, 1).T), (by_q, known_q), (by_v, known_v), (tau, found)):
+        np.testing.assert_allclose(x, y, rtol=0.0, atol=1e-12 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("sensed", SENSED)
+def test_a_pass_without_parameters_is_the_plain_one(craft, sensed):
+    if numba is None:
+        pytest.skip("numba is not installed")
+    description = with_errors(craft.description, SENSED[sensed])
+    channels = None if craft.free else ("encoder.joint_position", "encoder.joint_velocity")
+    model, rng = build_model(description), np.random.default_rng(1)
+    layout = Setting.of(description, model, channels=channels).layout(model, description)
+    base = Instance.of(model, layout, np.zeros(0, dtype=int))
+    compiled = compiled_model(base)
+    assert compiled is not None
+    q, v = moving(model, rng)
+    own, inputs = forces(model, N, rng)
+    values, attitudes = read(base.outputs, q, v, np.zeros(model.nv), rng)
+    values, attitudes = np.tile(values, (N, 1)), np.tile(attitudes, (N, 1, 1))
+    values[1, ::3], values[2] = np.nan, np.nan
+    samples = Samples(
+        STEP * np.arange(N + 1), values, attitudes, np.isfinite(values), np.full(values.shape[1], 1.0), N - 1
+    )
+    p, found = covariance(2 * model.nv + 2, rng), []
+    for way in (compiled, None):
+        state = State(q.copy(), v.copy(), np.array([0.1, -0.2]), np.zeros(0), p.copy())
+        found.append((filter_samples(base, None, way, own.drive(*inputs), state, samples), state))
+    assert_same(*(record for record, _ in found), within=1e-10)
+    assert_same(*(state for _, state in found), within=1e-10)
+
+
+@pytest.mark.parametrize("sensed", ("plain", "late"))
+def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed):
+    if numba is None:
+        pytest.skip("numba is not installed")
+    craft = crafts["paper"]
+    description = with_errors(craft.description, SENSED[sensed])
+    gain = SensorScale(name="gain", sensor="imu", quantity="angular_rate", error=(0.01, 0.0, -0.02))
+    description = description.with_effects(gain)
+    tracker, rng = Tracker(description, follow=FOLLOW), np.random.default_rng(2)
+    f = tracker.filter
+    q, v = moving(f.at.base.model, rng)
+    own, inputs = forces(f.at.base.model, N - 1, rng)
+    f.q, f.v, f.time, f._inputs = q, v, 0.0, inputs
+    f.unknown, f.input_noise = np.array([0.1, -0.2]), inputs[2]
+    m = len(f.values)
+    f.covariance = covariance(2 * len(v) + 2 + m, rng)
+    f.values = f.at.values + 1e-3 * f.scales * rng.standard_normal(m)
+    values, attitudes = read(f.at.base.outputs, q, v, np.zeros(len(v)), rng)
+    values, attitudes = np.tile(values, (N, 1)), np.tile(attitudes, (N, 1, 1))
+    values[1, ::3] = np.nan
+    f._variance = np.full(values.shape[1], 1.0)
+    begun, found = (f.q, f.v, f.unknown, f.values, f.covariance), []
+    assert f.at.compiled is not None and len(f.at.compiled.parameters.read_terms)
+    for way in (f.at.compiled, None):
+        f.q, f.v, f.unknown, f.values, f.covariance = begun
+        f.at.compiled = way
+        record = f.go_on(STEP * np.arange(N), own.drive(*inputs), values, attitudes)
+        found.append((record, State(f.q, f.v, f.unknown, f.values, f.covariance)))
+    # the plain way differences accelerations by parameters of effects, the compiled one forces
+    assert_same(*(record for record, _ in found), within=1e-9)
+    assert_same(*(state for _, state in found), within=1e-9)
