@@ -26,11 +26,11 @@ def check_clocks(recording: Recording) -> None:
         check_order(recording.dataset[clock].values, clock)
 
 
-def check_finite(recording: Recording) -> None:
-    """Raise `RecordingError` at the first channel with NaN or infinite samples."""
+def check_finite(recording: Recording, *, missing: bool = False) -> None:
+    """Raise `RecordingError` at the first channel with infinite samples, or NaN unless they may be missing."""
     for name in recording.channels:
         values = recording[name]
-        bad = ~np.isfinite(values)
+        bad = np.isinf(values) if missing else ~np.isfinite(values)
         if not bad.any():
             continue
         where = tuple(int(k) for k in np.argwhere(bad)[0])

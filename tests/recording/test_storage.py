@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from smsid.errors import RecordingError
 from smsid.recording import Recording, load_recording, save_recording
+from smsid.recording.storage import file_attribute
 
 from .samples import recording
 
@@ -128,6 +129,27 @@ def test_damage_inside_the_samples_is_found(tmp_path):
     path.write_bytes(bytes(data))
     with pytest.raises(RecordingError, match="damaged"):
         load_recording(path)
+
+
+def test_damage_anywhere_is_found_before_hdf5_reads_it(tmp_path, monkeypatch):
+    """HDF5 itself never comes back from some damaged files, so none may reach it."""
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    whole = path.read_bytes()
+    monkeypatch.setattr(h5py, "File", lambda *_: pytest.fail("HDF5 was given a damaged file"))
+    for place in range(8, len(whole), len(whole) // 199):
+        data = bytearray(whole)
+        data[place] ^= 0x10
+        path.write_bytes(data)
+        with pytest.raises(RecordingError, match="damaged"):
+            load_recording(path)
+        assert file_attribute(path, "schema") == ""
+
+
+def test_a_file_that_another_program_changed_is_read(tmp_path):
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    with h5py.File(path, "r+") as file:
+        file.attrs["name"] = "renamed"
+    assert load_recording(path).name == "renamed"
 
 
 @pytest.mark.parametrize(
