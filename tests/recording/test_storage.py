@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from smsid.errors import RecordingError
 from smsid.recording import Recording, load_recording, save_recording
-from smsid.recording.storage import file_attribute
+from smsid.recording.storage import SEAL, SUM_SIZE, file_attribute
 
 from .samples import recording
 
@@ -113,10 +113,22 @@ def test_saving_into_a_missing_folder_is_refused(tmp_path):
 def test_a_file_cut_short_is_named(share, tmp_path):
     path = save_recording(recording(), tmp_path / "rec.nc")
     data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
+    path.write_bytes(data[: int(share * (len(data) - len(SEAL) - SUM_SIZE))])
     with pytest.raises(RecordingError, match=r"rec\.nc .*cut short") as caught:
         load_recording(path)
     assert caught.value.advice
+
+
+@pytest.mark.parametrize("left", [0, 2, 16, 31])
+def test_a_file_that_lost_its_sum_alone_is_read_or_refused(left, tmp_path):
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) - len(SEAL) - SUM_SIZE + left])
+    if left < 6:
+        assert load_recording(path).equals(recording())
+    else:
+        with pytest.raises(RecordingError, match="cut short or damaged"):
+            load_recording(path)
 
 
 def test_damage_inside_the_samples_is_found(tmp_path):
