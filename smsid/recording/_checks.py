@@ -27,7 +27,7 @@ def check_clocks(recording: Recording) -> None:
 
 
 def check_finite(recording: Recording, *, missing: bool = False) -> None:
-    """Raise `RecordingError` at the first channel with infinite samples, or NaN unless they may be missing."""
+    """Raise `RecordingError` at the first channel with infinite samples, or NaN where none may be missing."""
     for name in recording.channels:
         values = recording[name]
         bad = np.isinf(values) if missing else ~np.isfinite(values)

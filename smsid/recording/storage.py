@@ -21,8 +21,9 @@ SCHEMA = "smsid.recording"
 SCHEMA_VERSION = 1
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SEAL = b"smsid.blake2b-16"
-"""Stands behind the HDF5 file, before the sum of it: HDF5 itself loops for ever on some damaged files. Readers
-overlook what is behind the end, and programs that change the file cut it off."""
+"""Stands behind the HDF5 file, before the sum of it: HDF5 itself loops for ever on some damaged files.
+
+Readers overlook what is behind the end, and programs that change the file cut it off."""
 SUM_SIZE = 16
 
 
@@ -128,7 +129,7 @@ def file_attribute(path: str | os.PathLike[str], name: str) -> str:
 
 
 def check_hdf5(path: str | os.PathLike[str]) -> None:
-    """Raise `RecordingError` unless ``path`` is a file that starts like HDF5 and is as smsid wrote it, if it did."""
+    """Raise `RecordingError` unless a file starts like HDF5 and, if smsid wrote it, is as it was written."""
     file = Path(path)
     if not file.is_file():
         raise RecordingError(f"There is no file {path}.", advice="Check the path.", path=str(path))
