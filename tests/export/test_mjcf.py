@@ -146,7 +146,9 @@ def test_joints_that_turn_about_a_point_stand_on_one_body(tmp_path):
 
 def _leg(tmp_path, *inertials):
     """A bus with a chain of links that turn about x, y, x, ...; ``inertials``: place, mass, moments of each."""
-    link = '<link name="l{}"><inertial><origin xyz="{}"/><mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}"'
+    link = (
+        '<link name="l{}"><inertial><origin xyz="{}"/><mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}"'
+    )
     link += ' ixy="0" ixz="0" iyz="0"/></inertial></link>'
     text = link.format(0, "0 0 0", 20, 3, 4, 5)
     for k, (at, mass, moments) in enumerate(inertials, start=1):
