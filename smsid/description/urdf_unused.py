@@ -59,7 +59,7 @@ def _unreadable_shapes(root: Element) -> Iterator[str]:
     for link in root.findall("link"):
         for outer in [*link.findall("visual"), *link.findall("collision")]:
             for tag in outer.iter():
-                for key in tag.keys() & {"size", "radius", "length", "xyz", "rpy", "scale"}:
+                for key in set(tag.keys()) & {"size", "radius", "length", "xyz", "rpy", "scale"}:
                     try:
                         sound = all(math.isfinite(float(x)) for x in tag.get(key, "").split())
                     except ValueError:

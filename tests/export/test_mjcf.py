@@ -145,7 +145,7 @@ def test_joints_that_turn_about_a_point_stand_on_one_body(tmp_path):
 
 
 def _leg(tmp_path, *inertials):
-    """A bus with a chain of links that turn about x, y, x, ...; ``inertials``: place, mass, moments of each."""
+    """A bus and a chain of links that turn about x, y, ...; ``inertials``: place, mass, moments of each."""
     link = (
         '<link name="l{}"><inertial><origin xyz="{}"/><mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}"'
     )
