@@ -2,7 +2,7 @@
 
 Every command that writes runs beside the files of an earlier run. Whatever is found after the kill is read
 again: each output is the old file or a whole new one, each input what it was. The same command then runs to
-its end and leaves no temporary file.
+its end and leaves no temporary file. Rows are kept in ``build/``, so that it can be stopped.
 """
 
 from __future__ import annotations
@@ -314,14 +314,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--minutes", type=float, default=60.0, help="of time; the next call goes on")
     parser.add_argument("--output", type=Path, default=_common.RESULTS / "kills.json")
     asked = parser.parse_args()
+    end = time.monotonic() + 60.0 * asked.minutes
+    kept = _common.ROOT / "build" / f"kills_{asked.seed}.jsonl"
+    kept.parent.mkdir(exist_ok=True)
+    found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
     base = Path(tempfile.mkdtemp(prefix="smsid_kills_base_")).resolve()
     try:
         lasts = prepared(base)
-        found = []
-        for number in range(asked.kills):
+        for number in range(len(found), asked.kills):
+            if time.monotonic() > end:
+                break
             found.append(killed(asked.seed, number, base, lasts))
+            with kept.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(found[-1]) + "\n")
             if found[-1]["wrong"]:
                 print(json.dumps(found[-1]), flush=True)
     finally:
