@@ -113,7 +113,7 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... by where it breaks
-        raise _damaged(path, error) from error
+        raise damaged(path, error) from error
 
 
 def file_attribute(path: str | os.PathLike[str], name: str) -> str:
@@ -143,7 +143,7 @@ def check_hdf5(path: str | os.PathLike[str]) -> None:
     if start == HDF5_SIGNATURE:
         return _check_sum(file)
     if HDF5_SIGNATURE.startswith(start):
-        raise _damaged(path, None)
+        raise damaged(path, None)
     if start[:3] == b"CDF":
         advice = "It is classic netCDF; convert it with: nccopy -k netCDF-4 <file> <new file>."
     else:
@@ -161,7 +161,7 @@ def _check_sum(path: Path) -> None:
         while seal.startswith(SEAL) and (block := stream.read(min(1 << 20, size - stream.tell()))):
             found.update(block)
     if SEAL[:6] in seal and seal != SEAL + found.digest():
-        raise _damaged(path, None)
+        raise damaged(path, None)
 
 
 def refuse_other_files(file: h5py.File, path: str | os.PathLike[str]) -> None:
@@ -193,7 +193,8 @@ def _elsewhere(path: str | os.PathLike[str], name: str) -> RecordingError:
     )
 
 
-def _damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+def damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+    """Return the error of an HDF5 file that cannot be read, or is not as it was written."""
     size = Path(path).stat().st_size
     return RecordingError(
         f"{path} ({size} bytes) is cut short or damaged{f': {error}' if error else ''}.",
