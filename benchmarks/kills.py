@@ -262,12 +262,17 @@ def _write_lab(path: Path) -> None:
     drive = rng.normal(size=times.size)
     motion = StateSpace([[0.0, 1.0], [-w * w, -0.04 * w]], [[0.0], [w * w]], [[1.0, 0.0]], [[0.0]])
     answer = lsim(motion, drive, times)[1]
-    place = 0.02 * np.sin(3.0 * times)
+    # a container of 9 kg that carries 2 kg on a spring is moved, and rings down
+    w = 6.0
+    place = np.where(times < 40.0 * np.pi / 6.0, 0.02 * (1.0 - np.cos(3.0 * times)), 0.0)
+    pushed = np.where(place > 0.0, 0.18 * np.cos(3.0 * times), 0.0)  # acceleration of the place
+    swing = StateSpace([[0.0, 1.0], [-w * w, -0.04 * w]], [[0.0], [-1.0]], [[-w * w, -0.04 * w]], [[0.0]])
     none = np.zeros_like(times)
+    force = 9.0 * pushed + 2.0 * (pushed + lsim(swing, pushed, times)[1]) + 0.01 * rng.normal(size=times.size)
     channels = {
         "extra.input": drive,
         "extra.output": answer,
-        "hand.force": np.stack([none, -9.0 * 2.0 * place + 0.01 * rng.normal(size=times.size), none], 1),
+        "hand.force": np.stack([none, force, none], 1),
         "pose.position": np.stack([none, place, none], 1),
     }
     units = {"extra.input": "V", "extra.output": "m"}
