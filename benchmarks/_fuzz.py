@@ -215,9 +215,19 @@ def _judge_recording(path: Path) -> str:
 
     recording = load_recording(path)
     for name in recording.channels:
-        if not np.isfinite(recording[name]).all():
-            return f"accepted, and {name} is not finite"
+        if np.isinf(recording[name]).any():
+            return f"accepted, and {name} is infinite"
+        if np.isnan(recording[name]).any() and not _missing_before(path.with_name("r.nc"), name):
+            return f"accepted, and {name} is not a number"
     return ""
+
+
+def _missing_before(path: Path, name: str) -> bool:
+    """Say whether samples of a channel are missing in what was read, too."""
+    from smsid.recording import load_recording
+
+    before = load_recording(path)
+    return name in before and bool(np.isnan(before[name]).any())
 
 
 def _toml(path: Path, tables: Any) -> None:

@@ -2,7 +2,7 @@
 
 Every command that writes runs beside the files of an earlier run. Whatever is found after the kill is read
 again: each output is the old file or a whole new one, each input what it was. The same command then runs to
-its end and leaves no temporary file.
+its end and leaves no temporary file. Rows are kept in ``build/``, so that it can be stopped.
 """
 
 from __future__ import annotations
@@ -262,12 +262,17 @@ def _write_lab(path: Path) -> None:
     drive = rng.normal(size=times.size)
     motion = StateSpace([[0.0, 1.0], [-w * w, -0.04 * w]], [[0.0], [w * w]], [[1.0, 0.0]], [[0.0]])
     answer = lsim(motion, drive, times)[1]
-    place = 0.02 * np.sin(3.0 * times)
+    # a container of 9 kg that carries 2 kg on a spring is moved, and rings down
+    w = 6.0
+    place = np.where(times < 40.0 * np.pi / 6.0, 0.02 * (1.0 - np.cos(3.0 * times)), 0.0)
+    pushed = np.where(place > 0.0, 0.18 * np.cos(3.0 * times), 0.0)  # acceleration of the place
+    swing = StateSpace([[0.0, 1.0], [-w * w, -0.04 * w]], [[0.0], [-1.0]], [[-w * w, -0.04 * w]], [[0.0]])
     none = np.zeros_like(times)
+    force = 9.0 * pushed + 2.0 * (pushed + lsim(swing, pushed, times)[1]) + 0.01 * rng.normal(size=times.size)
     channels = {
         "extra.input": drive,
         "extra.output": answer,
-        "hand.force": np.stack([none, -9.0 * 2.0 * place + 0.01 * rng.normal(size=times.size), none], 1),
+        "hand.force": np.stack([none, force, none], 1),
         "pose.position": np.stack([none, place, none], 1),
     }
     units = {"extra.input": "V", "extra.output": "m"}
@@ -314,14 +319,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--minutes", type=float, default=60.0, help="of time; the next call goes on")
     parser.add_argument("--output", type=Path, default=_common.RESULTS / "kills.json")
     asked = parser.parse_args()
+    end = time.monotonic() + 60.0 * asked.minutes
+    kept = _common.ROOT / "build" / f"kills_{asked.seed}.jsonl"
+    kept.parent.mkdir(exist_ok=True)
+    found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
     base = Path(tempfile.mkdtemp(prefix="smsid_kills_base_")).resolve()
     try:
         lasts = prepared(base)
-        found = []
-        for number in range(asked.kills):
+        for number in range(len(found), asked.kills):
+            if time.monotonic() > end:
+                break
             found.append(killed(asked.seed, number, base, lasts))
+            with kept.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(found[-1]) + "\n")
             if found[-1]["wrong"]:
                 print(json.dumps(found[-1]), flush=True)
     finally:

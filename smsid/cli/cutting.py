@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from smsid.cli.options import Output, RecordingOutput
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
 from smsid.errors import RecordingError
+
+if TYPE_CHECKING:
+    from smsid.recording import Recording
 
 Source = Annotated[Path, typer.Argument(help="recording (netCDF, as `smsid import` writes it)")]
 
@@ -35,7 +38,7 @@ def cut_command(
 
     if start is None and end is None and not pieces:
         raise RecordingError("Nothing is to be cut.", advice="State --from, --to or --pieces.")
-    log = load_recording(recording)
+    log = _usable(load_recording(recording))
     if start is not None or end is not None:
         log = log.window(float("-inf") if start is None else start, float("inf") if end is None else end)
     found = complete_pieces(log) if pieces else (log,)
@@ -69,6 +72,19 @@ def resample_command(
     return Outcome({"recording": recording_document(made)}, [output])
 
 
+def _usable(recording: Recording) -> Recording:
+    """Refuse what no sensor and no clock reads; samples that are missing stay missing, and are told."""
+    from smsid.recording._checks import check_clocks, check_finite
+
+    check_clocks(recording)
+    check_finite(recording, missing=True)
+    for name in recording.channels:
+        values = recording[name]
+        if count := int((values != values).reshape(len(values), -1).any(axis=1).sum()):
+            say(f"'{name}': {count} of {len(values)} samples are missing")
+    return recording
+
+
 def _mapping_beside(output: Path) -> tuple[Path, ...]:
     return (output.with_suffix(".toml"),)
 
@@ -85,7 +101,7 @@ def convert_command(
     from smsid.recording.mcap_writing import mcap_mapping, save_mcap
     from smsid.recording.tables import save_table, table_mapping
 
-    log = load_recording(recording)
+    log = _usable(load_recording(recording))
     with working("writing"):
         mapping = output.with_suffix(".toml")
         if output.suffix.lower() == ".mcap":

@@ -76,7 +76,8 @@ def tank(
     for model, fit in found.fits.items():
         mark = "named" if model == found.named else ""
         say(f"{model:18s} left: {fit.ring_down:.4g} N ringing down, {fit.moving:.4g} N moving  {mark}")
-    say(f"before the motion {quiet:.4g} N are left")
+    if quiet == quiet:  # there are samples before it
+        say(f"before the motion {quiet:.4g} N are left")
     written = [output]
     if diagnose is not None:
         from smsid.lab.tank_diagnosis import tank_diagnosis

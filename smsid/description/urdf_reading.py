@@ -243,7 +243,7 @@ def _number(
         number = _strict(text.strip())
     except ValueError:
         number = float("nan")
-    if np.isnan(number) or (np.isinf(number) and not infinite):
+    if np.isnan(number) or (np.isinf(number) and not (infinite and "inf" in text.lower())):  # 1e400 is none
         raise DescriptionError(f"{place} has {key} = '{text}'.", advice="Give a finite number.")
     return number
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
@@ -44,10 +45,27 @@ def unused_elements(root: Element) -> tuple[str, ...]:
     unknown = _unknown(root)
     if unknown:
         found.append(f"{some_of(unknown)}: a URDF knows no such thing (misspelt?)")
+    undrawn = list(_unreadable_shapes(root))
+    if undrawn:
+        found.append(f"{some_of(undrawn, 1)}: not the numbers that a shape has")
     loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
     if loops:
         found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")
     return tuple(found)
+
+
+def _unreadable_shapes(root: Element) -> Iterator[str]:
+    """Yield what urdfdom leaves out of what is drawn, as it cannot read its numbers."""
+    for link in root.findall("link"):
+        for outer in [*link.findall("visual"), *link.findall("collision")]:
+            for tag in outer.iter():
+                for key in set(tag.keys()) & {"size", "radius", "length", "xyz", "rpy", "scale"}:
+                    try:
+                        sound = all(math.isfinite(float(x)) for x in tag.get(key, "").split())
+                    except ValueError:
+                        sound = False
+                    if not sound:
+                        yield f"<{outer.tag}> of link '{link.get('name')}' ({key}=\"{tag.get(key)}\")"
 
 
 def _settings(root: Element, outer: str, named_by: str, neutral: dict[str, set[str]]) -> Iterator[str]:

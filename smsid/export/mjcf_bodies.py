@@ -10,13 +10,14 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix
+from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix, pseudo_inertia
 from smsid.errors import DescriptionError
+from smsid.likelihood.pseudo_inertia import inertial_parameters
 
 LENT = 1e-6
 """[kg], [kg m^2] lent to bodies that lack it."""
-POINT = 1e-9
-"""Inertia of a point mass that turns about an axis beside it, over what it has about that axis."""
+POINT = 3e-14
+"""Inertia [kg m^2] of a mass without extent across the axis it turns about: the least that MuJoCo takes."""
 
 
 def joint_axes(p: pin.Model) -> dict[int, np.ndarray]:
@@ -61,59 +62,62 @@ def stacked_joints(p: pin.Model) -> dict[int, int]:
 def with_lent_inertia(p: pin.Model, axes: dict[int, np.ndarray]) -> list[np.ndarray]:
     """Return every joint's inertia, parameters (10,) in Pinocchio's order, with what lacks it lent.
 
-    ``axes``: as from `joint_axes`. The motion of the whole is the same; to `POINT` where a point mass swings
-    about an axis, whose inertia nothing can lend.
+    ``axes``: as from `joint_axes`. The motion of the whole is the same, but for `POINT` where a mass has no
+    extent across the axis that it turns about, which nothing can lend.
 
     Raises:
-        DescriptionError: a body without inertia carries bodies that lack it, too.
+        DescriptionError: a body's inertia is none that a body can have, nor can its parent lend what lacks.
     """
     theta = [np.asarray(i.toDynamicParameters()) for i in p.inertias]
     stacked = stacked_joints(p)
     for j in range(p.njoints - 1, 0, -1):
-        if j in stacked:
+        if j in stacked or _is_body(theta[j]):
             continue
-        about = parameters_to_matrix(_about_centre(theta[j])) if theta[j][0] > 0.0 else np.zeros((3, 3))
-        if theta[j][0] > 0.0 and np.linalg.eigvalsh(about)[0] > 1e-9:
-            continue
-        column = axes[j][:, 0]
-        if column[:3].any():
-            lent = np.array([0.0, 0, 0, 0, LENT, 0, LENT, 0, 0, LENT])
-        else:
-            axis = column[3:]
-            spin = float(axis @ parameters_to_matrix(theta[j]) @ axis)
-            if theta[j][0] > 0.0 and spin > 0.0 and axis @ about @ axis <= POINT * spin:
-                theta[j] = theta[j] + POINT * spin * np.array([0.0, 0, 0, 0, 1, 0, 1, 0, 0, 1])
+        free = _lendable(axes[j])
+        others = np.linalg.eigh(free @ free.T)[1][:, : 4 - free.shape[1]]
+        own = pseudo_inertia(theta[j])
+        across = np.linalg.eigvalsh(others.T @ own @ others)[0]
+        if abs(across) < POINT and others.shape[1] == 2:
+            theta[j] = theta[j] + POINT * np.array([0.0, 0, 0, 0, 1, 0, 1, 0, 0, 1])
+            own = pseudo_inertia(theta[j])
+            if np.linalg.eigvalsh(own)[0] > 0.0:
                 continue
-            across = max(spin / 2, LENT) * (np.eye(3) - np.outer(axis, axis))
-            xx, xy, xz, _, yy, yz, _, _, zz = across.ravel()
-            lent = np.array([LENT if theta[j][0] <= 0.0 else 0.0, 0, 0, 0, xx, xy, yy, xz, yz, zz])
+        elif across <= 0.0:
+            raise DescriptionError(
+                f"The body of joint '{p.names[j]}' has no mass, or an inertia that no rigid body can have; "
+                "MuJoCo refuses it.",
+                advice="Mend mass and inertia of its link, or export without the MuJoCo XML (--no-mujoco).",
+                joint=p.names[j],
+            )
+        # The least that makes the body one (Schur's complement) leaves the parent the most.
+        coupling = free.T @ own @ others
+        least = coupling @ np.linalg.solve(others.T @ own @ others, coupling.T) - free.T @ own @ free
+        sizes, directions = np.linalg.eigh(least)
+        lent = inertial_parameters(free @ directions * np.maximum(sizes + LENT, 0.0) @ (free @ directions).T)
         theta[j] = theta[j] + lent
         if p.parents[j]:
             theta[p.parents[j]] = theta[p.parents[j]] - move_parameters(p.jointPlacements[j], lent)
-    for j in range(1, p.njoints):
-        if j not in stacked and not _is_body(theta[j]):
-            raise DescriptionError(
-                f"MuJoCo wants mass and inertia on the body of joint '{p.names[j]}'; it has none, and bodies "
-                "hang on it that have too little themselves.",
-                advice="Give its link a mass and moments, or export without the MuJoCo XML (--no-mujoco).",
-                joint=p.names[j],
-            )
-        if j not in stacked and not _is_rigid(theta[j]):
-            raise DescriptionError(
-                f"The body of joint '{p.names[j]}' has an inertia no rigid body can have; MuJoCo refuses it.",
-                advice="Mend the inertia of its link, or export without the MuJoCo XML (--no-mujoco).",
-                joint=p.names[j],
-            )
     return theta
 
 
-def _is_rigid(theta: np.ndarray) -> bool:
-    moments = np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))
-    return bool(moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12))
+def _lendable(axes: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis (4, n) of the pseudo-inertia that a joint (6, nv) does not set in motion.
+
+    Of a body that turns: mass on its axis; of one that slides: extent without mass; of a free one: nothing.
+    """
+    if axes.shape[1] == 6:
+        return np.zeros((4, 0))
+    if axes[:3].any():
+        return np.eye(4)[:, :3]
+    return np.column_stack([np.append(axes[3:, 0] / np.linalg.norm(axes[3:, 0]), 0.0), np.eye(4)[3]])
 
 
 def _is_body(theta: np.ndarray) -> bool:
-    return bool(theta[0] > 0.0 and np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))[0] > 0.0)
+    """Whether MuJoCo takes the parameters: a mass, moments above zero, none above the others' sum."""
+    if theta[0] <= 0.0:
+        return False
+    moments = np.linalg.eigvalsh(parameters_to_matrix(_about_centre(theta)))
+    return bool(moments[0] > 1e-9 and moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12))
 
 
 def inertial(theta: np.ndarray) -> str:

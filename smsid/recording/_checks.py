@@ -9,7 +9,6 @@ import numpy as np
 
 from smsid.errors import InconsistentChannelsError, RecordingError
 from smsid.recording._clock import check_order
-from smsid.recording._suspicion import Suspicion, suspicions
 from smsid.recording.channels import quantity_of
 
 if TYPE_CHECKING:
@@ -26,11 +25,11 @@ def check_clocks(recording: Recording) -> None:
         check_order(recording.dataset[clock].values, clock)
 
 
-def check_finite(recording: Recording) -> None:
-    """Raise `RecordingError` at the first channel with NaN or infinite samples."""
+def check_finite(recording: Recording, *, missing: bool = False) -> None:
+    """Raise `RecordingError` at the first channel with infinite samples, or NaN where none may be missing."""
     for name in recording.channels:
         values = recording[name]
-        bad = ~np.isfinite(values)
+        bad = np.isinf(values) if missing else ~np.isfinite(values)
         if not bad.any():
             continue
         where = tuple(int(k) for k in np.argwhere(bad)[0])
@@ -81,47 +80,29 @@ def check_quaternions(recording: Recording) -> None:
 
 @dataclass(frozen=True)
 class Contradictions:
-    """What contradicts what in a recording: whole channels (``suspicions``) and components (``findings``)."""
+    """What contradicts what in a recording."""
 
-    suspicions: tuple[Suspicion, ...]
     findings: tuple[Finding, ...]
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All that was found, in sentences; of a pair of channels the components are not told again."""
-        return self._told(self.suspicions, self.findings)
+        """All that was found, in sentences with the mend."""
+        return tuple(f"{f.sentence} {f.mend}" for f in self.findings)
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What was found but is not beyond doubt, in sentences."""
-        return self._told(
-            tuple(s for s in self.suspicions if not s.clear), tuple(f for f in self.findings if not f.clear)
-        )
-
-    def _told(self, suspicions: tuple[Suspicion, ...], findings: tuple[Finding, ...]) -> tuple[str, ...]:
-        pairs = {frozenset((s.channel, s.other)) for s in self.suspicions}
-        more = [f for f in findings if not f.other or frozenset((f.channel, f.other)) not in pairs]
-        return (*(s.sentence for s in suspicions), *(f"{f.sentence} {f.mend}" for f in more))
+        return Contradictions(tuple(f for f in self.findings if not f.clear)).sentences
 
     def refuse(self) -> None:
         """Raise `InconsistentChannelsError` for what is beyond doubt."""
-        goes_on = "To go on all the same: Recording.unchecked(), or the option --unchecked."
-        units = [s for s in self.suspicions if s.clear]
-        if units:
-            raise InconsistentChannelsError(
-                " ".join(s.sentence for s in units),
-                advice="State the right unit, sign or convention in the mapping, or convert the array. "
-                + goes_on,
-                channel=units[0].channel,
-                numbers=(units[0].ratio, units[0].correlation),
-                suspicions=tuple(units),
-            )
         clear = [f for f in self.findings if f.clear]
         if clear:
             first = clear[0]
             raise InconsistentChannelsError(
                 " ".join(f.sentence for f in clear),
-                advice=f"{first.mend} {goes_on}",
+                advice=f"{first.mend} To go on all the same: Recording.unchecked(), or the option "
+                "--unchecked.",
                 channel=first.channel,
                 components=first.components,
                 numbers=first.numbers,
@@ -137,8 +118,9 @@ def contradictions_of(recording: Recording) -> Contradictions:
     check_clocks(recording)
     whole = finite_part(recording)
     if whole is None:
-        return Contradictions((), ())
-    return Contradictions(tuple(suspicions(whole)), channel_findings(whole))
+        return Contradictions(())
+    check_quaternions(whole)
+    return Contradictions(channel_findings(whole))
 
 
 def finite_part(recording: Recording) -> Recording | None:

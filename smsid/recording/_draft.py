@@ -96,7 +96,6 @@ def draft_mapping(
             doubtful = recording.contradictions()
             contradictions = doubtful.sentences
             wrong = {f.channel: f"{f.sentence} {f.mend}" for f in doubtful.findings if f.clear}
-            wrong |= {s.other: s.sentence for s in doubtful.suspicions if s.clear}
         except RecordingError:
             contradictions, wrong = (), {}  # its clocks do not increase
         entries = [replace(e, reason=wrong.get(e.channel, "")) if not e.reason else e for e in entries]

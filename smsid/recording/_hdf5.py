@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
 from smsid.recording._matlab_objects import BUILT_IN, MatlabObject
-from smsid.recording.storage import check_hdf5, refuse_other_files
+from smsid.recording.storage import check_hdf5, damaged, refuse_other_files
 
 
 def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
@@ -44,7 +44,7 @@ def read_matlab_hdf5(path: Path) -> dict[str, Any]:
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise _damaged(path, error) from error
+        raise damaged(path, error) from error
 
 
 def _matlab(node: Any, file: Any) -> Any:
@@ -89,17 +89,8 @@ def _datasets(path: Path) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise _damaged(path, error) from error
+        raise damaged(path, error) from error
     return found
-
-
-def _damaged(path: Path, error: Exception) -> RecordingError:
-    return RecordingError(
-        f"{path} ({path.stat().st_size} bytes) cannot be read as HDF5: {error}.",
-        advice="It is cut short or damaged: copy it again from where it was made.",
-        path=str(path),
-        size=path.stat().st_size,
-    )
 
 
 def _unpacked(values: NDArray[Any], attributes: dict[str, Any]) -> NDArray[Any]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from smsid.recording.recording import Recording
 
 FloatArray = NDArray[np.float64]
+MOST_SAMPLES = 1e8  # 32 hours at 1 kHz
 
 
 def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatArray:
@@ -38,6 +39,13 @@ def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatAr
             advice="Resample them apart, or correct their offset.",
             start=start,
             end=end,
+        )
+    if (end - start) * rate > MOST_SAMPLES:
+        raise RecordingError(
+            f"{rate:g} Hz over {end - start:g} s are {(end - start) * rate:.3g} samples, more than "
+            f"{MOST_SAMPLES:.0e}.",
+            advice="Give a lower rate in Hz, or is the clock in another unit?",
+            rate=rate,
         )
     # The slack keeps the last sample when the span is a whole number of steps but for rounding.
     times = start + np.arange(int(np.floor((end - start) * rate * (1.0 + 1e-12) + 1e-6)) + 1) / rate

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,11 @@ if TYPE_CHECKING:
 SCHEMA = "smsid.recording"
 SCHEMA_VERSION = 1
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SEAL = b"smsid.blake2b-16"
+"""Stands behind the HDF5 file, before the sum of it: HDF5 itself loops for ever on some damaged files.
+
+Readers overlook what is behind the end, and programs that change the file cut it off."""
+SUM_SIZE = 16
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
@@ -37,13 +44,22 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
         # The checksum finds damage inside a file that still has its full length.
         encoding[name]["fletcher32"] = True
     try:
-        check_target(path)
-        # HDF5 crashes when the disk is full as it closes a file; bytes in memory are written by ourselves
-        content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-        atomic_write(path, bytes(content))
+        return save_dataset(dataset, path, encoding)
     except OutputError as error:
         raise RecordingError(error.message, advice=error.advice, **error.evidence) from error
-    return Path(path)
+
+
+def save_dataset(
+    dataset: Dataset, path: str | os.PathLike[str], encoding: Mapping[Any, Any] | None = None
+) -> Path:
+    """Write a dataset to a netCDF-4 file with a sum of all its bytes, whole or not at all; give its path.
+
+    Raises `OutputError` when the file cannot be written.
+    """
+    check_target(path)
+    # HDF5 crashes when the disk is full as it closes a file; bytes in memory are written by ourselves
+    content = bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
+    return atomic_write(path, content + SEAL + hashlib.blake2b(content, digest_size=SUM_SIZE).digest())
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
@@ -97,7 +113,7 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... by where it breaks
-        raise _damaged(path, error) from error
+        raise damaged(path, error) from error
 
 
 def file_attribute(path: str | os.PathLike[str], name: str) -> str:
@@ -105,6 +121,7 @@ def file_attribute(path: str | os.PathLike[str], name: str) -> str:
     import h5py
 
     try:
+        check_hdf5(path)
         with h5py.File(path, "r") as file:
             return str(file.attrs.get(name, ""))
     except Exception:  # as above; whoever reads the file says what is wrong with it
@@ -112,7 +129,7 @@ def file_attribute(path: str | os.PathLike[str], name: str) -> str:
 
 
 def check_hdf5(path: str | os.PathLike[str]) -> None:
-    """Raise `RecordingError` unless ``path`` is a file that starts like HDF5."""
+    """Raise `RecordingError` unless a file starts like HDF5 and, if smsid wrote it, is as it was written."""
     file = Path(path)
     if not file.is_file():
         raise RecordingError(f"There is no file {path}.", advice="Check the path.", path=str(path))
@@ -124,14 +141,27 @@ def check_hdf5(path: str | os.PathLike[str]) -> None:
             f"Cannot read {path}: {error}.", advice="Check its permissions.", path=str(path)
         ) from error
     if start == HDF5_SIGNATURE:
-        return
+        return _check_sum(file)
     if HDF5_SIGNATURE.startswith(start):
-        raise _damaged(path, None)
+        raise damaged(path, None)
     if start[:3] == b"CDF":
         advice = "It is classic netCDF; convert it with: nccopy -k netCDF-4 <file> <new file>."
     else:
         advice = "Is it the right file? Logs in other formats come in with import_recording and a mapping."
     raise RecordingError(f"{path} is not an HDF5 file.", advice=advice, path=str(path))
+
+
+def _check_sum(path: Path) -> None:
+    with path.open("rb") as stream:
+        size = max(path.stat().st_size - len(SEAL) - SUM_SIZE, 0)
+        stream.seek(size)
+        seal = stream.read()
+        stream.seek(0)
+        found = hashlib.blake2b(digest_size=SUM_SIZE)
+        while seal.startswith(SEAL) and (block := stream.read(min(1 << 20, size - stream.tell()))):
+            found.update(block)
+    if SEAL[:6] in seal and seal != SEAL + found.digest():
+        raise damaged(path, None)
 
 
 def refuse_other_files(file: h5py.File, path: str | os.PathLike[str]) -> None:
@@ -163,7 +193,8 @@ def _elsewhere(path: str | os.PathLike[str], name: str) -> RecordingError:
     )
 
 
-def _damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+def damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+    """Return the error of an HDF5 file that cannot be read, or is not as it was written."""
     size = Path(path).stat().st_size
     return RecordingError(
         f"{path} ({size} bytes) is cut short or damaged{f': {error}' if error else ''}.",

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smsid._files import atomic_write, check_target
 from smsid._short_repr import short_repr
 from smsid.errors import RecordingError, require
 from smsid.identify.estimate import Estimate, classify
@@ -141,9 +140,9 @@ def save_history(history: TrackHistory, path: str | os.PathLike[str]) -> Path:
 
     Raises `OutputError` when the file cannot be written.
     """
-    check_target(path)
-    content = history.to_dataset().to_netcdf(engine="h5netcdf")
-    return atomic_write(path, bytes(content))
+    from smsid.recording.storage import save_dataset
+
+    return save_dataset(history.to_dataset(), path)
 
 
 def load_history(path: str | os.PathLike[str]) -> TrackHistory:

@@ -7,7 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
+from smsid.cli.app import app
 from smsid.cli.file_kind import kind_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.recording import Recording, load_recording, save_recording
@@ -77,3 +79,21 @@ def test_a_track_that_lacks_something_is_no_whole_track(tmp_path):
     part.to_netcdf(tmp_path / "part.nc", engine="h5netcdf")
     with pytest.raises(RecordingError, match="is no whole track"):
         load_history(tmp_path / "part.nc")
+
+
+@pytest.mark.parametrize("words", [["cut", "--from", "0.5", "-o", "o.nc"], ["convert", "-o", "o.csv"]])
+def test_what_no_sensor_reads_is_not_passed_on_and_missing_samples_are_told(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    t, rates = 0.1 * np.arange(40), np.random.default_rng(1).normal(size=(40, 3))
+    line = [words[0], "r.nc", *words[1:]]
+    rates[7, 1] = np.inf
+    save_recording(Recording.from_arrays(t, {"imu.angular_rate": rates}), "r.nc")
+    refused = CliRunner().invoke(app, line)
+    assert refused.exit_code and "'imu.angular_rate' is inf at index 7" in str(refused.exception)
+    rates[7, 1] = np.nan
+    save_recording(Recording.from_arrays(t, {"imu.angular_rate": rates}), "r.nc")
+    done = CliRunner().invoke(app, line)
+    assert done.exit_code == 0 and "'imu.angular_rate': 1 of 40 samples are missing" in done.output
+    t[3] = np.inf
+    save_recording(Recording.from_arrays(t, {"imu.angular_rate": rates}), "r.nc")
+    assert "inf at index 3" in str(CliRunner().invoke(app, line).exception)

@@ -87,6 +87,7 @@ URDF_CASES = {
     "axis of no length": (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'), ["<axis>", "'shoulder'", "0 0 0"]),
     "limits upside down": (('lower="-3" upper="3"', 'lower="3" upper="-3"'), ["'shoulder'", "upside down"]),
     "limit in words": (('upper="3"', 'upper="three"'), ["'shoulder'", "upper", "'three'"]),
+    "a limit beyond numbers": (('velocity="1"', 'velocity="1e400"'), ["'shoulder'", "velocity", "1e400"]),
     "negative velocity": (('velocity="1"', 'velocity="-1"'), ["'shoulder'", "velocity", "-1"]),
     "friction that drives": (
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="-1"/>'),

@@ -72,6 +72,11 @@ def test_gear_of_a_transmission_is_named_as_unused(tmp_path):
             "shoulder (springStiffness 3)",
         ),
         ("<mass value", '<Mass value="3"/><mass value', "<Mass> of link"),
+        (
+            "<inertial>",
+            '<visual><geometry><box size="1 inf 1"/></geometry></visual><inertial>',
+            'size="1 inf 1"): not the numbers that a shape has',
+        ),
     ],
 )
 def test_what_a_urdf_does_not_know_is_named_as_unused(old, new, told):

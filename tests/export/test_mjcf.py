@@ -143,3 +143,47 @@ def test_joints_that_turn_about_a_point_stand_on_one_body(tmp_path):
         mujoco.mj_forward(mj, data)
         _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(model.nv)))
         assert data.qacc == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def _leg(tmp_path, *inertials):
+    """A bus and a chain of links that turn about x, y, ...; ``inertials``: place, mass, moments of each."""
+    link = (
+        '<link name="l{}"><inertial><origin xyz="{}"/><mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}"'
+    )
+    link += ' ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    text = link.format(0, "0 0 0", 20, 3, 4, 5)
+    for k, (at, mass, moments) in enumerate(inertials, start=1):
+        text += link.format(k, at, mass, *moments)
+        text += f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        text += f'<origin xyz="0.1 0 -0.2" rpy="0.1 0 0.2"/><axis xyz="{k % 2} {(k + 1) % 2} 0"/>'
+        text += '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+    (tmp_path / "leg.urdf").write_text(f'<robot name="leg">{text}</robot>')
+    return Description(name="leg", urdf="leg.urdf", folder=tmp_path, inertias="trusted")
+
+
+@pytest.mark.parametrize(
+    "inertials",
+    [
+        # a leg of point masses, one of them on its axis, as iCub is published
+        [("0 0 0", 0.8, (0, 0, 0)), ("0 0 -0.1", 0.5, (0, 0, 0)), ("0.05 0 -0.1", 2, (0, 0, 0)),
+         ("0 0.01 -0.1", 1, (0.01, 0.01, 0.01))],
+        # moments about the axis above the others' sum: what lacks acts across the axis alone
+        [("0.02 0.03 -0.1", 5, (0.06, 0.03, 0.02)), ("0 0.1 -0.1", 1, (0.002, 0.006, 0.003))],
+    ],
+)  # fmt: skip
+def test_what_a_body_lacks_and_its_joint_does_not_feel_is_lent(inertials, tmp_path):
+    model, mj, data = both(_leg(tmp_path, *inertials))
+    assert mj.body_mass.sum() == pytest.approx(model.mass, rel=1e-12)
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        q, v = random_state(model, rng)
+        data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+        mujoco.mj_forward(mj, data)
+        _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(model.nv)))
+        np.testing.assert_allclose(data.qacc, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_moments_that_no_body_can_have_across_its_axis_are_refused_by_name(tmp_path):
+    sound, impossible = ("0 0 0", 1, (0.1, 0.1, 0.1)), ("0 0 -0.1", 1, (0.1, 0.1, 0.3))
+    with pytest.raises(DescriptionError, match=r"joint 'j2'.*no rigid body can have.*--no-mujoco"):
+        write_mjcf(build_model(_leg(tmp_path, sound, impossible)))

@@ -149,7 +149,7 @@ def test_one_joint_in_degrees_is_named_by_its_label():
     rec = rec.with_channels({"encoder.joint_position": rec["encoder.joint_position"] * [1.0, DEGREE]})
     sentences = rec.suspicious()
     assert len(sentences) == 1
-    assert "(joint elbow)" in sentences[0]
+    assert "'encoder.joint_position' elbow is 57.3 times" in sentences[0]
 
 
 def test_channels_on_different_clocks_are_compared():

@@ -137,7 +137,7 @@ def test_the_wrong_sign_of_one_joint_is_found_by_its_rate(tmp_path):
     turned = arm(**{"Winkel 2 [rad]": -0.8 * np.sin(2.6 * T)})
     path = csv(tmp_path / "wrong.csv", turned, ";", ",")
     (doubt,) = inspect_file(path, rules).suspicions
-    assert "(joint 1)" in doubt and "wrong sign" in doubt  # joints count from 0 without labels
+    assert "' joint 1 is -1 times" in doubt and "wrong sign" in doubt  # joints count from 0 without labels
     with pytest.raises(RecordingError, match="wrong sign"):
         import_recording(path, rules)
 
@@ -145,7 +145,7 @@ def test_the_wrong_sign_of_one_joint_is_found_by_its_rate(tmp_path):
 def test_degrees_of_one_joint_are_found_by_its_rate(tmp_path):
     path = csv(tmp_path / "a.csv", arm(**{"Winkel 1 [rad]": np.degrees(0.1 * np.sin(1.3 * T))}), ";", ",")
     found = inspect_file(path, parse_mapping(ARM)).suspicions
-    assert any("(joint 0)" in s and "'encoder.joint_position'" in s for s in found)
+    assert any("' joint 0 is 7.162 times" in s and "'encoder.joint_position'" in s for s in found)
 
 
 def test_the_draft_is_compared_too(tmp_path):

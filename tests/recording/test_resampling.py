@@ -99,3 +99,8 @@ def test_clocks_without_common_time_are_refused():
     )
     with pytest.raises(RecordingError, match="no time in common"):
         rec.resampled(10.0)
+
+
+def test_a_rate_that_no_memory_holds_is_refused_with_the_count():
+    with pytest.raises(RecordingError, match=r"1e\+300 Hz over 20 s are 2e\+301 samples"):
+        recording().resampled(1e300)

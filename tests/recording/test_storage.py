@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from smsid.errors import RecordingError
 from smsid.recording import Recording, load_recording, save_recording
+from smsid.recording.storage import SEAL, SUM_SIZE, file_attribute
 
 from .samples import recording
 
@@ -112,10 +113,22 @@ def test_saving_into_a_missing_folder_is_refused(tmp_path):
 def test_a_file_cut_short_is_named(share, tmp_path):
     path = save_recording(recording(), tmp_path / "rec.nc")
     data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
+    path.write_bytes(data[: int(share * (len(data) - len(SEAL) - SUM_SIZE))])
     with pytest.raises(RecordingError, match=r"rec\.nc .*cut short") as caught:
         load_recording(path)
     assert caught.value.advice
+
+
+@pytest.mark.parametrize("left", [0, 2, 16, 31])
+def test_a_file_that_lost_its_sum_alone_is_read_or_refused(left, tmp_path):
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) - len(SEAL) - SUM_SIZE + left])
+    if left < 6:
+        assert load_recording(path).equals(recording())
+    else:
+        with pytest.raises(RecordingError, match="cut short or damaged"):
+            load_recording(path)
 
 
 def test_damage_inside_the_samples_is_found(tmp_path):
@@ -128,6 +141,27 @@ def test_damage_inside_the_samples_is_found(tmp_path):
     path.write_bytes(bytes(data))
     with pytest.raises(RecordingError, match="damaged"):
         load_recording(path)
+
+
+def test_damage_anywhere_is_found_before_hdf5_reads_it(tmp_path, monkeypatch):
+    """HDF5 itself never comes back from some damaged files, so none may reach it."""
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    whole = path.read_bytes()
+    monkeypatch.setattr(h5py, "File", lambda *_: pytest.fail("HDF5 was given a damaged file"))
+    for place in range(8, len(whole), len(whole) // 199):
+        data = bytearray(whole)
+        data[place] ^= 0x10
+        path.write_bytes(data)
+        with pytest.raises(RecordingError, match="damaged"):
+            load_recording(path)
+        assert file_attribute(path, "schema") == ""
+
+
+def test_a_file_that_another_program_changed_is_read(tmp_path):
+    path = save_recording(recording(), tmp_path / "rec.nc")
+    with h5py.File(path, "r+") as file:
+        file.attrs["name"] = "renamed"
+    assert load_recording(path).name == "renamed"
 
 
 @pytest.mark.parametrize(
