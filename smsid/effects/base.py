@@ -238,6 +238,13 @@ class Effect(Table):
         """Return what the effect makes of a sensor."""
         return sensor
 
+    @property
+    def on_signals(self) -> bool:
+        """Whether it acts on commands or readings."""
+        own = type(self)
+        hooks = ((own.drive, Effect.drive), (own.adjust, Effect.adjust), (own.resolved, Effect.resolved))
+        return any(mine is not plain for mine, plain in hooks)
+
     def urdf_dynamics(self) -> Mapping[str, tuple[float, float]]:
         """Return viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] by joint that always act.
 
