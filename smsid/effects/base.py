@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
@@ -393,16 +394,23 @@ def _prefixes(key: str) -> set[str]:
     return {".".join(parts[: k + 1]) for k in range(len(parts))}
 
 
+@cache
+def _declared(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
+    """Return the fields of a table that are physical, with their declarations, and others (``None``)."""
+    extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+    return tuple((n, x if isinstance(x, dict) and "unit" in x else None) for n, x in extras.items())
+
+
 def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
     """Yield name, value and declaration of the physical parameters of a table and of those in it."""
-    for entry, info in type(table).model_fields.items():
-        value, extra = getattr(table, entry), info.json_schema_extra
-        if isinstance(extra, dict) and "unit" in extra and value is not None:
-            many = isinstance(value, tuple)
-            numbers = zip(AXES[len(value)], value, strict=True) if many else [("", value)]
-            for axis, number in numbers:
+    for entry, extra in _declared(type(table)):
+        value = getattr(table, entry)
+        if extra is not None and isinstance(value, tuple):
+            for axis, number in zip(AXES[len(value)], value, strict=True):
                 if number or not extra["sparse"]:
-                    yield f"{entry}.{axis}" if many else entry, float(np.float64(number)), extra
-        elif isinstance(value, tuple) and value and isinstance(value[0], Table):
+                    yield f"{entry}.{axis}", float(number), extra
+        elif extra is not None and value is not None:
+            yield entry, float(value), extra
+        elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], Table):
             for k, part in enumerate(value, start=1):
-                yield from ((f"{entry}{k}.{key}", number, extra) for key, number, extra in _numbers(part))
+                yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))
