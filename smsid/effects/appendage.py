@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, Literal, cast
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -340,45 +339,6 @@ class ModalAppendage(Appendage):
     def station_positions(self) -> np.ndarray:
         """Return the stations in appendage axes, (stations, 3) [m]."""
         return np.asarray(self.stations, dtype=float).reshape(-1, 3)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return mass, and of every mode frequency, damping and the participation that is not zero."""
-        found = list(super().parameters())
-        for k, mode in enumerate(self.mode, start=1):
-            values = [
-                (f"{f}", getattr(mode, f), unit, 0.0) for f, unit in (("frequency", "Hz"), ("damping", "1"))
-            ]
-            for field, unit in (("translation", "kg^0.5"), ("rotation", "kg^0.5 m")):
-                parts = zip("xyz", getattr(mode, field), strict=True)
-                values += [(f"{field}.{axis}", x, unit, -math.inf) for axis, x in parts if x != 0.0]
-            for field, value, unit, lower in values:
-                key = f"mode{k}.{field}"
-                name = f"{self.name}.{key}"
-                found.append(Parameter(name, value, unit, lower, sigma=self.prior.get(key)))
-        return tuple(found)
-
-    def with_values(self, values: Mapping[str, float]) -> ModalAppendage:
-        """Return the appendage with the named parameters replaced.
-
-        Raises `DescriptionError` for a name it does not have, or a value it cannot have.
-        """
-        self._check_names(values)
-        update: dict[str, Any] = {}
-        modes = [dict(mode) for mode in self.mode]
-        for name, value in values.items():
-            field, _, part = name.removeprefix(f"{self.name}.").partition(".")
-            if part:
-                own = modes[int(field.removeprefix("mode")) - 1]
-                part, _, axis = part.partition(".")
-                if axis:
-                    vector = list(own[part])
-                    vector["xyz".index(axis)] = float(value)
-                    own[part] = tuple(vector)
-                else:
-                    own[part] = float(value)
-            else:
-                update[field] = float(value)
-        return cast(ModalAppendage, self._replaced({**update, "mode": modes}))
 
 
 class BeamModes(ModalAppendage):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib import metadata
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -33,13 +34,16 @@ AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "yy", "xz", "yz", "zz")}
 """Names of the elements of a parameter, by how many it has."""
 
 
-def physical(unit: str, *, lower: float = -math.inf, upper: float = math.inf, **kwargs: Any) -> Any:
-    """Declare a field of an `Effect` as a physical parameter with unit and bounds.
+def physical(
+    unit: str, *, lower: float = -math.inf, upper: float = math.inf, sparse: bool = False, **kwargs: Any
+) -> Any:
+    """Declare a field of an `Effect`, or of a table in it, as a physical parameter with unit and bounds.
 
     It is a scalar, a 3-vector, or the 6 elements of a symmetric matrix (xx, xy, yy, xz, yz, zz); ``None`` as
-    value takes it out of the parameters.
+    value takes it out of the parameters, and zero does where it is ``sparse``.
     """
-    return Field(json_schema_extra={"unit": unit, "lower": lower, "upper": upper}, **kwargs)
+    extra: Any = {"unit": unit, "lower": lower, "upper": upper, "sparse": sparse}
+    return Field(json_schema_extra=extra, **kwargs)
 
 
 class Effect(Table):
@@ -106,28 +110,21 @@ class Effect(Table):
         return self
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the physical parameters, named ``<effect>.<field>`` or ``<effect>.<field>.<axis>``."""
-        found: list[Parameter] = []
-        for entry, info in type(self).model_fields.items():
-            extra = info.json_schema_extra
-            if not isinstance(extra, dict) or "unit" not in extra:
-                continue
-            value = getattr(self, entry)
-            if value is None:
-                continue
-            for suffix, number in _flatten(value):
-                key = f"{entry}{suffix}"
-                found.append(
-                    Parameter(
-                        name=f"{self.name}.{key}",
-                        value=number,
-                        unit=str(extra["unit"]),
-                        lower=float(extra["lower"]),  # type: ignore[arg-type]
-                        upper=float(extra["upper"]),  # type: ignore[arg-type]
-                        sigma=self.prior.get(key),
-                    )
-                )
-        return tuple(found)
+        """Return the physical parameters, named ``<effect>.<field>`` or ``<effect>.<field>.<axis>``.
+
+        Those of the k-th table in a list are ``<effect>.<field>k.<field of the table>``.
+        """
+        return tuple(
+            Parameter(
+                name=f"{self.name}.{key}",
+                value=number,
+                unit=str(extra["unit"]),
+                lower=float(extra["lower"]),
+                upper=float(extra["upper"]),
+                sigma=self.prior.get(key),
+            )
+            for key, number, extra in _numbers(self)
+        )
 
     def unknowns(self) -> tuple[Parameter, ...]:
         """Return the parameters that identification estimates: all but those `held` names."""
@@ -170,22 +167,26 @@ class Effect(Table):
         """Return the channels (``<sensor>.<quantity>``) whose constant bias is a parameter of the effect."""
         return ()
 
-    def with_values(self, values: Mapping[str, float]) -> Effect:
+    def with_values(self, values: Mapping[str, float]) -> Self:
         """Return the effect with the named parameters replaced; names as in `parameters`.
 
         Raises `DescriptionError` for a name the effect does not have, or a value it cannot have.
         """
         self._check_names(values)
-        update: dict[str, Any] = {}
+        data = dict(self)
         for name, value in values.items():
-            field, _, axis = name.removeprefix(f"{self.name}.").partition(".")
-            if axis:
-                vector = list(update.get(field, getattr(self, field)))
-                vector[AXES[len(vector)].index(axis)] = float(value)
-                update[field] = tuple(vector)
+            own, (field, *rest) = data, name.removeprefix(f"{self.name}.").split(".")
+            while field not in own:  # of a table in a list, whose number ends the name
+                entry = field.rstrip("0123456789")
+                own[entry] = [dict(table) for table in own[entry]]
+                own, (field, *rest) = own[entry][int(field.removeprefix(entry)) - 1], rest
+            if rest:
+                vector = list(own[field])
+                vector[AXES[len(vector)].index(rest[0])] = float(value)
+                own[field] = tuple(vector)
             else:
-                update[field] = float(value)
-        return self._replaced(update)
+                own[field] = float(value)
+        return self._replaced(data)
 
     def _check_names(self, values: Mapping[str, float]) -> None:
         known = {p.name for p in self.parameters()}
@@ -196,7 +197,7 @@ class Effect(Table):
                     advice=f"It has: {', '.join(sorted(known))}.",
                 )
 
-    def _replaced(self, update: Mapping[str, Any]) -> Effect:
+    def _replaced(self, update: Mapping[str, Any]) -> Self:
         try:
             return self._validated({**dict(self), **update})
         except ValidationError as cause:
@@ -209,11 +210,11 @@ class Effect(Table):
                 advice="Keep them within bounds.",
             ) from cause
 
-    def _validated(self, data: Mapping[str, Any]) -> Effect:
+    def _validated(self, data: Mapping[str, Any]) -> Self:
         """Return the effect of other values; one that only a description must obey may relax here."""
         return type(self).model_validate(data)
 
-    def without_strength(self) -> Effect:
+    def without_strength(self) -> Self:
         """Return the effect with its ``strength`` parameters at zero, where it changes nothing.
 
         Raises `DescriptionError` for an effect that names none.
@@ -241,6 +242,13 @@ class Effect(Table):
     def adjust(self, sensor: Sensor) -> Sensor:
         """Return what the effect makes of a sensor."""
         return sensor
+
+    @property
+    def on_signals(self) -> bool:
+        """Whether it acts on commands or readings."""
+        own = type(self)
+        hooks = ((own.drive, Effect.drive), (own.adjust, Effect.adjust), (own.resolved, Effect.resolved))
+        return any(mine is not plain for mine, plain in hooks)
 
     def urdf_dynamics(self) -> Mapping[str, tuple[float, float]]:
         """Return viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] by joint that always act.
@@ -414,7 +422,23 @@ def _prefixes(key: str) -> set[str]:
     return {".".join(parts[: k + 1]) for k in range(len(parts))}
 
 
-def _flatten(value: Any) -> list[tuple[str, float]]:
-    if isinstance(value, tuple):
-        return [(f".{axis}", float(x)) for axis, x in zip(AXES[len(value)], value, strict=True)]
-    return [("", float(np.float64(value)))]
+@cache
+def _declared(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
+    """Return the fields of a table that are physical, with their declarations, and others (``None``)."""
+    extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+    return tuple((n, x if isinstance(x, dict) and "unit" in x else None) for n, x in extras.items())
+
+
+def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
+    """Yield name, value and declaration of the physical parameters of a table and of those in it."""
+    for entry, extra in _declared(type(table)):
+        value = getattr(table, entry)
+        if extra is not None and isinstance(value, tuple):
+            for axis, number in zip(AXES[len(value)], value, strict=True):
+                if number or not extra["sparse"]:
+                    yield f"{entry}.{axis}", float(number), extra
+        elif extra is not None and value is not None:
+            yield entry, float(value), extra
+        elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], Table):
+            for k, part in enumerate(value, start=1):
+                yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pinocchio as pin
@@ -98,7 +98,7 @@ class GraspedBody(Effect):
         """Add the body; raises `DescriptionError` when it and the link together are not physical."""
         assembly.add_remainder(self.frame, self.inertial_parameters(), pin.SE3.Identity())
 
-    def _validated(self, data: Mapping[str, Any]) -> GraspedBody:
+    def _validated(self, data: Mapping[str, Any]) -> Self:
         return type(self).model_validate(data, context={"estimated": True})
 
 

@@ -61,8 +61,14 @@ class _EncoderZero(Effect):
         """Return the sensor with the bias, if it measures joint angles."""
         if "joint_position" not in sensor.quantities:
             return sensor
-        own = {"name": self.name, "sensor": sensor.name, "quantity": "joint_position"}
-        return SensorBias(**own, component=self.column, bias=self.bias).adjust(sensor)
+        bias = SensorBias(
+            name=self.name,
+            sensor=sensor.name,
+            quantity="joint_position",
+            component=self.column,
+            bias=self.bias,
+        )
+        return bias.adjust(sensor)
 
 
 @register

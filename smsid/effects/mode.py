@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from smsid.effects.base import Vector3
+from smsid.effects.base import Vector3, physical
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 
@@ -26,10 +26,14 @@ class Mode(Table):
     [kg^.5 m] in appendage axes, ``shape`` at the appendage's stations (stations, 3) [kg^-.5].
     """
 
-    frequency: float = Field(gt=0.0, description="of the clamped mode [Hz]")
-    damping: float = Field(ge=0.0, description="damping ratio [1]")
-    translation: Vector3 = Field(description="L_t, translational participation, appendage axes [kg^.5]")
-    rotation: Vector3 = Field(description="L_r, rotational participation about the root [kg^.5 m]")
+    frequency: float = physical("Hz", lower=0.0, gt=0.0, description="of the clamped mode")
+    damping: float = physical("1", lower=0.0, ge=0.0, description="damping ratio")
+    translation: Vector3 = physical(
+        "kg^0.5", sparse=True, description="L_t, translational participation, appendage axes"
+    )
+    rotation: Vector3 = physical(
+        "kg^0.5 m", sparse=True, description="L_r, rotational participation about the root"
+    )
     shape: tuple[Vector3, ...] = Field(
         default=(), description="mass-normalised displacement at each station, appendage axes [kg^-.5]"
     )

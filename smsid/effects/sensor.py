@@ -66,8 +66,13 @@ class SensorEffect(Effect):
 
 
 class QuantityEffect(SensorEffect):
-    """An effect on the error model of one quantity of a sensor."""
+    """An effect on the error model of one quantity of a sensor.
 
+    ``term`` names what the field ``value_field`` adds to of the error model; others override `update`.
+    """
+
+    value_field: ClassVar[str] = ""
+    term: ClassVar[str] = ""
     quantities: ClassVar[tuple[str, ...]] = tuple(UNITS)
     quantity: str = Field(description="quantity it measures, such as `angular_rate`")
 
@@ -97,7 +102,12 @@ class QuantityEffect(SensorEffect):
 
     def with_error(self, error: ErrorModel) -> ErrorModel:
         """Return the error model with the effect."""
-        raise NotImplementedError
+        return error.model_copy(update=self.update(error))
+
+    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
+        """Return what changes of the errors there are, by name; nothing where it has no strength."""
+        value = getattr(self, self.value_field)
+        return {self.term: plus(getattr(error, self.term), value)} if np.any(value) else {}
 
 
 class ComponentEffect(QuantityEffect):
@@ -156,25 +166,15 @@ class ComponentEffect(QuantityEffect):
         """Return the error model with the effect, on the whole quantity or on one component."""
         key = self.key
         if key is None:
-            return error.model_copy(update=self.update(error))
+            return super().with_error(error)
         own = error.components.get(key, ComponentError())
         update = self.update(own)
         changed = {**error.components, key: own.model_copy(update=update)}
         return error.model_copy(update={"components": changed}) if update else error
 
-    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
-        """Return what changes of the errors there are, by name; nothing where it has no strength."""
-        raise NotImplementedError
-
 
 class VectorEffect(ComponentEffect):
-    """A component effect with a value per axis: a 3-vector for the whole, a number for a component.
-
-    ``term`` names what it adds to of the error model.
-    """
-
-    value_field: ClassVar[str]
-    term: ClassVar[str]
+    """A component effect with a value per axis: a 3-vector for the whole, a number for a component."""
 
     @model_validator(mode="after")
     def _value_fits(self) -> VectorEffect:
@@ -188,11 +188,6 @@ class VectorEffect(ComponentEffect):
                 else f"name the `component`: {self.quantity} has one per joint or wheel"
             )
         return self
-
-    def update(self, error: ErrorModel | ComponentError) -> Mapping[str, Any]:
-        """Return the term with the value added; at zero nothing changes."""
-        value = getattr(self, self.value_field)
-        return {self.term: plus(getattr(error, self.term), value)} if np.any(value) else {}
 
 
 def plus(one: Value, other: Value) -> Value:

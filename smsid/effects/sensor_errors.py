@@ -117,11 +117,8 @@ class SensorMisalignment(QuantityEffect):
         """Return the error model with the misalignment, after what it has."""
         if not any(self.angles):
             return error
-        turns = self.angles
-        if any(error.misalignment):
-            both = Rotation.from_rotvec(error.misalignment) * Rotation.from_rotvec(self.angles)
-            turns = tuple(float(x) for x in both.as_rotvec())
-        return error.model_copy(update={"misalignment": turns})
+        turns = Rotation.from_rotvec(error.misalignment) * Rotation.from_rotvec(self.angles)
+        return error.model_copy(update={"misalignment": tuple(turns.as_rotvec().tolist())})
 
 
 @register
@@ -157,11 +154,8 @@ class SensorDelay(QuantityEffect):
     strength = ("delay",)
     in_words = "{place} reports late"
     kind: Literal["sensor_delay"] = "sensor_delay"
+    value_field = term = "delay"
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
-
-    def with_error(self, error: ErrorModel) -> ErrorModel:
-        """Return the error model with the delay."""
-        return error.model_copy(update={"delay": error.delay + self.delay}) if self.delay else error
 
 
 @register

@@ -106,6 +106,9 @@ def _written(
         model = build_model(moved)
         atomic_write(folder / f"{stem}.xml", write_mjcf(model))
         notes += [f.note for f in counterparts(model).values() if f.note]
+        aside = [e.name for e in moved.effect if e.on_signals]
+        if aside:
+            notes.append(f"{', '.join(aside)}: on commands or readings, so not in the MuJoCo XML")
     return sorted(p.name for p in folder.iterdir()), bodies, notes
 
 

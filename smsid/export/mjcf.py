@@ -248,11 +248,8 @@ def _actuators(model: SpacecraftModel, forces: Mapping[str, Counterpart]) -> lis
             lines.append(f"    <motor name={quoteattr(name)} joint={quoteattr(name)}{_bound(limit)}/>")
     for effect, force in forces.items():
         if force.torque != 0.0:
-            on = (
-                f"tendon={quoteattr(effect)}"
-                if len(force.weights) > 1
-                else f"joint={quoteattr(*force.weights)}"
-            )
+            joint, *others = force.weights
+            on = f"tendon={quoteattr(effect)}" if others else f"joint={quoteattr(joint)}"
             lines.append(
                 f"    <general name={quoteattr(effect)} {on} "
                 f'biastype="affine" gainprm="0" biasprm="{numbers(force.torque)} 0 0"/>'

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.effects.spatial import skew
 from smsid.errors import ExperimentError
-from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Stacked, merge
+from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, merge
 from smsid.model.spacecraft import SpacecraftModel
 
 
@@ -190,8 +190,3 @@ class Prescribed:
         if self.motion is not None:
             a[self.joints] = self.motion.acceleration(t)
         return a
-
-
-def stack(*signals: Signal) -> Signal:
-    """Return one signal with the components of several, in order."""
-    return signals[0] if len(signals) == 1 else Stacked(tuple(signals))

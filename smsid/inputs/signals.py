@@ -228,34 +228,6 @@ class Sampled:
 
 
 @dataclass(frozen=True)
-class Stacked:
-    """Components of several signals, one after the other."""
-
-    parts: tuple[Signal, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of components."""
-        return sum(p.size for p in self.parts)
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Those of all parts."""
-        return tuple(b for p in self.parts for b in p.breakpoints)
-
-    def __call__(self, t: float) -> np.ndarray:
-        """Value at t."""
-        return np.concatenate([p(t) for p in self.parts])
-
-    def mapped(self, matrix: np.ndarray) -> Signal:
-        """Return ``matrix @ self``, matrix (m, size)."""
-        edges = np.cumsum([0, *(p.size for p in self.parts)])
-        return Sum(
-            tuple(p.mapped(matrix[:, i:j]) for p, i, j in zip(self.parts, edges[:-1], edges[1:], strict=True))
-        )
-
-
-@dataclass(frozen=True)
 class Sum:
     """The sum of signals of the same size."""
 
@@ -297,7 +269,7 @@ def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
 
 def is_held(signal: Signal) -> bool:
     """Return whether a signal is constant between its breakpoints."""
-    if isinstance(signal, Sum | Stacked):
+    if isinstance(signal, Sum):
         return all(map(is_held, signal.parts))
     return isinstance(signal, Constant | Steps) or (isinstance(signal, Sampled) and signal.degree == 0)
 

@@ -230,7 +230,8 @@ class ErrorModel(BaseModel):
     ) -> FloatArray:
         """Return the part of what the sensor reports that is the same every time, without limits and steps.
 
-        Delay and time offset, misalignment, scale, bias and a stuck channel: `apply` without ``rng``.
+        Delay and time offset, misalignment, scale, bias and a stuck channel: `apply` without ``rng``, with
+        its ``times`` (N,) and ``ideal`` (N, ...). Raises what `apply` raises.
         """
         return self.apply(times, ideal, None, attitude=attitude, delayed=delayed)
 

@@ -3,7 +3,7 @@
 from smsid._callable import make_callable
 from smsid.inputs.changed import Delayed, Switched
 from smsid.inputs.inputs import Inputs, JointMotion
-from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Stacked, Steps, Sum
+from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Steps, Sum
 from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
 from smsid.simulate.integrate import Tolerance, simulate
 from smsid.simulate.trajectory import Audit, States, Trajectory
@@ -20,7 +20,6 @@ __all__ = [
     "JointMotion",
     "Sampled",
     "Signal",
-    "Stacked",
     "States",
     "Steps",
     "Sum",

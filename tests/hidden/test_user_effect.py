@@ -11,7 +11,7 @@ import mujoco
 import pytest
 
 from smsid.description import load_description
-from smsid.effects import Counterpart, base
+from smsid.effects import ActuatorDelay, Counterpart, base
 from smsid.errors import DescriptionError
 from smsid.export import export_folder
 from smsid.paths import urdf_folder
@@ -93,6 +93,9 @@ def test_user_effect_is_exported_or_refused_by_name(cable_drag, tmp_path):
 
     damped = craft.with_effects(Slack(name="cable", joint="joint2", pull=PULL))
     assert "'cable' as a damper" in export_folder(damped, tmp_path / "damped").notes
+    late = ActuatorDelay(name="late", actuator="wheel_x", delay=0.1)
+    beside = export_folder(damped.with_effects(late), tmp_path / "late").notes
+    assert "late: on commands or readings, so not in the MuJoCo XML" in beside
     spec = mujoco.MjModel.from_xml_path(str(tmp_path / "damped" / "paper_sms.xml"))
     assert spec.joint("joint2").damping == pytest.approx(PULL)
 

@@ -20,7 +20,6 @@ from smsid.simulate import (
     Inputs,
     Sampled,
     Signal,
-    Stacked,
     Steps,
     Sum,
     Switched,
@@ -58,7 +57,7 @@ def test_breakpoints_move_along() -> None:
         Delayed.of(SAMPLED, 0.3),
         Switched(SERIES, STEPS, 5.0),
         Sum((SERIES, Delayed.of(STEPS, 1.0))),
-        Switched(Stacked((Constant(np.ones(1)), Constant(np.zeros(1)))), SERIES, 5.0),
+        Switched(Constant(np.array([1.0, 0.0])), SERIES, 5.0),
     ],
 )
 def test_samples_are_the_values(signal: Signal) -> None:

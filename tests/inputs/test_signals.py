@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from smsid.errors import ExperimentError
 from smsid.inputs.signals import merge, sample
-from smsid.simulate import Constant, Fourier, Sampled, Stacked, Steps, Sum
+from smsid.simulate import Constant, Fourier, Sampled, Steps, Sum
 
 RNG = np.random.default_rng(0)
 TIMES = np.array([0.0, 0.5, 1.25, 2.0, 2.5, 3.5, 4.0])
@@ -21,7 +21,6 @@ SIGNALS = {
     "linear": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 1),
     "cubic": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 3),
     "quintic": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 5),
-    "stacked": Stacked((Constant(np.array([3.0])), Steps((1.0,), np.array([[2.0]])))),
     "sum": Sum((Constant(np.ones(2)), Steps((1.0, 2.0), RNG.standard_normal((2, 2))))),
 }
 times = st.floats(0.0, 4.0)
