@@ -22,7 +22,7 @@ class TorqueErrors:
     """How far predicted torques are from measured ones.
 
     ``relative`` is ``|predicted - measured| / |measured|`` over all samples and joints, ``by_joint`` the
-    same of each; ``rmse`` by joint [N m].
+    same of each that has torques; ``rmse`` by joint [N m | N].
     """
 
     relative: float
@@ -50,9 +50,10 @@ def torque_errors(
     error = predicted - measured
     joints = dict(zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True))
     joints = {n: k for n, k in joints.items() if n not in without}
+    size = {n: float(np.linalg.norm(measured[:, k])) for n, k in joints.items()}
     return TorqueErrors(
         float(np.linalg.norm(error) / np.linalg.norm(measured)),
-        {n: float(np.linalg.norm(error[:, k]) / np.linalg.norm(measured[:, k])) for n, k in joints.items()},
+        {n: float(np.linalg.norm(error[:, k])) / size[n] for n, k in joints.items() if size[n] > 0.0},
         {n: float(np.sqrt(np.mean(error[:, k] ** 2))) for n, k in joints.items()},
     )
 

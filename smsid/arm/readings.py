@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from smsid.arm.joints import with_joint_order
+from smsid.arm.joints import unlabelled, with_joint_order
 from smsid.effects.gear import gear_matrix, gears_of
 from smsid.effects.joint_bias import encoder_zeros
 from smsid.errors import RecordingError
@@ -152,6 +153,29 @@ def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
         model, model.arm_joints.names, np.asarray(ordered[channel]), channel, at_motor=at_motor
     )
     return ordered.with_channels({channel: values}) if turns else ordered
+
+
+def with_passive_joints(recording: Recording, joints: Sequence[str]) -> Recording:
+    """Return the recording with torques of zero at joints that no motor drives.
+
+    Such a joint bends: a gear or a link that gives, whose deflection is recorded as the joint's position.
+
+    Raises:
+        RecordingError: as `measured_channel`, or its joints have no names.
+    """
+    channel = measured_channel(recording, "joint_torque")
+    source, dim = channel.partition(".")[0], str(recording.channel(channel).dims[-1])
+    if dim not in recording.labels:
+        raise unlabelled(channel)
+    known, values = recording.labels[dim], np.asarray(recording[channel], dtype=float)
+    torque = np.where(np.isin(known, joints), 0.0, values)
+    new = [j for j in joints if j not in known]
+    torque = np.hstack([torque, np.zeros((len(torque), len(new)))])
+    source = source if source == MOTOR else "joints"
+    return recording.without(channel).with_channels(
+        {f"{source}.joint_torque": (np.asarray(recording.time(channel)), torque)},
+        labels={f"{source}.joint": (*known, *new)},
+    )
 
 
 def measured_channel(recording: Recording, quantity: str) -> str:

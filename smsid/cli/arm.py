@@ -14,6 +14,7 @@ from smsid.arm.comparison import JudgedArm
 from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
+from smsid.arm.readings import with_passive_joints
 from smsid.arm.residual_dependence import leftover_sentences
 from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
@@ -42,6 +43,7 @@ def identify_and_judge(
     usual: bool = False,
     friction: Sequence[str] = (),
     level: bool = False,
+    passive: Sequence[str] = (),
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
@@ -52,10 +54,11 @@ def identify_and_judge(
 
     The torque gains of the joints that the patterns ``gains`` fit are found first, the described links taken
     as known; the torque signal of a joint whose gain cannot be told is not used. ``hold`` are patterns of
-    joints that do not move, see `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction,
-    rotor and offset; ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
-    gravity's direction is found as well. ``report``: an HTML to write as well, with the sums of the files
-    ``inputs``.
+    joints that do not move, see `smsid.arm.setup.held_joints`; no motor drives joints that the patterns
+    ``passive`` fit, see `smsid.arm.readings.with_passive_joints`. With ``usual`` every joint gets friction,
+    offset, and a rotor, or a spring if nothing drives it; ``friction`` names more laws, see
+    `smsid.arm.with_friction_laws`; with ``level`` gravity's direction is found as well. ``report``: an HTML
+    to write as well, with the sums of the files ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
     `smsid.arm.servo.identify_servos`; torques are then position errors times stiffness.
@@ -77,13 +80,17 @@ def identify_and_judge(
             recordings=tuple(r.name for r in recordings),
         )
     held = held_joints(rigid_arm(description).arm_joints.names, hold)
+    joints = rigid_arm(description, held).arm_joints.names
+    idle = tuple(held_joints(joints, passive, option="--passive"))
+    if idle:
+        recordings = [with_passive_joints(r, idle) for r in recordings]
+        train = [r for r in recordings if r.role != "validation"]
     if usual:
-        joints = rigid_arm(description, held).arm_joints.names
-        description = with_joint_effects(
-            description, joints, "joint_friction", "motor_inertia", "torque_offset"
-        )
+        driven = [j for j in joints if j not in idle]
+        description = with_joint_effects(description, joints, "joint_friction", "torque_offset")
+        description = with_joint_effects(description, driven, "motor_inertia")
+        description = with_joint_effects(description, idle, "joint_cable")
     if friction:
-        joints = rigid_arm(description, held).arm_joints.names
         description = with_friction_laws(description, joints, friction)
     if level and tilt_of(description.effect) is None:
         description = description.with_effects(BaseTilt(name="base_tilt"))
@@ -96,7 +103,6 @@ def identify_and_judge(
             advice="Leave --gains and --gain out.",
         )
     if gains:
-        joints = rigid_arm(description, held).arm_joints.names
         unknown = held_joints(joints, gains, option="--gain")
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]

@@ -90,6 +90,13 @@ def identify_command(
         list[str] | None,
         typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
     ] = None,
+    passive: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="welded arm: joint without a motor, such as 'flex*', that stands for a gear or a link that "
+            "bends: its position is the measured deflection, its torque zero; it gets a spring"
+        ),
+    ] = None,
     friction: Annotated[
         list[str] | None,
         typer.Option(
@@ -189,18 +196,20 @@ def identify_command(
             usual=bare and not rigid,
             friction=friction or (),
             level=level,
+            passive=passive or (),
             report=report,
             inputs=inputs,
             everything=show_all,
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or gain or hold or rigid or friction or level:
+    if cutoff is not None or gains or gain or hold or rigid or passive or friction or level:
         given = {
             "--gains": gains,
             "--gain": gain,
             "--hold": hold,
             "--rigid": rigid,
+            "--passive": passive,
             "--friction": friction,
             "--level": level,
         }

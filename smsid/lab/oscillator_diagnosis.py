@@ -14,7 +14,7 @@ from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
 from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, describe
-from smsid.lab.oscillator import FIELDS, TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
+from smsid.lab.oscillator import TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
 
 LOGGER = logging.getLogger(__name__)
 LEVEL, BLOCK = 0.003, 0.001
@@ -89,7 +89,7 @@ def diagnose_oscillator(
     evidence: dict[str, _Test] = {}
     tried = len(TERMS)
     while True:
-        residual, rows, cut = sensitivities(drive, output, rate, fit.oscillator, pieces=pieces)
+        residual, rows, cut = sensitivities(drive, output, rate, fit)
         tests = {t: _tested(residual, rows, t, terms) for t in TERMS if t not in terms}
         good = {
             t: x for t, x in tests.items() if x.p_value * tried < LEVEL and x.ratio > np.log(len(residual))
@@ -140,13 +140,13 @@ def _basis(rows: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
     return np.linalg.qr(stacked / np.linalg.norm(stacked, axis=0))[0]
 
 
-def _fitted(terms: Sequence[str]) -> list[str]:
-    return [*FIELDS[:3], *terms, "offset"]
+def _fitted(rows: dict[str, np.ndarray], terms: Sequence[str]) -> list[str]:
+    return [n for n in rows if n not in TERMS or n in terms]
 
 
 def _tested(residual: np.ndarray, rows: dict[str, np.ndarray], term: str, terms: Sequence[str]) -> _Test:
     """Likelihood ratio of one more term, everything fitted free to move."""
-    known = _basis(rows, _fitted(terms))
+    known = _basis(rows, _fitted(rows, terms))
     left = residual - known @ (known.T @ residual)
     own = rows[term] - known @ (known.T @ rows[term])
     size = float(np.linalg.norm(own))
@@ -172,7 +172,7 @@ def _left(
     A force passes through the oscillator; sensitivities by terms of the catalogue that are not in it have
     been, what is tested here acts on the output itself.
     """
-    known = _basis(rows, _fitted(terms))
+    known = _basis(rows, _fitted(rows, terms))
     left = residual - known @ (known.T @ residual)
     y, u = (np.concatenate([np.asarray(x)[c] for c in cut]) for x in (output, drive))
     y, u = y / np.abs(y).max(), u / max(np.abs(u).max(), 1e-300)
