@@ -5,9 +5,9 @@ Relative errors are what the literature on identified robots quotes (Gautier 199
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -58,27 +58,35 @@ def torque_errors(
     )
 
 
-class JudgedArm(Protocol):
-    """An identified arm that can be held against recordings."""
+class JudgedArm(ABC):
+    """An identified arm that can be held against recordings.
 
-    @property
-    def estimate(self) -> Estimate:
-        """Return what was identified."""
-        ...
+    ``estimate`` is what was identified, ``model`` that of its links, ``unused`` the joints whose torque
+    signals took no part.
+    """
 
-    @property
-    def model(self) -> SpacecraftModel:
-        """Return the model of its links."""
-        ...
+    estimate: Estimate
+    model: SpacecraftModel
+    unused: tuple[str, ...] = ()
 
+    @abstractmethod
     def compare(self, recording: Recording | None = None) -> TorqueComparison:
         """Return torques of the recording identified from, or of another."""
-        ...
 
     def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted torques (B, nv) [N m | N]."""
-        ...
+        """Return measured minus predicted torques (B, nv) at the joints [N m | N], see `compare`."""
+        both = self.compare(recording)
+        return both.measured - both.predicted
 
     def judge(self, recording: Recording) -> TorqueErrors:
-        """Return the errors on a recording."""
-        ...
+        """Return how far torques are predicted on a recording, see `compare`.
+
+        Raises:
+            RecordingError: as `smooth_motion`.
+        """
+        both = self.compare(recording)
+        return torque_errors(self.model, both.predicted, both.measured, self.unused)
+
+    def verdict(self) -> list[str]:
+        """Return sentences on what is left of the torques."""
+        return []

@@ -25,7 +25,7 @@ from smsid.arm.joint_torques import (
     sign_rate,
     with_shapes,
 )
-from smsid.arm.regression import correlation_lags
+from smsid.arm.regression import Projection, correlation_lags
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.description import Description
 from smsid.effects import Effect
@@ -262,12 +262,9 @@ class _Equation:
         rows = torques.rows[:, joint]
         used = np.any(rows != 0.0, axis=0)
         used[[i for i, n in enumerate(torques.names) if n in without]] = False
-        u, singular, _ = np.linalg.svd(
-            rows[:, used] / np.maximum(np.linalg.norm(rows[:, used], axis=0), 1e-300), full_matrices=False
-        )
-        self.basis = u[:, singular > 1e-9 * singular.max(initial=1e-300)]
-        self.left = torques.torque[:, joint] - self.basis @ (self.basis.T @ torques.torque[:, joint])
-        self.freedom = max(len(self.left) - self.basis.shape[1] - 1, 1)
+        self.fitted = Projection(rows[:, used])
+        self.left = self.fitted.left(torques.torque[:, joint])
+        self.freedom = max(len(self.left) - self.fitted.basis.shape[1] - 1, 1)
 
     def gain(self, columns: np.ndarray) -> float:
         """Return the fall of chi-squared that columns (B, m) bring, by the noise left with them."""
@@ -278,11 +275,5 @@ class _Equation:
 
     def after(self, columns: np.ndarray) -> np.ndarray:
         """Return what columns (B, m) leave (B,)."""
-        size = np.linalg.norm(columns, axis=0)
-        beyond = columns - self.basis @ (self.basis.T @ columns)
-        beyond = beyond[:, np.linalg.norm(beyond, axis=0) > 1e-5 * size]
-        if not beyond.shape[1]:
-            return self.left
-        u, singular, _ = np.linalg.svd(beyond / np.linalg.norm(beyond, axis=0), full_matrices=False)
-        u = u[:, singular > 1e-6 * singular[0]]
+        u = self.fitted.beyond(columns, 1e-5)
         return self.left - u @ (u.T @ self.left)

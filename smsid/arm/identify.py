@@ -14,7 +14,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
-from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
+from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
@@ -42,7 +42,7 @@ GROUP = "arm"
 
 @short_repr
 @dataclass(frozen=True)
-class ArmIdentification:
+class ArmIdentification(JudgedArm):
     """An identified arm.
 
     ``description`` is the given one with the identified values of its effects; ``base`` and ``regression``
@@ -102,19 +102,11 @@ class ArmIdentification:
         predicted = settled_load(self.model.description, with_load, blocks)
         return TorqueComparison(made[-1].time, made[-1].torque, predicted)
 
-    def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted motor torques (B, nv) at the joints [N m], see `compare`."""
-        both = self.compare(recording)
-        return both.measured - both.predicted
+    def verdict(self) -> list[str]:
+        """Return whether what is left is noise, and hints at what is plainly missing."""
+        from smsid.arm.residual_dependence import leftover_sentences
 
-    def judge(self, recording: Recording) -> TorqueErrors:
-        """Return the errors on another recording, averaged over blocks like the one identified from.
-
-        Raises:
-            RecordingError: as `smooth_motion`.
-        """
-        both = self.compare(recording)
-        return torque_errors(self.model, both.predicted, both.measured, self.unused)
+        return leftover_sentences(self)
 
     @property
     def _kept(self) -> np.ndarray:

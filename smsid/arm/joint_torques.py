@@ -23,9 +23,8 @@ PER_PERIOD = 2.5
 """Blocks per period of the cutoff."""
 
 FOLLOWED = 0.5
-"""Share of the frequency a joint's motion is followed to, up to which joints without motors are compared: what
-is wrong with their equations is all in the motion, and splines of different joints end at different
-frequencies."""
+"""Share of the frequency a joint's motion is followed to, up to which joints without motors are compared:
+what is wrong with their equations is all in the motion, whose joints are not followed equally far."""
 
 CHUNK = 4000
 SIGN_FIELD = "smoothing"

@@ -163,6 +163,34 @@ def stretch_covariance(
     return root @ (share * target + (1.0 - share) * few * spread + told.T @ told) @ root.T
 
 
+class Projection:
+    """Columns (B, n) that are fitted, to be projected out of others (Frisch-Waugh)."""
+
+    def __init__(self, columns: np.ndarray) -> None:
+        self.basis = _orthonormal(columns, 1e-9)
+
+    def left(self, values: np.ndarray) -> np.ndarray:
+        """Return what the columns leave of values (B,) or (B, m)."""
+        return values - self.basis @ (self.basis.T @ values)
+
+    def beyond(self, columns: np.ndarray, least: float) -> np.ndarray:
+        """Return an orthonormal basis (B, k) of what columns (B, m) add: those of which more than a share
+        ``least`` is left.
+        """
+        beyond = self.left(columns)
+        new = np.linalg.norm(beyond, axis=0) > least * np.linalg.norm(columns, axis=0)
+        return _orthonormal(beyond[:, new], 1e-6)
+
+
+def _orthonormal(columns: np.ndarray, least: float) -> np.ndarray:
+    """Return an orthonormal basis (B, k) of columns (B, n), singular values below ``least`` left out."""
+    if not columns.shape[1]:
+        return columns
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    u, singular, _ = np.linalg.svd(columns / size, full_matrices=False)
+    return u[:, singular > least * singular.max(initial=1e-300)]
+
+
 def _without_scale(rows: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``rows @ x = 0`` (N, n) divided by the size of its terms, linearised at x: rows and right side.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
+from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.identify import motion_notes, rigid_arm
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
@@ -56,7 +56,7 @@ FIRST = 1.5
 
 @short_repr
 @dataclass(frozen=True)
-class ServoIdentification:
+class ServoIdentification(JudgedArm):
     """Identified servo joints.
 
     ``description`` has the identified values; ``own`` what was fitted, position errors times the stiffness;
@@ -93,20 +93,6 @@ class ServoIdentification:
         left = whole.torque - whole.rows @ self.x
         moves = moves_throughout(motion, torques)
         return _compared(torques, left, moves & within_limits(whole.torque, left, moves), self.stiffness)
-
-    def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted torques (B, joints) [N m | N], see `compare`."""
-        both = self.compare(recording)
-        return both.measured - both.predicted
-
-    def judge(self, recording: Recording) -> TorqueErrors:
-        """Return how far torques are predicted on a recording, see `compare`.
-
-        Raises:
-            RecordingError: as `identify_servos`.
-        """
-        both = self.compare(recording)
-        return torque_errors(self.model, both.predicted, both.measured)
 
 
 def _compared(

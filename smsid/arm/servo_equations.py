@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from smsid.arm.joint_torques import SIGN_FIELD, JointTorques, block_means, sign_rate
 from smsid.arm.joints import with_joint_order
@@ -142,13 +143,16 @@ def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> Spacecr
 
 
 def moves_throughout(motion: SmoothMotion, torques: JointTorques) -> np.ndarray:
-    """Return where (B, joints) a joint moves throughout a block: at rest, dry friction is what it must be."""
-    slow = REST * np.sqrt(np.mean(motion.v**2, axis=0))
-    least = np.minimum.reduceat(np.abs(motion.v), torques.starts, axis=0)
-    turned = np.minimum.reduceat(motion.v, torques.starts, axis=0) * np.maximum.reduceat(
-        motion.v, torques.starts, axis=0
-    )
-    return (least > slow) & (turned > 0.0)
+    """Return where (B, joints) a joint moves throughout a block: at rest, dry friction is what it must be.
+
+    Where it turns round, friction and with it the acceleration jump; a spline sees that too smooth, over its
+    correlation time to either side.
+    """
+    moves = np.abs(motion.v) > REST * np.sqrt(np.mean(motion.v**2, axis=0))
+    for k, joint in enumerate(motion.joints):
+        width = 2 * round(joint.edge / motion.step) + 1
+        moves[:, k] = minimum_filter1d(moves[:, k], width, mode="nearest")
+    return np.minimum.reduceat(moves, torques.starts, axis=0)
 
 
 def within_limits(error: np.ndarray, left: np.ndarray, inside: np.ndarray) -> np.ndarray:

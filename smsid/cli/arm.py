@@ -11,11 +11,10 @@ from rich.console import Console
 
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
-from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
+from smsid.arm.identify import identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.readings import with_passive_joints
-from smsid.arm.residual_dependence import leftover_sentences
 from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
@@ -94,7 +93,7 @@ def identify_and_judge(
         description = with_friction_laws(description, joints, friction)
     if level and tilt_of(description.effect) is None:
         description = description.with_effects(BaseTilt(name="base_tilt"))
-    found: ArmIdentification | ServoIdentification
+    found: JudgedArm
     untold: tuple[str, ...] = ()
     servos = is_of_servos(recordings)
     if gains and servos:
@@ -183,13 +182,16 @@ def _with_gains(
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]], console: Console) -> None:
     from smsid.cli.tables import plain_table
 
+    names = list(judged[0][2].by_joint)
+    stems = {n.rpartition("_")[0] + "_" for n in names}
+    shared = stems.pop() if len(stems) == 1 and len(names) > 1 else ""  # of `panda_joint1` and so on
     table = plain_table(
-        *("recording", "role", "all joints", *judged[0][2].by_joint),
-        title="torques: |predicted - measured| / |measured|",
+        *("recording", "role", "all joints", *(n.removeprefix(shared) for n in names)),
+        title="torques: |predicted - measured| / |measured|" + (f", joints '{shared}...'" if shared else ""),
         left=("recording", "role"),
     )
     for name, role, errors in judged:
         table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
     console.print(table)
-    for sentence in leftover_sentences(found) if isinstance(found, ArmIdentification) else ():
+    for sentence in found.verdict():
         console.print(sentence, markup=False, highlight=False)
