@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.signal import resample_poly
 
 from smsid._short_repr import short_repr
@@ -34,9 +35,7 @@ LEAST = 20
 EDGE = 64
 """Samples by which a drive goes on at either end, for its interpolation."""
 
-SETTLED = 1e-6
-ROUGH = 1e-3
-MOST_ROUNDS = 25
+MOST_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def fit_oscillator(
     """Fit an oscillator to a record by the error of its free-running simulation.
 
     The record is cut into pieces that are simulated side by side, each from a state of its own that is
-    estimated beside. Gauss-Newton with step control; standard deviations allow for errors correlated in time.
+    estimated beside. Standard deviations allow for errors correlated in time.
 
     Args:
         drive: (N,) input, band-limited: between samples it is interpolated as such. ``None`` for an
@@ -118,48 +117,40 @@ def fit_oscillator(
     linear = FIELDS[:2] if drive is None else FIELDS[:3]
     fields = (*linear, *(t for t in FIELDS[3:] if t in terms))
     cut = _Pieces.of(drive, output, rate, pieces)
-    found, begin = start, np.zeros((2, pieces))
-    first = cut.linearised(found, fields, begin)
-    if first is not None:  # what each piece begins with, before anything else moves
-        residual, columns = first
-        own = columns[:, len(fields) :]
-        begin = begin + np.linalg.lstsq(own, residual, rcond=None)[0][1:].reshape(2, pieces)
-        first = cut.linearised(found, fields, begin)
-    if first is None:
+    count = len(fields) + 1
+    x = np.concatenate([[getattr(start, f) for f in (*fields, "offset")], np.zeros(2 * pieces)])
+
+    last: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if x.tobytes() not in last:
+            values = dict(zip((*fields, "offset"), x[:count].tolist(), strict=True))
+            found = cut.linearised(replace(start, **values), fields, x[count:].reshape(2, pieces))
+            last.clear()
+            last[x.tobytes()] = found
+        return last[x.tobytes()]
+
+    residual, columns = at(x)
+    if not np.isfinite(columns).all():
         raise NotIdentifiableError("The first guess runs away.", advice="Give another.", oscillator=start)
-    residual, columns = first
-    for _ in range(MOST_ROUNDS):
-        scale = np.linalg.norm(columns, axis=0)
-        step = np.linalg.lstsq(columns / scale, residual, rcond=None)[0] / scale
-        before = float(residual @ residual)
-        promised = float(np.sum((columns @ step) ** 2)) / before
-        if promised < SETTLED:
-            break
-        better = None
-        for share in 0.5 ** np.arange(12):
-            moved = _moved(found, fields, share * step[: len(fields) + 1])
-            then = begin + share * step[len(fields) + 1 :].reshape(2, pieces)
-            again = cut.linearised(moved, fields, then) if moved else None
-            if moved and again and float(again[0] @ again[0]) < before:
-                better = moved, then, again
-                break
-        if better is None:
-            if promised < ROUGH:  # what finite differences leave
-                break
-            raise NotIdentifiableError(
-                "The fit of the oscillator does not go on at an error of "
-                f"{np.sqrt(before / residual.size):.4g}.",
-                advice="Start nearer: the linear fit first, then with the terms of the spring.",
-                oscillator=found,
-            )
-        found, begin, (residual, columns) = better
-    else:
+    # what each piece begins with, before anything else moves
+    x[count:] += np.linalg.lstsq(columns[:, count - 1 :], residual, rcond=None)[0][1:]
+    lower = np.full(x.size, -np.inf)
+    lower[:2] = 1e-9  # of frequency and damping
+    done = least_squares(
+        lambda x: at(x)[0], x, lambda x: -at(x)[1], (lower, np.inf), x_scale="jac", max_nfev=MOST_ROUNDS
+    )
+    if not done.success:
         raise NotIdentifiableError(
-            f"The fit has not settled after {MOST_ROUNDS} rounds.", advice="Start nearer.", oscillator=found
+            f"The fit has not settled after {MOST_ROUNDS} rounds, at an error of "
+            f"{np.sqrt(2.0 * done.cost / residual.size):.4g}.",
+            advice="Start nearer: the linear fit first, then with the terms of the spring.",
         )
+    found = replace(start, **dict(zip((*fields, "offset"), done.x[:count].tolist(), strict=True)))
+    begin = done.x[count:].reshape(2, pieces)
+    residual, columns = done.fun, -done.jac
     lags = correlation_lags(residual.reshape(pieces, -1).T)
-    size = len(fields) + 1
-    covariance = hac_covariance(columns, residual, residual.size, lags)[:size, :size]
+    covariance = hac_covariance(columns, residual, residual.size, lags)[:count, :count]
     sigma = np.sqrt(np.diag(covariance))
     units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
     units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
@@ -190,21 +181,11 @@ def sensitivities(
     """
     pieces = fit.begin.shape[1]
     cut = _Pieces.of(drive, output, rate, pieces)
-    found = cut.linearised(fit.oscillator, FIELDS, fit.begin)
-    if found is None:
-        raise NotIdentifiableError(
-            "The oscillator runs away.", advice="Fit it first.", oscillator=fit.oscillator
-        )
-    residual, columns = found
+    residual, columns = cut.linearised(fit.oscillator, FIELDS, fit.begin)
     length = len(cut.target)
     names = (*FIELDS, "offset", *(f"begin{k}" for k in range(2 * pieces)))
     parts = tuple(slice(k * length, (k + 1) * length) for k in range(pieces))
     return residual, dict(zip(names, columns.T, strict=True)), parts
-
-
-def _moved(oscillator: Oscillator, fields: tuple[str, ...], step: np.ndarray) -> Oscillator | None:
-    values = {f: getattr(oscillator, f) + float(s) for f, s in zip((*fields, "offset"), step, strict=True)}
-    return replace(oscillator, **values) if values["frequency"] > 0.0 and values["damping"] > 0.0 else None
 
 
 @dataclass(frozen=True)
@@ -239,9 +220,9 @@ class _Pieces:
 
     def linearised(
         self, oscillator: Oscillator, fields: tuple[str, ...], begin: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray] | None:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals piece by piece (M,) and their columns (M, n): fields, offset, and what each piece begins
-        with, ``begin`` (2, pieces), position and rate; None when the simulation runs away.
+        with, ``begin`` (2, pieces), position and rate; not finite when the simulation runs away.
         """
         pieces = len(self.drives)
         values = np.array([getattr(oscillator, f) for f in FIELDS])
@@ -257,10 +238,8 @@ class _Pieces:
         every = np.repeat(np.array([*sets, values, values]).T, pieces, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):
             out = _run(every, np.hstack(begins), self.drives, self.rate)
-        if not np.isfinite(out).all():
-            return None
-        out = out.reshape(len(out), len(begins), pieces)
-        moves = [((out[:, k + 1] - out[:, 0]) / s).T for k, s in enumerate([*steps, *shift])]
+            out = out.reshape(len(out), len(begins), pieces)
+            moves = [((out[:, k + 1] - out[:, 0]) / s).T for k, s in enumerate([*steps, *shift])]
         columns = [m.ravel() for m in moves[: len(fields)]] + [np.ones(self.target.size)]
         for m in moves[len(fields) :]:
             for k in range(pieces):
