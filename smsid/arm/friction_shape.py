@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from smsid.arm.columns import effect_columns
 from smsid.arm.joint_torques import (
@@ -190,7 +189,7 @@ def shape_notes(shapes: Sequence[FrictionShape]) -> list[str]:
 
 
 class _Search:
-    """Looks for the shapes of one effect's friction."""
+    """Looks for the shapes of one effect's friction on a grid, from where Gauss-Newton's rounds go on."""
 
     def __init__(
         self,
@@ -230,24 +229,9 @@ class _Search:
             return fall / max(lags, 1) - far  # errors alike count once
 
         grids = [np.linspace(np.log(bounds[f][0]), np.log(bounds[f][1]), STEPS[f]) for f in free]
-        best = max(itertools.product(*grids), key=gain)
-        if len(free) == 1:
-            step = grids[0][1] - grids[0][0]
-            around = (max(best[0] - step, grids[0][0]), min(best[0] + step, grids[0][-1]))
-            point = [
-                minimize_scalar(
-                    lambda x: -gain([x]), bounds=around, method="bounded", options={"xatol": 1e-3}
-                ).x
-            ]
-        else:
-            point = minimize(
-                lambda x: -gain(x),
-                best,
-                method="Nelder-Mead",
-                bounds=[tuple(np.log(bounds[f])) for f in free],
-                options={"xatol": 1e-2, "fatol": 1e-2, "maxfev": 80},
-            ).x
-        return {f: float(np.exp(x)) for f, x in zip(free, point, strict=True)}
+        return {
+            f: float(np.exp(x)) for f, x in zip(free, max(itertools.product(*grids), key=gain), strict=True)
+        }
 
     def _columns(self, logs: Mapping[str, float]) -> dict[str, np.ndarray]:
         shapes = {f: float(np.exp(x)) for f, x in logs.items()}

@@ -6,7 +6,7 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -146,15 +146,8 @@ def identify_arm(
     Source: Gautier and Khalil (1990) for base parameters, Gautier (1997) for the weights.
     """
     begin = time.perf_counter()
-    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
-    for one in recordings:
-        if one.role == "validation":
-            raise RecordingError(
-                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
-            )
     model = rigid_arm(description, hold)
-    doubts = consistency_notes([without_turns(model, one) for one in recordings])
-    motion = joined_motion([smooth_motion(model, one) for one in recordings])
+    recordings, motion, doubts = recorded_motion(model, recording)
     smoothed = time.perf_counter()
     tilt = tilt_of(description.effect)
     nominal = np.asarray(description.gravity)
@@ -199,11 +192,32 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
-        covariance=_padded(whole.covariance, len(parameters)),
+        covariance=padded_covariance(whole.covariance, len(parameters)),
     )
     return ArmIdentification(
         estimate, found, base, solved, motion, model, torques, shapes, equations.delay, tuple(without)
     )
+
+
+def recorded_motion(
+    model: SpacecraftModel,
+    recording: Recording | Sequence[Recording],
+    taken: Callable[[SpacecraftModel, Recording], Recording] = lambda _, recording: recording,
+) -> tuple[tuple[Recording, ...], SmoothMotion, list[str]]:
+    """Return recordings to identify from, their motion as ``taken``, and what is doubtful about them.
+
+    Raises:
+        RecordingError: a recording is for validation, or as `smooth_motion`.
+    """
+    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
+    for one in recordings:
+        if one.role == "validation":
+            raise RecordingError(
+                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
+            )
+    doubts = consistency_notes([without_turns(model, one) for one in recordings])
+    motion = joined_motion([smooth_motion(model, taken(model, one)) for one in recordings])
+    return recordings, motion, list(doubts)
 
 
 def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:
@@ -293,7 +307,7 @@ def _parameters(
     return tuple(found)
 
 
-def _padded(covariance: np.ndarray, size: int) -> np.ndarray:
+def padded_covariance(covariance: np.ndarray, size: int) -> np.ndarray:
     """Return the covariance with rows and columns that are not known for the parameters no motion shows."""
     out = np.full((size, size), np.nan)
     out[: len(covariance), : len(covariance)] = covariance

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from smsid.arm.joints import unlabelled, with_joint_order
+from smsid.arm.units import slides
 from smsid.effects.gear import gear_matrix, gears_of
 from smsid.effects.joint_bias import encoder_zeros
 from smsid.errors import RecordingError
@@ -215,14 +216,12 @@ def whole_turns(values: np.ndarray) -> np.ndarray:
 def _unwrapped(
     model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str, *, at_motor: bool
 ) -> tuple[np.ndarray, dict[str, int]]:
-    from smsid.effects.rotor import turns as rotates
-
     turns = whole_turns(values)
     jumped = {}
     for k, name in enumerate(names):
         count = int(np.count_nonzero(np.diff(turns[:, k])))
         joint = int(model.pin.getJointId(name))
-        if not count or not (at_motor or rotates(model.pin, joint)):
+        if not count or (slides(model, name) and not at_motor):
             continue
         place = model.pin.joints[joint].idx_q
         free = model.pin.joints[joint].nq == 2
@@ -245,8 +244,6 @@ def _unwrapped(
 
 def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str) -> None:
     """Refuse angles that no joint of these limits can have: they are in another unit."""
-    from smsid.effects.rotor import turns as rotates
-
     for k, name in enumerate(names):
         joint = int(model.pin.getJointId(name))
         own = model.pin.joints[joint]
@@ -256,8 +253,7 @@ def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.n
         least, most = float(values[:, k].min()), float(values[:, k].max())
         if not (np.isfinite(high - low) and high > low and most - least > BEYOND * (high - low)):
             continue
-        turning = rotates(model.pin, joint)
-        unit, other = ("rad", "degrees, or before its gear") if turning else ("m", "mm")
+        unit, other = ("m", "mm") if slides(model, name) else ("rad", "degrees, or before its gear")
         raise RecordingError(
             f"'{channel}' of joint '{name}' is from {least:.4g} to {most:.4g} {unit}; its limits in the URDF "
             f"are {low:.4g} and {high:.4g}: is it in {other}?",

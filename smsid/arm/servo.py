@@ -16,9 +16,8 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
-from smsid.arm.identify import motion_notes, rigid_arm
+from smsid.arm.identify import motion_notes, padded_covariance, recorded_motion, rigid_arm
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
-from smsid.arm.readings import without_turns
 from smsid.arm.servo_equations import (
     COMMAND,
     every_column,
@@ -30,7 +29,7 @@ from smsid.arm.servo_equations import (
     within_limits,
 )
 from smsid.arm.servo_values import physical_values, torque_limits
-from smsid.arm.smooth_motion import joined_motion, smooth_motion
+from smsid.arm.smooth_motion import smooth_motion
 from smsid.arm.solve import solve_equations
 from smsid.description import Description
 from smsid.effects import Servo
@@ -40,7 +39,6 @@ from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.checks import consistency_notes
 
 ROUNDS = 8
 """Rounds of leaving out what is beyond the limit of a torque."""
@@ -145,11 +143,9 @@ def identify_servos(
         NotIdentifiableError: nothing gives a joint's stiffness.
     """
     begin = time.perf_counter()
-    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
     model = rigid_arm(description, hold)
     servos = _servos(model)
-    doubts = consistency_notes([without_turns(model, r) for r in recordings])
-    motion = joined_motion([smooth_motion(model, with_position_errors(model, r)) for r in recordings])
+    recordings, motion, doubts = recorded_motion(model, recording, with_position_errors)
     model = with_sharp_friction(model, motion)
     length = block_length(motion, cutoff) * (COARSER if cutoff is None else 1)
     torques = joint_torques(model, motion, length)
@@ -173,9 +169,6 @@ def identify_servos(
     values = {p.name: p.value for p in parameters}
     rates = block_means(motion.v, whole.starts)
     limits = torque_limits(model, whole, rates, solved, servos, inside, values)
-    size = len(parameters)
-    full = np.full((size + len(limits), size + len(limits)), np.nan)
-    full[:size, :size] = covariance
     parameters = (*parameters, *limits)
     values = {p.name: p.value for p in parameters if np.isfinite(p.value)}
     estimate = Estimate(
@@ -191,7 +184,7 @@ def identify_servos(
             *_notes(servos, inside),
         ),
         conditions={"servo regressor": solved.condition},
-        covariance=full,
+        covariance=padded_covariance(covariance, len(parameters)),
     )
     described = with_found_shapes(_with_values(description, values), shapes)
     stiffness = np.array(

@@ -40,11 +40,6 @@ class SmoothMotion:
     temperature: np.ndarray | None = None
 
     @property
-    def cutoff(self) -> float:
-        """Highest frequency that the motion of a joint was followed to [Hz]."""
-        return max(j.cutoff for j in self.joints)
-
-    @property
     def rate_sigma(self) -> np.ndarray:
         """Standard deviations (nv,) of the rates."""
         return np.array([j.sigma[1] for j in self.joints])

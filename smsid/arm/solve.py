@@ -34,6 +34,12 @@ from smsid.model.spacecraft import SpacecraftModel
 ROUNDS = 6
 """Rounds in which all that is not linear is fitted with all else."""
 
+FIRST = 0.02
+"""Tilt to begin with beside the described one: in a level base some links do not show [rad]."""
+
+LEAN = 0.3
+"""Largest change of the base's tilt in a round [rad]."""
+
 SETTLED = 0.05
 """Standard deviations by which nothing moves any more at the end."""
 
@@ -71,7 +77,7 @@ def solve_equations(
     stands for the torques has the clock of the angles.
     """
     load, described = torques.torque, torques
-    tilt, late = level.search(torques, base) if level else np.zeros(0), IN_STEP
+    tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP
     if level:
         torques = level.turned(described, tilt)
     shapes = friction_shapes(model, motion, torques, load)
@@ -111,7 +117,7 @@ def solve_equations(
         x = solved.x[: len(base)]
         free = slice(len(base), count)
         moved, new = float(np.max(np.abs(solved.x[free]) / solved.sigma[free], initial=0.0)), []
-        tilt = tilt + np.clip(solved.x[len(base) : leaning], -0.1, 0.1)
+        tilt = tilt + np.clip(solved.x[len(base) : leaning], -LEAN, LEAN)
         if delayed:
             step = float(np.clip(solved.x[leaning], -EXPECTED, EXPECTED))
             late = AngleDelay(late.value + step, float(solved.sigma[leaning]))

@@ -15,7 +15,7 @@ from smsid.arm.identify import identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.readings import with_passive_joints
-from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
+from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.description import Description
@@ -108,7 +108,7 @@ def identify_and_judge(
         description, untold = _with_gains(description, train[0], cutoff, console, held, unknown)
     with working("identifying the arm"):
         if servos:
-            found = _identified_servos(description, train, cutoff, held)
+            found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
         else:
             found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
@@ -134,17 +134,6 @@ def identify_and_judge(
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged
     ]
-
-
-def _identified_servos(
-    description: Description,
-    recordings: Sequence[Recording],
-    cutoff: float | None,
-    held: Mapping[str, float],
-) -> ServoIdentification:
-    """Return servo joints identified from commands and encoders."""
-    described = with_servos(description, rigid_arm(description, held).arm_joints.names)
-    return identify_servos(described, recordings, cutoff=cutoff, hold=held)
 
 
 def _with_gains(

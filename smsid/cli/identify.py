@@ -203,17 +203,17 @@ def identify_command(
         )
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    if cutoff is not None or gains or gain or hold or rigid or passive or friction or level:
-        given = {
-            "--gains": gains,
-            "--gain": gain,
-            "--hold": hold,
-            "--rigid": rigid,
-            "--passive": passive,
-            "--friction": friction,
-            "--level": level,
-        }
-        option = next((name for name, value in given.items() if value), "--cutoff")
+    given = {
+        "--cutoff": cutoff is not None,
+        "--gains": gains,
+        "--gain": gain,
+        "--hold": hold,
+        "--passive": passive,
+        "--rigid": rigid,
+        "--friction": friction,
+        "--level": level,
+    }
+    if option := next((name for name, value in given.items() if value), None):
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         if modal is not None or find_tracked_point:

@@ -63,7 +63,8 @@ class Effect(Table):
     a prior is given for them; ``not_estimated`` says of fields which the likelihood has no derivative by,
     why. ``shifted_body`` names the field of the body whose inertial parameters are all that it changes: where
     these are estimated, its own are only with a prior. ``changes`` says in words what it means when a field's
-    value is larger, and when it is smaller, than before.
+    value is larger, and when it is smaller, than before. ``on_readings`` is ``True`` for one that changes
+    what is measured of an arm, or commanded, and no torque of its joints.
     """
 
     summary: ClassVar[str] = ""
@@ -76,6 +77,7 @@ class Effect(Table):
     not_estimated: ClassVar[Mapping[str, str]] = {}
     shifted_body: ClassVar[str | None] = None
     changes: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    on_readings: ClassVar[bool] = False
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -237,11 +239,13 @@ class Effect(Table):
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return what motors must give for it, where that is linear in its parameters: an arm is identified
-        from measured torques with these. Empty for an effect that acts on what is measured.
+        from measured torques with these. None for an effect ``on_readings``.
 
         Raises:
             DescriptionError: it is not linear, or needs what is not known.
         """
+        if self.on_readings:
+            return {}
         raise DescriptionError(
             f"Effect '{self.name}' of kind '{self.kind}' does not enter joint torques linearly.",
             advice="Leave it out, or give its class a method `torque_columns`.",

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -29,15 +28,12 @@ class BaseTilt(Effect):
     not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
     )
+    on_readings: ClassVar[bool] = True
     kind: Literal["base_tilt"] = "base_tilt"
     x: float = physical(
         "rad", lower=-1.6, upper=1.6, default=0.0, description="by which gravity leans to the base's x axis"
     )
     y: float = physical("rad", lower=-1.6, upper=1.6, default=0.0, description="the same, to its y axis")
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it turns gravity."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Turn the model's gravity."""

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ class Gear(Effect):
         ("ratio", "torque_gain"),
         "a spacecraft's recordings are of joints, not of motors; see laboratory",
     )
+    on_readings: ClassVar[bool] = True
     kind: Literal["gear"] = "gear"
     joint: str = Field(description="joint that the motor drives")
     ratio: float = physical(
@@ -49,10 +49,6 @@ class Gear(Effect):
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is about what is measured."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""

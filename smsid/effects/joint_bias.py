@@ -29,13 +29,10 @@ class JointOffset(Effect):
     family: ClassVar[str] = "drivetrain"
     aliases: ClassVar[tuple[str, ...]] = ("sensor_bias",)
     strength: ClassVar[tuple[str, ...]] = ("angle",)
+    on_readings: ClassVar[bool] = True
     kind: Literal["joint_offset"] = "joint_offset"
     joint: str = Field(description="joint of the model")
     angle: float = physical("rad", description="added to the reading")
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is taken off what is measured."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joint is there; nothing acts on the motion."""

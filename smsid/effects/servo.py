@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from pydantic import Field
 
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
 
 if TYPE_CHECKING:
     from smsid.effects.assembly import Assembly
@@ -29,6 +28,7 @@ class Servo(Effect):
     not_estimated: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
+    on_readings: ClassVar[bool] = True
     kind: Literal["servo"] = "servo"
     joint: str = Field(description="joint that it turns")
     stiffness: float = physical(
@@ -45,10 +45,6 @@ class Servo(Effect):
     def driven_joints(self) -> tuple[str, ...]:
         """Return the joint whose motor torque it has to do with."""
         return (self.joint,)
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is about what is measured, or commanded."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joint is there; nothing acts on the motion."""
