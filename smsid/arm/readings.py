@@ -172,11 +172,17 @@ def with_passive_joints(recording: Recording, joints: Sequence[str]) -> Recordin
     torque = np.where(np.isin(known, joints), 0.0, values)
     new = [j for j in joints if j not in known]
     torque = np.hstack([torque, np.zeros((len(torque), len(new)))])
-    source = source if source == MOTOR else "joints"
-    return recording.without(channel).with_channels(
-        {f"{source}.joint_torque": (np.asarray(recording.time(channel)), torque)},
-        labels={f"{source}.joint": (*known, *new)},
-    )
+    return with_joint_torque(recording, torque, source if source == MOTOR else "joints", (*known, *new))
+
+
+def with_joint_torque(
+    recording: Recording, torque: np.ndarray, source: str, joints: Sequence[str] | None
+) -> Recording:
+    """Return the recording with other torques (N, joints) [N m | N] of its times, of another source."""
+    channel = measured_channel(recording, "joint_torque")
+    labels = {f"{source}.joint": joints} if joints else None
+    new = {f"{source}.joint_torque": (np.asarray(recording.time(channel)), torque)}
+    return recording.without(channel).with_channels(new, labels=labels)
 
 
 def measured_channel(recording: Recording, quantity: str) -> str:
