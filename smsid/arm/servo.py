@@ -15,12 +15,11 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.comparison import JudgedArm, TorqueComparison
-from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.identify import motion_notes, padded_covariance, recorded_motion, rigid_arm
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
+from smsid.arm.regression import solve_joints
 from smsid.arm.servo_equations import (
     COMMAND,
-    every_column,
     is_known,
     moves_throughout,
     servo_equations,
@@ -30,7 +29,6 @@ from smsid.arm.servo_equations import (
 )
 from smsid.arm.servo_values import physical_values, torque_limits
 from smsid.arm.smooth_motion import smooth_motion
-from smsid.arm.solve import solve_equations
 from smsid.description import Description
 from smsid.effects import Servo
 from smsid.effects.friction import depends_on_load
@@ -67,7 +65,6 @@ class ServoIdentification(JudgedArm):
     model: SpacecraftModel
     own: TorqueComparison
     noise: np.ndarray
-    shapes: tuple[FrictionShape, ...]
     x: np.ndarray
     stiffness: np.ndarray
     length: int
@@ -86,7 +83,7 @@ class ServoIdentification(JudgedArm):
             return self.own
         motion = smooth_motion(self.model, with_position_errors(self.model, recording))
         length = max(1, round(self.length * self.step / motion.step))
-        torques = joint_torques(self.model, motion, length, shape_values(self.shapes))
+        torques = joint_torques(self.model, motion, length)
         whole = servo_equations(self.model, motion, torques, _servos(self.model))
         left = whole.torque - whole.rows @ self.x
         moves = moves_throughout(motion, torques)
@@ -150,19 +147,17 @@ def identify_servos(
     length = block_length(motion, cutoff) * (COARSER if cutoff is None else 1)
     torques = joint_torques(model, motion, length)
     whole = servo_equations(model, motion, torques, servos)
-    base = every_column(whole)
     moves = moves_throughout(motion, torques)
     size = np.abs(whole.torque)  # the first fit keeps away from limits
     inside = moves & (size <= FIRST * np.median(size, axis=0))
     for k in range(ROUNDS):
-        equations = solve_equations(model, motion, whole.only(inside), base, delayed=False)
-        shapes, shaped, solved = equations.shapes, equations.torques, equations.regression
+        fitted = whole.only(inside)
+        solved = solve_joints(fitted.rows, fitted.torque)
         left = whole.torque - np.einsum("bjn,n->bj", whole.rows, solved.x)
         found = within_limits(whole.torque, left, inside) & moves & (inside | (k < 4))
         if np.array_equal(found, inside):
             break
         inside = found
-    left = shaped.torque - np.einsum("bjn,n->bj", shaped.rows, solved.x)
     parameters, covariance = physical_values(model, whole, solved, servos, inside)
     used = inside.copy()
     inside |= ~moves  # from here on: not at a limit
@@ -180,19 +175,25 @@ def identify_servos(
         notes=(
             *doubts,
             *motion_notes(model, motion, torques, solved),
-            *shape_notes([s for s in shapes if s.status == "found"]),
             *_notes(servos, inside),
         ),
         conditions={"servo regressor": solved.condition},
         covariance=padded_covariance(covariance, len(parameters)),
     )
-    described = with_found_shapes(_with_values(description, values), shapes)
     stiffness = np.array(
         [values.get(f"{servos[k].name}.stiffness", servos[k].stiffness) for k in sorted(servos)]
     )
     own = _compared(torques, left, used, stiffness)
     return ServoIdentification(
-        estimate, described, model, own, solved.noise, shapes, solved.x, stiffness, length, motion.step
+        estimate,
+        _with_values(description, values),
+        model,
+        own,
+        solved.noise,
+        solved.x,
+        stiffness,
+        length,
+        motion.step,
     )
 
 

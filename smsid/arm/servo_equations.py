@@ -14,7 +14,6 @@ from smsid.arm.readings import measured_channel
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Servo
 from smsid.errors import DescriptionError, RecordingError
-from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -120,12 +119,6 @@ def servo_equations(
 def is_known(servo: Servo, field: str) -> bool:
     """Return whether a field of a servo is stated to be known."""
     return field in servo.known or "all" in servo.known
-
-
-def every_column(torques: JointTorques) -> BaseParameters:
-    """Return the parameters of equations as they are, each by itself."""
-    n = len(torques.names)
-    return BaseParameters(torques.names, torques.units, np.arange(n), np.eye(n), (), 1.0)
 
 
 def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> SpacecraftModel:
