@@ -19,7 +19,6 @@ from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.level import SHOWN, Level, with_gravity
-from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
@@ -61,19 +60,6 @@ class ArmIdentification(JudgedArm):
     shapes: tuple[FrictionShape, ...] = ()
     delay: AngleDelay = IN_STEP
     unused: tuple[str, ...] = ()
-
-    def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
-        """Return motor torques (N, nv) at the joints for a motion [N m]."""
-        model = replace(self.model, description=with_found_shapes(self.model.description, self.shapes))
-        states = JointStates(
-            motion.q, motion.v, motion.a, np.zeros_like(motion.v), getattr(motion, "temperature", None)
-        )
-
-        def with_load(load: np.ndarray) -> np.ndarray:
-            rows, _, _ = torque_rows(model, replace(states, load=load))
-            return rows[:, :, self.base.independent] @ self.regression.x
-
-        return settled_load(self.model.description, with_load, np.zeros_like(motion.v))
 
     def compare(self, recording: Recording | None = None) -> TorqueComparison:
         """Return measured and predicted torques, averaged over the same blocks of time.
