@@ -5,9 +5,9 @@ Relative errors are what the literature on identified robots quotes (Gautier 199
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class TorqueErrors:
     """How far predicted torques are from measured ones.
 
     ``relative`` is ``|predicted - measured| / |measured|`` over all samples and joints, ``by_joint`` the
-    same of each; ``rmse`` by joint [N m].
+    same of each that has torques; ``rmse`` by joint [N m | N].
     """
 
     relative: float
@@ -50,34 +50,43 @@ def torque_errors(
     error = predicted - measured
     joints = dict(zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True))
     joints = {n: k for n, k in joints.items() if n not in without}
+    size = {n: float(np.linalg.norm(measured[:, k])) for n, k in joints.items()}
     return TorqueErrors(
         float(np.linalg.norm(error) / np.linalg.norm(measured)),
-        {n: float(np.linalg.norm(error[:, k]) / np.linalg.norm(measured[:, k])) for n, k in joints.items()},
+        {n: float(np.linalg.norm(error[:, k])) / size[n] for n, k in joints.items() if size[n] > 0.0},
         {n: float(np.sqrt(np.mean(error[:, k] ** 2))) for n, k in joints.items()},
     )
 
 
-class JudgedArm(Protocol):
-    """An identified arm that can be held against recordings."""
+class JudgedArm(ABC):
+    """An identified arm that can be held against recordings.
 
-    @property
-    def estimate(self) -> Estimate:
-        """Return what was identified."""
-        ...
+    ``estimate`` is what was identified, ``model`` that of its links, ``unused`` the joints whose torque
+    signals took no part.
+    """
 
-    @property
-    def model(self) -> SpacecraftModel:
-        """Return the model of its links."""
-        ...
+    estimate: Estimate
+    model: SpacecraftModel
+    unused: tuple[str, ...] = ()
 
+    @abstractmethod
     def compare(self, recording: Recording | None = None) -> TorqueComparison:
         """Return torques of the recording identified from, or of another."""
-        ...
 
     def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted torques (B, nv) [N m | N]."""
-        ...
+        """Return measured minus predicted torques (B, nv) at the joints [N m | N], see `compare`."""
+        both = self.compare(recording)
+        return both.measured - both.predicted
 
     def judge(self, recording: Recording) -> TorqueErrors:
-        """Return the errors on a recording."""
-        ...
+        """Return how far torques are predicted on a recording, see `compare`.
+
+        Raises:
+            RecordingError: as `smooth_motion`.
+        """
+        both = self.compare(recording)
+        return torque_errors(self.model, both.predicted, both.measured, self.unused)
+
+    def verdict(self) -> list[str]:
+        """Return sentences on what is left of the torques."""
+        return []

@@ -7,7 +7,6 @@ takes it up where nothing else does.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +37,7 @@ def torque_means(motion: SmoothMotion, starts: np.ndarray, late: float) -> np.nd
     """
     ends = np.append(starts[1:], len(motion.time))
     out = np.empty((len(starts), motion.torque.shape[1]))
-    for first, last in stretch_bounds(motion):
+    for first, last in motion.bounds:
         own = (starts >= first) & (starts < last)
         torque = motion.torque[first:last]
         shift = late / motion.step
@@ -61,17 +60,11 @@ def delay_column(motion: SmoothMotion, starts: np.ndarray, predicted: np.ndarray
     """
     at = np.asarray(motion.time)[starts]
     out = np.zeros_like(predicted)
-    for first, last in stretch_bounds(motion):
+    for first, last in motion.bounds:
         own = np.flatnonzero((starts >= first) & (starts < last))
         if own.size > 1:
             out[own] = np.gradient(predicted[own], at[own], axis=0)
     return out
-
-
-def stretch_bounds(motion: SmoothMotion) -> list[tuple[int, int]]:
-    """Return the first sample of every stretch without gaps, and the one after its last."""
-    edges = np.flatnonzero(np.diff(motion.stretch)) + 1
-    return list(itertools.pairwise([0, *edges.tolist(), len(motion.time)]))
 
 
 def delay_note(delay: AngleDelay) -> list[str]:

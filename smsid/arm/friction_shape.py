@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from smsid.arm.columns import effect_columns
 from smsid.arm.joint_torques import (
@@ -25,7 +24,7 @@ from smsid.arm.joint_torques import (
     sign_rate,
     with_shapes,
 )
-from smsid.arm.regression import correlation_lags
+from smsid.arm.regression import Projection, correlation_lags
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.description import Description
 from smsid.effects import Effect
@@ -190,7 +189,7 @@ def shape_notes(shapes: Sequence[FrictionShape]) -> list[str]:
 
 
 class _Search:
-    """Looks for the shapes of one effect's friction."""
+    """Looks for the shapes of one effect's friction on a grid, from where Gauss-Newton's rounds go on."""
 
     def __init__(
         self,
@@ -230,24 +229,9 @@ class _Search:
             return fall / max(lags, 1) - far  # errors alike count once
 
         grids = [np.linspace(np.log(bounds[f][0]), np.log(bounds[f][1]), STEPS[f]) for f in free]
-        best = max(itertools.product(*grids), key=gain)
-        if len(free) == 1:
-            step = grids[0][1] - grids[0][0]
-            around = (max(best[0] - step, grids[0][0]), min(best[0] + step, grids[0][-1]))
-            point = [
-                minimize_scalar(
-                    lambda x: -gain([x]), bounds=around, method="bounded", options={"xatol": 1e-3}
-                ).x
-            ]
-        else:
-            point = minimize(
-                lambda x: -gain(x),
-                best,
-                method="Nelder-Mead",
-                bounds=[tuple(np.log(bounds[f])) for f in free],
-                options={"xatol": 1e-2, "fatol": 1e-2, "maxfev": 80},
-            ).x
-        return {f: float(np.exp(x)) for f, x in zip(free, point, strict=True)}
+        return {
+            f: float(np.exp(x)) for f, x in zip(free, max(itertools.product(*grids), key=gain), strict=True)
+        }
 
     def _columns(self, logs: Mapping[str, float]) -> dict[str, np.ndarray]:
         shapes = {f: float(np.exp(x)) for f, x in logs.items()}
@@ -262,12 +246,9 @@ class _Equation:
         rows = torques.rows[:, joint]
         used = np.any(rows != 0.0, axis=0)
         used[[i for i, n in enumerate(torques.names) if n in without]] = False
-        u, singular, _ = np.linalg.svd(
-            rows[:, used] / np.maximum(np.linalg.norm(rows[:, used], axis=0), 1e-300), full_matrices=False
-        )
-        self.basis = u[:, singular > 1e-9 * singular.max(initial=1e-300)]
-        self.left = torques.torque[:, joint] - self.basis @ (self.basis.T @ torques.torque[:, joint])
-        self.freedom = max(len(self.left) - self.basis.shape[1] - 1, 1)
+        self.fitted = Projection(rows[:, used])
+        self.left = self.fitted.left(torques.torque[:, joint])
+        self.freedom = max(len(self.left) - self.fitted.basis.shape[1] - 1, 1)
 
     def gain(self, columns: np.ndarray) -> float:
         """Return the fall of chi-squared that columns (B, m) bring, by the noise left with them."""
@@ -278,11 +259,5 @@ class _Equation:
 
     def after(self, columns: np.ndarray) -> np.ndarray:
         """Return what columns (B, m) leave (B,)."""
-        size = np.linalg.norm(columns, axis=0)
-        beyond = columns - self.basis @ (self.basis.T @ columns)
-        beyond = beyond[:, np.linalg.norm(beyond, axis=0) > 1e-5 * size]
-        if not beyond.shape[1]:
-            return self.left
-        u, singular, _ = np.linalg.svd(beyond / np.linalg.norm(beyond, axis=0), full_matrices=False)
-        u = u[:, singular > 1e-6 * singular[0]]
+        u = self.fitted.beyond(columns, 1e-5)
         return self.left - u @ (u.T @ self.left)

@@ -6,7 +6,7 @@ Weighted linear least squares in base parameters (Gautier and Khalil 1990; Sweve
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,12 +14,11 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
-from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
+from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.level import SHOWN, Level, with_gravity
-from smsid.arm.motion import JointMotion
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
@@ -42,7 +41,7 @@ GROUP = "arm"
 
 @short_repr
 @dataclass(frozen=True)
-class ArmIdentification:
+class ArmIdentification(JudgedArm):
     """An identified arm.
 
     ``description`` is the given one with the identified values of its effects; ``base`` and ``regression``
@@ -61,19 +60,6 @@ class ArmIdentification:
     shapes: tuple[FrictionShape, ...] = ()
     delay: AngleDelay = IN_STEP
     unused: tuple[str, ...] = ()
-
-    def predict(self, motion: SmoothMotion | JointMotion) -> np.ndarray:
-        """Return motor torques (N, nv) at the joints for a motion [N m]."""
-        model = replace(self.model, description=with_found_shapes(self.model.description, self.shapes))
-        states = JointStates(
-            motion.q, motion.v, motion.a, np.zeros_like(motion.v), getattr(motion, "temperature", None)
-        )
-
-        def with_load(load: np.ndarray) -> np.ndarray:
-            rows, _, _ = torque_rows(model, replace(states, load=load))
-            return rows[:, :, self.base.independent] @ self.regression.x
-
-        return settled_load(self.model.description, with_load, np.zeros_like(motion.v))
 
     def compare(self, recording: Recording | None = None) -> TorqueComparison:
         """Return measured and predicted torques, averaged over the same blocks of time.
@@ -102,19 +88,11 @@ class ArmIdentification:
         predicted = settled_load(self.model.description, with_load, blocks)
         return TorqueComparison(made[-1].time, made[-1].torque, predicted)
 
-    def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted motor torques (B, nv) at the joints [N m], see `compare`."""
-        both = self.compare(recording)
-        return both.measured - both.predicted
+    def verdict(self) -> list[str]:
+        """Return whether what is left is noise, and hints at what is plainly missing."""
+        from smsid.arm.residual_dependence import leftover_sentences
 
-    def judge(self, recording: Recording) -> TorqueErrors:
-        """Return the errors on another recording, averaged over blocks like the one identified from.
-
-        Raises:
-            RecordingError: as `smooth_motion`.
-        """
-        both = self.compare(recording)
-        return torque_errors(self.model, both.predicted, both.measured, self.unused)
+        return leftover_sentences(self)
 
     @property
     def _kept(self) -> np.ndarray:
@@ -154,15 +132,8 @@ def identify_arm(
     Source: Gautier and Khalil (1990) for base parameters, Gautier (1997) for the weights.
     """
     begin = time.perf_counter()
-    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
-    for one in recordings:
-        if one.role == "validation":
-            raise RecordingError(
-                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
-            )
     model = rigid_arm(description, hold)
-    doubts = consistency_notes([without_turns(model, one) for one in recordings])
-    motion = joined_motion([smooth_motion(model, one) for one in recordings])
+    recordings, motion, doubts = recorded_motion(model, recording)
     smoothed = time.perf_counter()
     tilt = tilt_of(description.effect)
     nominal = np.asarray(description.gravity)
@@ -207,11 +178,32 @@ def identify_arm(
         },
         notes=tuple(notes),
         conditions={"torque regressor": solved.condition},
-        covariance=_padded(whole.covariance, len(parameters)),
+        covariance=padded_covariance(whole.covariance, len(parameters)),
     )
     return ArmIdentification(
         estimate, found, base, solved, motion, model, torques, shapes, equations.delay, tuple(without)
     )
+
+
+def recorded_motion(
+    model: SpacecraftModel,
+    recording: Recording | Sequence[Recording],
+    taken: Callable[[SpacecraftModel, Recording], Recording] = lambda _, recording: recording,
+) -> tuple[tuple[Recording, ...], SmoothMotion, list[str]]:
+    """Return recordings to identify from, their motion as ``taken``, and what is doubtful about them.
+
+    Raises:
+        RecordingError: a recording is for validation, or as `smooth_motion`.
+    """
+    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
+    for one in recordings:
+        if one.role == "validation":
+            raise RecordingError(
+                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
+            )
+    doubts = consistency_notes([without_turns(model, one) for one in recordings])
+    motion = joined_motion([smooth_motion(model, taken(model, one)) for one in recordings])
+    return recordings, motion, list(doubts)
 
 
 def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:
@@ -301,7 +293,7 @@ def _parameters(
     return tuple(found)
 
 
-def _padded(covariance: np.ndarray, size: int) -> np.ndarray:
+def padded_covariance(covariance: np.ndarray, size: int) -> np.ndarray:
     """Return the covariance with rows and columns that are not known for the parameters no motion shows."""
     out = np.full((size, size), np.nan)
     out[: len(covariance), : len(covariance)] = covariance

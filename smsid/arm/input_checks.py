@@ -74,23 +74,21 @@ def joint_doubts(
     for k, name in enumerate(seen.names):
         turned = np.where(np.arange(none.size) == k, -1.0, 1.0)
         reversed_torque = seen.torque * np.where(np.arange(seen.torque.shape[1]) == seen.index[k], -1.0, 1.0)
-        degrees = np.where(turned < 0.0, DEGREE, 1.0)
-        for kind, what, scale, torque in (
-            ("sign of angle", "its angle turned round", turned, seen.torque),
-            ("sign of torque", "its torque turned round", none, reversed_torque),
-            ("sign of axis", "its angle and torque both turned round", turned, reversed_torque),
-            ("degrees", "its angle in degrees", degrees, seen.torque),
-        ):
-            told = f"Joint '{name}' fits the description with {what}"
-            trials.append((seen.error(scale, torque), name, kind, told))
+        trials += [
+            (seen.error(scale, torque), name, kind, f"Joint '{name}' fits the description with its {what}")
+            for kind, what, scale, torque in (
+                ("sign of angle", "angle turned round", turned, seen.torque),
+                ("sign of torque", "torque turned round", none, reversed_torque),
+                ("sign of axis", "angle and torque both turned round", turned, reversed_torque),
+                ("degrees", "angle in degrees", np.where(turned < 0.0, DEGREE, 1.0), seen.torque),
+            )
+        ]
     for a, b in itertools.combinations(range(none.size), 2):
         order = np.arange(seen.torque.shape[1])
         order[[seen.index[a], seen.index[b]]] = order[[seen.index[b], seen.index[a]]]
-        both = f"{seen.names[a]}, {seen.names[b]}"
-        told = (
-            f"Joints '{seen.names[a]}' and '{seen.names[b]}' fit the description with their torques exchanged"
-        )
-        trials.append((seen.error(none, seen.torque[:, order]), both, "order of torques", told))
+        pair = (seen.names[a], seen.names[b])
+        told = "Joints '{}' and '{}' fit the description with their torques exchanged".format(*pair)
+        trials.append((seen.error(none, seen.torque[:, order]), ", ".join(pair), "order of torques", told))
     least, name, kind, told = min(trials)
     if least < MENDED * plain:
         sentence = f"{told}: relative torque error {least:.3g} instead of {plain:.3g}."

@@ -12,6 +12,7 @@ from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns, joint_index
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Effect
+from smsid.errors import RecordingError
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -20,6 +21,10 @@ BLOCKS = (600, 4000)
 
 PER_PERIOD = 2.5
 """Blocks per period of the cutoff."""
+
+FOLLOWED = 0.5
+"""Share of the frequency a joint's motion is followed to, up to which joints without motors are compared:
+what is wrong with their equations is all in the motion, whose joints are not followed equally far."""
 
 CHUNK = 4000
 SIGN_FIELD = "smoothing"
@@ -58,13 +63,25 @@ def block_length(motion: SmoothMotion, cutoff: float | None = None) -> int:
     """Return the samples of a block.
 
     As many as a cutoff [Hz] asks for; by default that of the joint whose motion is followed least far:
-    above it, torques cannot be predicted.
+    above it, torques cannot be predicted. See `FOLLOWED` for joints without motors.
+
+    Raises:
+        RecordingError: a cutoff above that.
     """
+    least, fewest = min(j.cutoff for j in motion.joints), BLOCKS[0]
+    if not motion.torque.any(axis=0).all():
+        least, fewest = FOLLOWED * least, 1
+        if cutoff is not None and cutoff > least:
+            raise RecordingError(
+                f"Joints without motors cannot be compared up to {cutoff:g} Hz: their motion is followed to "
+                f"{least / FOLLOWED:.3g} Hz.",
+                advice=f"Give a cutoff of at most {least:.3g} Hz, or leave it out.",
+                largest=least,
+            )
     if cutoff is not None:
         return max(1, round(1.0 / (PER_PERIOD * cutoff * motion.step)))
-    least = min(j.cutoff for j in motion.joints)
     duration = len(motion.time) * motion.step
-    count = np.clip(PER_PERIOD * least * duration, *BLOCKS)
+    count = np.clip(PER_PERIOD * least * duration, fewest, BLOCKS[1])
     return max(1, int(len(motion.time) / count))
 
 

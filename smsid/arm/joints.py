@@ -20,6 +20,15 @@ def shortened(names: Sequence[str]) -> list[str]:
     return [p for stem, own in families.items() for p in ([f"'{stem}_*'"] if len(own) > 2 else own)]
 
 
+def unlabelled(channel: str) -> RecordingError:
+    """Return the error of a channel whose joints have no names."""
+    return RecordingError(
+        f"The joints of '{channel}' have no names.",
+        advice="State labels = [...] in the mapping.",
+        channel=channel,
+    )
+
+
 def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
     """Return the recording with its joints in the order of the model's arm joints.
 
@@ -41,18 +50,17 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
     for name in recording.channels:
         dims = [str(d) for d in recording.channel(name).dims[1:] if str(d).rpartition(".")[2] == "joint"]
         if any(d not in labels for d in dims):
-            raise RecordingError(
-                f"The joints of '{name}' have no names.",
-                advice="State labels = [...] in the mapping.",
-                channel=name,
-            )
+            raise unlabelled(name)
     try:
         ordered = order_columns(recording, model)
     except RecordingError as error:
         lacking = error.evidence.get("lacking", ())
         if not lacking:
             raise
-        held = f"Hold joints that were not measured: --hold {' --hold '.join(shortened(lacking))}."
+        held = (
+            f"Hold joints that were not measured: --hold {' --hold '.join(shortened(lacking))}. Of one that "
+            "bends and has no motor only the torque may be missing: --passive."
+        )
         raise RecordingError(error.message, advice=f"{error.advice} {held}", **error.evidence) from error
     if model.followers is not None:
         led = ", ".join(

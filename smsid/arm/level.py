@@ -1,7 +1,7 @@
 """Which way is down: gravity's direction in the axes of an arm's base, from its torques.
 
-Torques are linear in gravity, and linear in the links, but not in both: the two angles are found by variable
-projection, then with all else, so that the intervals of all include theirs.
+Torques are linear in gravity, and linear in the links, but not in both: the two angles are found with all
+else in rounds of Gauss-Newton, and the intervals of all include theirs.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from smsid.arm.joint_torques import JointTorques, block_means
 from smsid.arm.smooth_motion import SmoothMotion
@@ -18,9 +17,6 @@ from smsid.errors import DescriptionError
 from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
-
-FIRST = 0.03
-"""Size of the first simplex [rad]."""
 
 DIFFERENCE = 1e-4
 SHOWN = np.array([0.4, 0.3])
@@ -80,27 +76,3 @@ class Level:
             (self.at(tilt + d) - self.at(tilt - d)) / (2.0 * DIFFERENCE) for d in DIFFERENCE * np.eye(2)
         ]
         return per_axis @ np.column_stack(slopes)
-
-    def search(self, torques: JointTorques, base: BaseParameters) -> np.ndarray:
-        """Return the tilt (2,) [rad] that leaves least of the torques, all else free."""
-        size = np.sqrt(np.mean((torques.torque - torques.torque.mean(axis=0)) ** 2, axis=0))
-        weight = 1.0 / np.maximum(size, 1e-12)
-
-        def left(tilt: np.ndarray, weight: np.ndarray) -> np.ndarray:
-            rows = self.turned(torques, tilt).rows[:, :, base.independent] * weight[:, None]
-            flat = rows.reshape(-1, rows.shape[2])
-            norm = np.maximum(np.linalg.norm(flat, axis=0), 1e-12)
-            target = (torques.torque * weight).ravel()
-            residual = target - flat / norm @ np.linalg.lstsq(flat / norm, target, rcond=1e-9)[0]
-            return residual.reshape(torques.torque.shape)
-
-        first = left(self.own, weight) / weight
-        weight = 1.0 / np.maximum(np.sqrt(np.mean(first**2, axis=0)), 1e-12)
-        simplex = self.own + np.array([[0.0, 0.0], [FIRST, 0.0], [0.0, FIRST]])
-        found = minimize(
-            lambda tilt: float(np.sum(left(tilt, weight) ** 2)),
-            self.own,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-6, "maxfev": 120},
-        )
-        return found.x

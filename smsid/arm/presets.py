@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from fnmatch import fnmatch
 from typing import Literal, get_args
 
 from smsid.description import Description
-from smsid.effects import Effect, JointFriction, MotorInertia, TorqueOffset
+from smsid.effects import Effect, JointCable, JointFriction, MotorInertia, TorqueOffset
 from smsid.effects.friction import frictions_of
-from smsid.effects.friction_law import Law
+from smsid.effects.friction_law import BY_FIELD, Law
 from smsid.effects.joint_bias import without_idle_offsets
 from smsid.errors import DescriptionError
 
-Kind = Literal["joint_friction", "motor_inertia", "torque_offset"]
-_MAKERS: dict[str, tuple[str, type[Effect]]] = {
+Kind = Literal["joint_friction", "motor_inertia", "torque_offset", "joint_cable"]
+_MAKERS: dict[Kind, tuple[str, type[Effect]]] = {
     "joint_friction": ("friction", JointFriction),
     "motor_inertia": ("rotor", MotorInertia),
     "torque_offset": ("bias", TorqueOffset),
+    "joint_cable": ("spring", JointCable),
 }
 
 
 def with_joint_effects(description: Description, joints: Sequence[str], *kinds: Kind) -> Description:
     """Return the description with an effect of each kind on each joint that has none of it yet.
 
-    They start at zero and are named ``friction_<joint>``, ``rotor_<joint>`` and ``bias_<joint>`` (with
-    ``-`` for what a name cannot hold).
+    They start at zero and are named ``friction_<joint>``, ``rotor_<joint>``, ``bias_<joint>`` and
+    ``spring_<joint>`` (with ``-`` for what a name cannot hold).
 
     Raises:
         DescriptionError: an unknown kind, or a name is taken.
@@ -42,12 +43,34 @@ def with_joint_effects(description: Description, joints: Sequence[str], *kinds: 
         for joint in joints:
             if (kind, joint) in taken:
                 continue
-            name = f"{prefix}_{joint.replace('/', '-')}"
+            name = _name(prefix, joint)
             if name in names:
                 raise DescriptionError(f"An effect '{name}' is there already.", advice="Rename it.")
             start = {"inertia": 0.0} if kind == "motor_inertia" else {}
             new.append(cls.model_validate({"name": name, "joint": joint, **start}))
     return description.with_effects(*new)
+
+
+def with_identified_effects(
+    description: Description, joints: Sequence[str], names: Collection[str]
+) -> Description:
+    """Return the description of an arm with the effects of `with_joint_effects` that have parameters among
+    ``names``: those of an estimate that was made without a description.
+    """
+    for kind, (prefix, _) in _MAKERS.items():
+        own = [j for j in joints if any(n.startswith(f"{_name(prefix, j)}.") for n in names)]
+        description = with_joint_effects(description, own, kind)
+    laws = {
+        f"{BY_FIELD[field].law}={joint}": None
+        for joint in joints
+        for field in BY_FIELD
+        if BY_FIELD[field].law and f"{_name('friction', joint)}.{field}" in names
+    }
+    return with_friction_laws(description, joints, list(laws))
+
+
+def _name(prefix: str, joint: str) -> str:
+    return f"{prefix}_{joint.replace('/', '-')}"
 
 
 def with_friction_laws(description: Description, joints: Sequence[str], chosen: Sequence[str]) -> Description:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from smsid.arm.joints import with_joint_order
+from smsid.arm.joints import unlabelled, with_joint_order
+from smsid.arm.units import slides
 from smsid.effects.gear import gear_matrix, gears_of
 from smsid.effects.joint_bias import encoder_zeros
 from smsid.errors import RecordingError
@@ -154,6 +156,35 @@ def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
     return ordered.with_channels({channel: values}) if turns else ordered
 
 
+def with_passive_joints(recording: Recording, joints: Sequence[str]) -> Recording:
+    """Return the recording with torques of zero at joints that no motor drives.
+
+    Such a joint bends: a gear or a link that gives, whose deflection is recorded as the joint's position.
+
+    Raises:
+        RecordingError: as `measured_channel`, or its joints have no names.
+    """
+    channel = measured_channel(recording, "joint_torque")
+    source, dim = channel.partition(".")[0], str(recording.channel(channel).dims[-1])
+    if dim not in recording.labels:
+        raise unlabelled(channel)
+    known, values = recording.labels[dim], np.asarray(recording[channel], dtype=float)
+    torque = np.where(np.isin(known, joints), 0.0, values)
+    new = [j for j in joints if j not in known]
+    torque = np.hstack([torque, np.zeros((len(torque), len(new)))])
+    return with_joint_torque(recording, torque, source if source == MOTOR else "joints", (*known, *new))
+
+
+def with_joint_torque(
+    recording: Recording, torque: np.ndarray, source: str, joints: Sequence[str] | None
+) -> Recording:
+    """Return the recording with other torques (N, joints) [N m | N] of its times, of another source."""
+    channel = measured_channel(recording, "joint_torque")
+    labels = {f"{source}.joint": joints} if joints else None
+    new = {f"{source}.joint_torque": (np.asarray(recording.time(channel)), torque)}
+    return recording.without(channel).with_channels(new, labels=labels)
+
+
 def measured_channel(recording: Recording, quantity: str) -> str:
     """Return the name of the channel of a quantity: measured rather than commanded.
 
@@ -191,14 +222,12 @@ def whole_turns(values: np.ndarray) -> np.ndarray:
 def _unwrapped(
     model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str, *, at_motor: bool
 ) -> tuple[np.ndarray, dict[str, int]]:
-    from smsid.effects.rotor import turns as rotates
-
     turns = whole_turns(values)
     jumped = {}
     for k, name in enumerate(names):
         count = int(np.count_nonzero(np.diff(turns[:, k])))
         joint = int(model.pin.getJointId(name))
-        if not count or not (at_motor or rotates(model.pin, joint)):
+        if not count or (slides(model, name) and not at_motor):
             continue
         place = model.pin.joints[joint].idx_q
         free = model.pin.joints[joint].nq == 2
@@ -221,8 +250,6 @@ def _unwrapped(
 
 def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str) -> None:
     """Refuse angles that no joint of these limits can have: they are in another unit."""
-    from smsid.effects.rotor import turns as rotates
-
     for k, name in enumerate(names):
         joint = int(model.pin.getJointId(name))
         own = model.pin.joints[joint]
@@ -232,8 +259,7 @@ def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.n
         least, most = float(values[:, k].min()), float(values[:, k].max())
         if not (np.isfinite(high - low) and high > low and most - least > BEYOND * (high - low)):
             continue
-        turning = rotates(model.pin, joint)
-        unit, other = ("rad", "degrees, or before its gear") if turning else ("m", "mm")
+        unit, other = ("m", "mm") if slides(model, name) else ("rad", "degrees, or before its gear")
         raise RecordingError(
             f"'{channel}' of joint '{name}' is from {least:.4g} to {most:.4g} {unit}; its limits in the URDF "
             f"are {low:.4g} and {high:.4g}: is it in {other}?",

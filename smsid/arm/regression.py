@@ -45,7 +45,8 @@ def solve_joints(
     """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
 
     Friction that the model lacks is no white noise: the residual stays correlated, and differs with the
-    motion. The covariance is `stretch_covariance`.
+    motion. The covariance is `stretch_covariance`. A joint without a motor, whose torque is zero throughout,
+    tells ratios of its parameters only, see `_without_scale`.
 
     Args:
         rows: (N, joints, n).
@@ -72,7 +73,11 @@ def solve_joints(
     triangles = [
         np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r") for j in range(joints)
     ]
-    noise = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-12)
+    # a joint without a motor has no torque: the others say what one weighs before there is a residual
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    idle = np.flatnonzero(size == 0.0)
+    given, rows, torque = rows, rows.copy() if idle.size else rows, torque.copy() if idle.size else torque
+    noise = np.maximum(np.where(size > 0.0, size, size.max(initial=0.0)), 1e-12)
     known, lags = _prior_rows(prior, scale), 1
     for _ in range(ROUNDS):
         weighted = known * np.sqrt(max(lags, 1))
@@ -86,6 +91,9 @@ def solve_joints(
                 rank=int(rank),
             )
         x = y / column / scale
+        for j in idle:
+            rows[:, j], torque[:, j] = _without_scale(given[:, j], x)
+            triangles[j] = np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r")
         residual = torque - rows @ x
         before, noise = noise, np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
         if known.size:
@@ -153,6 +161,45 @@ def stretch_covariance(
     few = float(t.ppf(0.975, count - 1) / norm.ppf(0.975)) ** 2  # 95 % of a spread over few stretches
     told = prior @ root
     return root @ (share * target + (1.0 - share) * few * spread + told.T @ told) @ root.T
+
+
+class Projection:
+    """Columns (B, n) that are fitted, to be projected out of others (Frisch-Waugh)."""
+
+    def __init__(self, columns: np.ndarray) -> None:
+        self.basis = _orthonormal(columns, 1e-9)
+
+    def left(self, values: np.ndarray) -> np.ndarray:
+        """Return what the columns leave of values (B,) or (B, m)."""
+        return values - self.basis @ (self.basis.T @ values)
+
+    def beyond(self, columns: np.ndarray, least: float) -> np.ndarray:
+        """Return an orthonormal basis (B, k) of what columns (B, m) add: those of which more than a share
+        ``least`` is left.
+        """
+        beyond = self.left(columns)
+        new = np.linalg.norm(beyond, axis=0) > least * np.linalg.norm(columns, axis=0)
+        return _orthonormal(beyond[:, new], 1e-6)
+
+
+def _orthonormal(columns: np.ndarray, least: float) -> np.ndarray:
+    """Return an orthonormal basis (B, k) of columns (B, n), singular values below ``least`` left out."""
+    if not columns.shape[1]:
+        return columns
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    u, singular, _ = np.linalg.svd(columns / size, full_matrices=False)
+    return u[:, singular > least * singular.max(initial=1e-300)]
+
+
+def _without_scale(rows: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``rows @ x = 0`` (N, n) divided by the size of its terms, linearised at x: rows and right side.
+
+    What is wrong with such an equation is noise of its columns, in proportion to x: least squares would make
+    it smaller by making x smaller. Over the size of the terms it does not change with the scale of x.
+    """
+    left, terms = rows @ x, np.sum(rows**2, axis=0) * x
+    slope = terms / max(float(terms @ x), 1e-300)  # of the size's logarithm
+    return rows - np.outer(left, slope), -left
 
 
 def _prior_rows(prior: tuple[np.ndarray, np.ndarray] | None, scale: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.arm.columns import joint_angle
 from smsid.arm.joint_torques import block_means
-from smsid.arm.regression import correlation_lags
+from smsid.arm.regression import Projection, correlation_lags
 from smsid.effects.friction import frictions_of
 from smsid.effects.friction_law import Law, fields_of, friction_columns, sliding_state
 
@@ -88,7 +88,9 @@ def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name:
     if own is None or total == 0.0:
         return ""
     motion, torques = found.motion, found.torques
-    blocks = _Explained(found, k)
+    rows = torques.rows[:, :, found.base.independent]
+    fitted, driving = Projection(rows[:, k]), (rows @ found.regression.x)[:, k]
+    load = np.repeat(driving, np.diff(np.append(torques.starts, len(motion.time))))
     v = motion.v[:, k]
     width = next(s.value for s in found.shapes if s.effect == own.name and s.field == "smoothing")
     rms = float(np.sqrt(np.mean(v**2)))
@@ -102,12 +104,12 @@ def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name:
             continue
         for slow in SLOW if law == "stribeck" else SLOW[:1]:
             curved = own.model_copy(update={"stribeck_rate": slow * rms, "stribeck_exponent": 2.0})
-            load = np.repeat(blocks.load, blocks.counts)
             at = sliding_state(curved, v, angle=angle, load=load, temperature=temperature, smoothing=width)
             columns = np.column_stack(
                 [block_means(c, torques.starts) for c in friction_columns(curved, fields, at).values()]
             )
-            share, rank = blocks.explained(columns, residual[:, k])
+            new = fitted.beyond(columns, 1e-3)
+            share, rank = float(np.sum((new.T @ residual[:, k]) ** 2)) / total, new.shape[1]
             fall = len(residual) / lags * share / max(1.0 - share, 1e-6)
             if rank and share >= LAW and fall > CHANCE * rank and share > most:
                 best, most = law, share
@@ -116,29 +118,3 @@ def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name:
     share = f"{100 * most:.0f} %"
     law = f"friction by the law '{best}': --friction {best}={name}"
     return f"hint: {share} of what is left at '{name}' goes with {law}."
-
-
-class _Explained:
-    """The fitted equations of one joint: what they have already explained."""
-
-    def __init__(self, found: ArmIdentification, joint: int) -> None:
-        rows = found.torques.rows[:, :, found.base.independent]
-        self.load = (rows @ found.regression.x)[:, joint]
-        self.counts = np.diff(np.append(found.torques.starts, len(found.motion.time)))
-        own = rows[:, joint]
-        own = own[:, np.any(own != 0.0, axis=0)]
-        u, singular, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
-        self.basis = u[:, singular > 1e-9 * singular[0]]
-
-    def explained(self, columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
-        """Return the share of a residual (B,) that columns (B, m) explain beside what is fitted, and their
-        rank.
-        """
-        size = np.linalg.norm(columns, axis=0)
-        beyond = columns - self.basis @ (self.basis.T @ columns)
-        beyond = beyond[:, np.linalg.norm(beyond, axis=0) > 1e-3 * size]
-        if not beyond.shape[1]:
-            return 0.0, 0
-        u, singular, _ = np.linalg.svd(beyond / np.linalg.norm(beyond, axis=0), full_matrices=False)
-        u = u[:, singular > 1e-6 * singular[0]]
-        return float(np.sum((u.T @ residual) ** 2) / (residual @ residual)), u.shape[1]

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.arm.comparison import TorqueComparison, TorqueErrors, torque_errors
-from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
-from smsid.arm.identify import motion_notes, rigid_arm
+from smsid.arm.comparison import JudgedArm, TorqueComparison
+from smsid.arm.identify import motion_notes, padded_covariance, recorded_motion, rigid_arm
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
-from smsid.arm.readings import without_turns
+from smsid.arm.regression import solve_joints
 from smsid.arm.servo_equations import (
     COMMAND,
-    every_column,
     is_known,
     moves_throughout,
     servo_equations,
@@ -30,8 +28,7 @@ from smsid.arm.servo_equations import (
     within_limits,
 )
 from smsid.arm.servo_values import physical_values, torque_limits
-from smsid.arm.smooth_motion import joined_motion, smooth_motion
-from smsid.arm.solve import solve_equations
+from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Servo
 from smsid.effects.friction import depends_on_load
@@ -40,7 +37,6 @@ from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.recording.checks import consistency_notes
 
 ROUNDS = 8
 """Rounds of leaving out what is beyond the limit of a torque."""
@@ -56,7 +52,7 @@ FIRST = 1.5
 
 @short_repr
 @dataclass(frozen=True)
-class ServoIdentification:
+class ServoIdentification(JudgedArm):
     """Identified servo joints.
 
     ``description`` has the identified values; ``own`` what was fitted, position errors times the stiffness;
@@ -69,7 +65,6 @@ class ServoIdentification:
     model: SpacecraftModel
     own: TorqueComparison
     noise: np.ndarray
-    shapes: tuple[FrictionShape, ...]
     x: np.ndarray
     stiffness: np.ndarray
     length: int
@@ -88,25 +83,11 @@ class ServoIdentification:
             return self.own
         motion = smooth_motion(self.model, with_position_errors(self.model, recording))
         length = max(1, round(self.length * self.step / motion.step))
-        torques = joint_torques(self.model, motion, length, shape_values(self.shapes))
+        torques = joint_torques(self.model, motion, length)
         whole = servo_equations(self.model, motion, torques, _servos(self.model))
         left = whole.torque - whole.rows @ self.x
         moves = moves_throughout(motion, torques)
         return _compared(torques, left, moves & within_limits(whole.torque, left, moves), self.stiffness)
-
-    def residual(self, recording: Recording | None = None) -> np.ndarray:
-        """Return measured minus predicted torques (B, joints) [N m | N], see `compare`."""
-        both = self.compare(recording)
-        return both.measured - both.predicted
-
-    def judge(self, recording: Recording) -> TorqueErrors:
-        """Return how far torques are predicted on a recording, see `compare`.
-
-        Raises:
-            RecordingError: as `identify_servos`.
-        """
-        both = self.compare(recording)
-        return torque_errors(self.model, both.predicted, both.measured)
 
 
 def _compared(
@@ -159,37 +140,30 @@ def identify_servos(
         NotIdentifiableError: nothing gives a joint's stiffness.
     """
     begin = time.perf_counter()
-    recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
     model = rigid_arm(description, hold)
     servos = _servos(model)
-    doubts = consistency_notes([without_turns(model, r) for r in recordings])
-    motion = joined_motion([smooth_motion(model, with_position_errors(model, r)) for r in recordings])
+    recordings, motion, doubts = recorded_motion(model, recording, with_position_errors)
     model = with_sharp_friction(model, motion)
     length = block_length(motion, cutoff) * (COARSER if cutoff is None else 1)
     torques = joint_torques(model, motion, length)
     whole = servo_equations(model, motion, torques, servos)
-    base = every_column(whole)
     moves = moves_throughout(motion, torques)
     size = np.abs(whole.torque)  # the first fit keeps away from limits
     inside = moves & (size <= FIRST * np.median(size, axis=0))
     for k in range(ROUNDS):
-        equations = solve_equations(model, motion, whole.only(inside), base, delayed=False)
-        shapes, shaped, solved = equations.shapes, equations.torques, equations.regression
+        fitted = whole.only(inside)
+        solved = solve_joints(fitted.rows, fitted.torque)
         left = whole.torque - np.einsum("bjn,n->bj", whole.rows, solved.x)
         found = within_limits(whole.torque, left, inside) & moves & (inside | (k < 4))
         if np.array_equal(found, inside):
             break
         inside = found
-    left = shaped.torque - np.einsum("bjn,n->bj", shaped.rows, solved.x)
     parameters, covariance = physical_values(model, whole, solved, servos, inside)
     used = inside.copy()
     inside |= ~moves  # from here on: not at a limit
     values = {p.name: p.value for p in parameters}
     rates = block_means(motion.v, whole.starts)
     limits = torque_limits(model, whole, rates, solved, servos, inside, values)
-    size = len(parameters)
-    full = np.full((size + len(limits), size + len(limits)), np.nan)
-    full[:size, :size] = covariance
     parameters = (*parameters, *limits)
     values = {p.name: p.value for p in parameters if np.isfinite(p.value)}
     estimate = Estimate(
@@ -201,19 +175,25 @@ def identify_servos(
         notes=(
             *doubts,
             *motion_notes(model, motion, torques, solved),
-            *shape_notes([s for s in shapes if s.status == "found"]),
             *_notes(servos, inside),
         ),
         conditions={"servo regressor": solved.condition},
-        covariance=full,
+        covariance=padded_covariance(covariance, len(parameters)),
     )
-    described = with_found_shapes(_with_values(description, values), shapes)
     stiffness = np.array(
         [values.get(f"{servos[k].name}.stiffness", servos[k].stiffness) for k in sorted(servos)]
     )
     own = _compared(torques, left, used, stiffness)
     return ServoIdentification(
-        estimate, described, model, own, solved.noise, shapes, solved.x, stiffness, length, motion.step
+        estimate,
+        _with_values(description, values),
+        model,
+        own,
+        solved.noise,
+        solved.x,
+        stiffness,
+        length,
+        motion.step,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from smsid.arm.joint_torques import SIGN_FIELD, JointTorques, block_means, sign_rate
 from smsid.arm.joints import with_joint_order
@@ -13,7 +14,6 @@ from smsid.arm.readings import measured_channel
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Servo
 from smsid.errors import DescriptionError, RecordingError
-from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -121,12 +121,6 @@ def is_known(servo: Servo, field: str) -> bool:
     return field in servo.known or "all" in servo.known
 
 
-def every_column(torques: JointTorques) -> BaseParameters:
-    """Return the parameters of equations as they are, each by itself."""
-    n = len(torques.names)
-    return BaseParameters(torques.names, torques.units, np.arange(n), np.eye(n), (), 1.0)
-
-
 def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> SpacecraftModel:
     """Return the model whose friction changes sign where nothing is looked at, see `moves_throughout`."""
     sharp = {
@@ -142,13 +136,16 @@ def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> Spacecr
 
 
 def moves_throughout(motion: SmoothMotion, torques: JointTorques) -> np.ndarray:
-    """Return where (B, joints) a joint moves throughout a block: at rest, dry friction is what it must be."""
-    slow = REST * np.sqrt(np.mean(motion.v**2, axis=0))
-    least = np.minimum.reduceat(np.abs(motion.v), torques.starts, axis=0)
-    turned = np.minimum.reduceat(motion.v, torques.starts, axis=0) * np.maximum.reduceat(
-        motion.v, torques.starts, axis=0
-    )
-    return (least > slow) & (turned > 0.0)
+    """Return where (B, joints) a joint moves throughout a block: at rest, dry friction is what it must be.
+
+    Where it turns round, friction and with it the acceleration jump; a spline sees that too smooth, over its
+    correlation time to either side.
+    """
+    moves = np.abs(motion.v) > REST * np.sqrt(np.mean(motion.v**2, axis=0))
+    for k, joint in enumerate(motion.joints):
+        width = 2 * round(joint.edge / motion.step) + 1
+        moves[:, k] = minimum_filter1d(moves[:, k], width, mode="nearest")
+    return np.minimum.reduceat(moves, torques.starts, axis=0)
 
 
 def within_limits(error: np.ndarray, left: np.ndarray, inside: np.ndarray) -> np.ndarray:

@@ -40,11 +40,6 @@ class SmoothMotion:
     temperature: np.ndarray | None = None
 
     @property
-    def cutoff(self) -> float:
-        """Highest frequency that the motion of a joint was followed to [Hz]."""
-        return max(j.cutoff for j in self.joints)
-
-    @property
     def rate_sigma(self) -> np.ndarray:
         """Standard deviations (nv,) of the rates."""
         return np.array([j.sigma[1] for j in self.joints])
@@ -54,15 +49,18 @@ class SmoothMotion:
         """Time between two samples [s]."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def bounds(self) -> list[tuple[int, int]]:
+        """The first sample of every stretch without gaps, and the one after its last."""
+        edges = np.flatnonzero(np.diff(self.stretch)) + 1
+        return list(itertools.pairwise([0, *edges.tolist(), len(self.time)]))
+
     def blocks(self, length: int) -> np.ndarray:
         """Return where blocks of ``length`` samples begin (B,).
 
         None holds a gap, and short ones are the last of their stretch.
         """
-        edges = np.flatnonzero(np.diff(self.stretch)) + 1
-        bounds = [0, *edges.tolist(), len(self.time)]
-        starts = [np.arange(a, max(b - length // 2, a + 1), length) for a, b in itertools.pairwise(bounds)]
-        return np.concatenate(starts)
+        return np.concatenate([np.arange(a, max(b - length // 2, a + 1), length) for a, b in self.bounds])
 
 
 def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
@@ -123,22 +121,20 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
     first = motions[0]
     if len(motions) == 1:
         return first
-    offsets = np.cumsum([0, *(int(m.stretch[-1]) + 1 for m in motions[:-1])])
+    offsets = np.cumsum([0, *(int(m.stretch[-1]) + 1 for m in motions[:-1])]).tolist()
+
+    def stacked(name: str) -> np.ndarray:
+        return np.concatenate([getattr(m, name) for m in motions])
+
     return SmoothMotion(
-        np.concatenate([m.time for m in motions]),
-        np.concatenate([m.q for m in motions]),
-        np.concatenate([m.v for m in motions]),
-        np.concatenate([m.a for m in motions]),
-        np.concatenate([m.torque for m in motions]),
-        np.concatenate([m.stretch + k for m, k in zip(motions, offsets.tolist(), strict=True)]),
+        *(stacked(name) for name in ("time", "q", "v", "a", "torque")),
+        np.concatenate([m.stretch + k for m, k in zip(motions, offsets, strict=True)]),
         tuple(
             max(same, key=lambda j: float(j.sigma[1]))
             for same in zip(*(m.joints for m in motions), strict=True)
         ),
         first.readings,
-        None
-        if any(m.temperature is None for m in motions)
-        else np.concatenate([m.temperature for m in motions]),  # type: ignore[misc]
+        None if any(m.temperature is None for m in motions) else stacked("temperature"),
     )
 
 

@@ -34,6 +34,12 @@ from smsid.model.spacecraft import SpacecraftModel
 ROUNDS = 6
 """Rounds in which all that is not linear is fitted with all else."""
 
+FIRST = 0.02
+"""Tilt to begin with beside the described one: in a level base some links do not show [rad]."""
+
+LEAN = 0.3
+"""Largest change of the base's tilt in a round [rad]."""
+
 SETTLED = 0.05
 """Standard deviations by which nothing moves any more at the end."""
 
@@ -62,21 +68,18 @@ def solve_equations(
     torques: JointTorques,
     base: BaseParameters,
     level: Level | None = None,
-    *,
-    delayed: bool = True,
 ) -> SolvedEquations:
     """Solve with the shapes of friction, the base's tilt and the lateness of angles free in the covariance.
 
-    The load that friction depends on is what is predicted: what is measured has noise. Not ``delayed``: what
-    stands for the torques has the clock of the angles.
+    The load that friction depends on is what is predicted: what is measured has noise.
     """
     load, described = torques.torque, torques
-    tilt, late = level.search(torques, base) if level else np.zeros(0), IN_STEP
+    tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP
     if level:
         torques = level.turned(described, tilt)
     shapes = friction_shapes(model, motion, torques, load)
     effects = {e.name: e for e in model.description.effect}
-    leaning, count = len(base) + tilt.size, len(base) + tilt.size + delayed
+    leaning, count = len(base) + tilt.size, len(base) + tilt.size + 1
     places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
     loaded = depends_on_load(model.description.effect)
     sizes: dict[str, float] = {}
@@ -84,7 +87,7 @@ def solve_equations(
     for k in range(ROUNDS):
         if level:
             torques = level.turned(described, tilt)
-        if delayed and late.value:
+        if late.value:
             aligned = torque_means(motion, torques.starts, late.value)
             torques = replace(torques, torque=aligned if described.used is None else aligned * described.used)
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
@@ -93,16 +96,14 @@ def solve_equations(
             x = solve_joints(rows, torques.torque).x
             sizes = {n: float(x[i]) for n, i in places.items()}
         columns = [rows, level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
-        if delayed:
-            columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])
+        columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])
         for (name, _), of in slopes.items():
             column = np.zeros((*torques.torque.shape, 1))
             own = [i for i, _ in acts_on(effects[name], model)]
             column[:, own, 0] = sum(sizes.get(n, 0.0) * slope for n, slope in of.items())
             columns.append(column)
         mean, sigma = _shape_prior(shapes, effects, model, motion, count)
-        if delayed:
-            mean[leaning], sigma[leaning] = -late.value, EXPECTED
+        mean[leaning], sigma[leaning] = -late.value, EXPECTED
         every = np.concatenate(columns, axis=2)
         if described.used is not None:
             every *= described.used[:, :, None]
@@ -111,10 +112,9 @@ def solve_equations(
         x = solved.x[: len(base)]
         free = slice(len(base), count)
         moved, new = float(np.max(np.abs(solved.x[free]) / solved.sigma[free], initial=0.0)), []
-        tilt = tilt + np.clip(solved.x[len(base) : leaning], -0.1, 0.1)
-        if delayed:
-            step = float(np.clip(solved.x[leaning], -EXPECTED, EXPECTED))
-            late = AngleDelay(late.value + step, float(solved.sigma[leaning]))
+        tilt = tilt + np.clip(solved.x[len(base) : leaning], -LEAN, LEAN)
+        step = float(np.clip(solved.x[leaning], -EXPECTED, EXPECTED))
+        late = AngleDelay(late.value + step, float(solved.sigma[leaning]))
         shifts = iter(zip(solved.x[count:].tolist(), solved.sigma[count:].tolist(), strict=True))
         for s in shapes:
             if s.status != "found":

@@ -13,7 +13,7 @@ import numpy as np
 
 from smsid.arm.identify import rigid_arm
 from smsid.arm.joint_torques import block_length, joint_torques
-from smsid.arm.readings import MOTOR, measured_channel
+from smsid.arm.readings import MOTOR, measured_channel, with_joint_torque
 from smsid.arm.regression import solve_joints
 from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
@@ -115,10 +115,8 @@ def with_signal_gears(
     renamed = []
     for one in recordings:
         channel = measured_channel(one, "joint_torque")
-        values = np.asarray(one.time(channel)), np.asarray(one[channel])
         own = one.labels.get(f"{channel.partition('.')[0]}.joint")
-        labels = {f"{MOTOR}.joint": own} if own else None
-        renamed.append(one.without(channel).with_channels({f"{MOTOR}.joint_torque": values}, labels=labels))
+        renamed.append(with_joint_torque(one, np.asarray(one[channel]), MOTOR, own))
     return description.with_effects(*gears), renamed
 
 

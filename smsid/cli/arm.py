@@ -11,11 +11,11 @@ from rich.console import Console
 
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
-from smsid.arm.identify import ArmIdentification, identify_arm, rigid_arm
+from smsid.arm.identify import identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
-from smsid.arm.residual_dependence import leftover_sentences
-from smsid.arm.servo import ServoIdentification, identify_servos, is_of_servos, with_servos
+from smsid.arm.readings import with_passive_joints
+from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.description import Description
@@ -42,6 +42,7 @@ def identify_and_judge(
     usual: bool = False,
     friction: Sequence[str] = (),
     level: bool = False,
+    passive: Sequence[str] = (),
     report: Path | None = None,
     inputs: Sequence[Path] = (),
     everything: bool = False,
@@ -52,10 +53,11 @@ def identify_and_judge(
 
     The torque gains of the joints that the patterns ``gains`` fit are found first, the described links taken
     as known; the torque signal of a joint whose gain cannot be told is not used. ``hold`` are patterns of
-    joints that do not move, see `smsid.arm.setup.held_joints`. With ``usual`` every joint gets friction,
-    rotor and offset; ``friction`` names more laws, see `smsid.arm.with_friction_laws`; with ``level``
-    gravity's direction is found as well. ``report``: an HTML to write as well, with the sums of the files
-    ``inputs``.
+    joints that do not move, see `smsid.arm.setup.held_joints`; no motor drives joints that the patterns
+    ``passive`` fit, see `smsid.arm.readings.with_passive_joints`. With ``usual`` every joint gets friction,
+    offset, and a rotor, or a spring if nothing drives it; ``friction`` names more laws, see
+    `smsid.arm.with_friction_laws`; with ``level`` gravity's direction is found as well. ``report``: an HTML
+    to write as well, with the sums of the files ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
     `smsid.arm.servo.identify_servos`; torques are then position errors times stiffness.
@@ -77,17 +79,21 @@ def identify_and_judge(
             recordings=tuple(r.name for r in recordings),
         )
     held = held_joints(rigid_arm(description).arm_joints.names, hold)
+    joints = rigid_arm(description, held).arm_joints.names
+    idle = tuple(held_joints(joints, passive, option="--passive"))
+    if idle:
+        recordings = [with_passive_joints(r, idle) for r in recordings]
+        train = [r for r in recordings if r.role != "validation"]
     if usual:
-        joints = rigid_arm(description, held).arm_joints.names
-        description = with_joint_effects(
-            description, joints, "joint_friction", "motor_inertia", "torque_offset"
-        )
+        driven = [j for j in joints if j not in idle]
+        description = with_joint_effects(description, joints, "joint_friction", "torque_offset")
+        description = with_joint_effects(description, driven, "motor_inertia")
+        description = with_joint_effects(description, idle, "joint_cable")
     if friction:
-        joints = rigid_arm(description, held).arm_joints.names
         description = with_friction_laws(description, joints, friction)
     if level and tilt_of(description.effect) is None:
         description = description.with_effects(BaseTilt(name="base_tilt"))
-    found: ArmIdentification | ServoIdentification
+    found: JudgedArm
     untold: tuple[str, ...] = ()
     servos = is_of_servos(recordings)
     if gains and servos:
@@ -96,14 +102,13 @@ def identify_and_judge(
             advice="Leave --gains and --gain out.",
         )
     if gains:
-        joints = rigid_arm(description, held).arm_joints.names
         unknown = held_joints(joints, gains, option="--gain")
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
         description, untold = _with_gains(description, train[0], cutoff, console, held, unknown)
     with working("identifying the arm"):
         if servos:
-            found = _identified_servos(description, train, cutoff, held)
+            found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
         else:
             found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
@@ -129,17 +134,6 @@ def identify_and_judge(
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged
     ]
-
-
-def _identified_servos(
-    description: Description,
-    recordings: Sequence[Recording],
-    cutoff: float | None,
-    held: Mapping[str, float],
-) -> ServoIdentification:
-    """Return servo joints identified from commands and encoders."""
-    described = with_servos(description, rigid_arm(description, held).arm_joints.names)
-    return identify_servos(described, recordings, cutoff=cutoff, hold=held)
 
 
 def _with_gains(
@@ -177,13 +171,16 @@ def _with_gains(
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]], console: Console) -> None:
     from smsid.cli.tables import plain_table
 
+    names = list(judged[0][2].by_joint)
+    stems = {n.rpartition("_")[0] + "_" for n in names}
+    shared = stems.pop() if len(stems) == 1 and len(names) > 1 else ""  # of `panda_joint1` and so on
     table = plain_table(
-        *("recording", "role", "all joints", *judged[0][2].by_joint),
-        title="torques: |predicted - measured| / |measured|",
+        *("recording", "role", "all joints", *(n.removeprefix(shared) for n in names)),
+        title="torques: |predicted - measured| / |measured|" + (f", joints '{shared}...'" if shared else ""),
         left=("recording", "role"),
     )
     for name, role, errors in judged:
         table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
     console.print(table)
-    for sentence in leftover_sentences(found) if isinstance(found, ArmIdentification) else ():
+    for sentence in found.verdict():
         console.print(sentence, markup=False, highlight=False)

@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 
 def export_command(
-    description: Annotated[Path, typer.Argument(help="description of the spacecraft or arm: a TOML")],
+    description: Annotated[
+        Path,
+        typer.Argument(
+            help="description of the spacecraft or arm: a TOML; of an arm identified without one its URDF"
+        ),
+    ],
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate of it (JSON of `smsid identify`); without: as described")
     ] = None,
@@ -46,8 +51,11 @@ def export_command(
 
     if output is None and linear is None and fmu is None:
         raise OutputError("Nothing is to be written.", advice="State --output, --linear or --fmu.")
-    described = load_description(description)
     known = None if estimate is None else load_estimate(estimate)
+    if known is not None and description.suffix == ".urdf" and known.method.endswith("least squares"):
+        described = _bare_arm(description, known)
+    else:
+        described = load_description(description)
     document: dict[str, Any] = {"notes": []}
     written: list[Path] = []
     if linear is not None:
@@ -61,6 +69,16 @@ def export_command(
     if output is not None:
         written += _write_folder(described, known, output, mujoco, document)
     return Outcome(document, written)
+
+
+def _bare_arm(urdf: Path, known: Estimate) -> Description:
+    """Return an arm as it was identified without a TOML, with the effects that the estimate knows."""
+    from smsid.arm.identify import rigid_arm
+    from smsid.arm.presets import with_identified_effects
+    from smsid.arm.setup import arm_description
+
+    bare = arm_description(urdf)
+    return with_identified_effects(bare, rigid_arm(bare).arm_joints.names, {p.name for p in known.parameters})
 
 
 def _write_linear(

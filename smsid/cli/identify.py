@@ -95,6 +95,13 @@ def identify_command(
         list[str] | None,
         typer.Option(help="welded arm: joint that did not move and was not measured, 'hand_*' or lift=0.1"),
     ] = None,
+    passive: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="welded arm: joint without a motor, such as 'flex*', that stands for a gear or a link that "
+            "bends: its position is the measured deflection, its torque zero; it gets a spring"
+        ),
+    ] = None,
     friction: Annotated[
         list[str] | None,
         typer.Option(
@@ -179,13 +186,14 @@ def identify_command(
         inputs = files if robot else (description, *files)
         judged = identify_and_judge(
             described, loaded, output, cutoff, console(), gains=("*",) if gains else gain or (),
-            hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level, report=report,
+            hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level,
+            passive=passive or (), report=report,
             inputs=inputs, everything=show_all,
         )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
     for_arms = {"--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid, "--friction": friction}
-    for_arms |= {"--level": level, "--cutoff": cutoff is not None}
+    for_arms |= {"--level": level, "--passive": passive, "--cutoff": cutoff is not None}
     if option := next((name for name, value in for_arms.items() if value), ""):
         raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:

@@ -82,6 +82,8 @@ class Effect(Table):
     # its parameters are the spacecraft's as designed: uncertain also where something else is looked for
     nominal: ClassVar[bool] = False
     may_begin: ClassVar[bool] = False  # whether it has a time from which it acts
+    # whether it changes what is measured of an arm, or commanded, and no torque of its joints
+    on_readings: ClassVar[bool] = False
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
@@ -293,11 +295,13 @@ class Effect(Table):
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return what motors must give for it, where that is linear in its parameters: an arm is identified
-        from measured torques with these. Empty for an effect that acts on what is measured.
+        from measured torques with these. None for an effect ``on_readings``.
 
         Raises:
             DescriptionError: it is not linear, or needs what is not known.
         """
+        if self.on_readings:
+            return {}
         raise DescriptionError(
             f"Effect '{self.name}' of kind '{self.kind}' does not enter joint torques linearly.",
             advice="Leave it out, or give its class a method `torque_columns`.",

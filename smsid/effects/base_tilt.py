@@ -9,7 +9,6 @@ import numpy as np
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 
@@ -27,16 +26,13 @@ class BaseTilt(Effect):
     not_estimated = dict.fromkeys(
         ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
     )
+    on_readings = True
     in_words = "the base under {place} is not level"
     kind: Literal["base_tilt"] = "base_tilt"
     x: float = physical(
         "rad", lower=-1.6, upper=1.6, default=0.0, description="by which gravity leans to the base's x axis"
     )
     y: float = physical("rad", lower=-1.6, upper=1.6, default=0.0, description="the same, to its y axis")
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it turns gravity."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Turn the model's gravity."""

@@ -14,7 +14,6 @@ from smsid.effects.counterpart import Counterpart
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
 from smsid.effects.joint_effect import JointEffect
 from smsid.effects.joint_state import JointStateOf, TorqueColumns
-from smsid.errors import DescriptionError
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
@@ -131,22 +130,10 @@ class JointFriction(JointEffect, Starting):
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return the terms that are `asked`. Raises `DescriptionError` where one needs what is not known."""
-        s = of(self.joint)
-        needed = {BY_FIELD[f].law for f in self.asked()}
-        for law, what, values in (
-            ("position", "the joint's angle", s.angle),
-            ("load", "the torque that drives the joint", s.load),
-            ("temperature", "a measured temperature (a channel 'joint_temperature')", s.temperature),
-        ):
-            if law in needed and values is None:
-                raise DescriptionError(
-                    f"Friction '{self.name}' of the law '{law}' needs {what}.",
-                    advice="Measure it, or leave the law out.",
-                    effect=self.name,
-                    law=law,
-                )
-        angle, load = (0.0 if x is None else x for x in (s.angle, s.load))
-        at = sliding_state(self, s.rate, angle=angle, load=load, temperature=s.temperature)
+        s, laws = of(self.joint), {BY_FIELD[f].law for f in self.asked()}
+        needs = (("position", "angle"), ("load", "load"), ("temperature", "temperature"))
+        given = {what: s.known(what, self.name) for law, what in needs if law in laws}
+        at = sliding_state(self, s.rate, **given)
         return {f: {self.joint: x} for f, x in friction_columns(self, self.asked(), at).items()}
 
     def torque_shapes(self) -> tuple[str, ...]:

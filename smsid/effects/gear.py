@@ -29,6 +29,7 @@ class Gear(JointEffect):
         ("ratio", "torque_gain"),
         "a spacecraft's recordings are of joints, not of motors; see laboratory",
     )
+    on_readings = True
     in_words = "the gear of {place} turns by another ratio than described"
     kind: Literal["gear"] = "gear"
     ratio: float = physical(

@@ -26,6 +26,7 @@ class JointOffset(JointEffect):
     motion.
     """
 
+    on_readings = True
     summary = "zero of a joint's encoder: joint angle minus reading"
     aliases = ("sensor_bias",)
     strength = ("angle",)

@@ -27,12 +27,7 @@ class JointCable(JointEffect, Starting):
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return the angle from rest. Raises `DescriptionError` where it is not known."""
-        angle = of(self.joint).angle
-        if angle is None:
-            raise DescriptionError(
-                f"Cable '{self.name}' needs the joint's angle.", advice="Measure it.", effect=self.name
-            )
-        return {"stiffness": {self.joint: angle - self.rest}}
+        return {"stiffness": {self.joint: of(self.joint).known("angle", self.name) - self.rest}}
 
     def attach(self, assembly: Assembly) -> None:
         """Add the spring. Raises `DescriptionError` for a joint that turns without end."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.errors import DescriptionError
 
 
 @short_repr
@@ -24,6 +25,17 @@ class JointState:
     angle: np.ndarray | None = None
     load: np.ndarray | None = None
     temperature: np.ndarray | None = None
+
+    def known(self, what: str, effect: str) -> np.ndarray:
+        """Return ``angle``, ``load`` or ``temperature``; raises `DescriptionError` where it is not known."""
+        if (value := getattr(self, what)) is None:
+            raise DescriptionError(
+                f"'{effect}' needs the {what} of its joint.",
+                advice=f"Measure it (a channel 'joint_{'position' if what == 'angle' else what}'), or leave "
+                "that law or effect out.",
+                effect=effect,
+            )
+        return value
 
 
 JointStateOf = Callable[[str], JointState]

@@ -26,6 +26,7 @@ class Servo(JointEffect):
     not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
     )
+    on_readings = True
     in_words = "the servo of {place} has another gain than described"
     kind: Literal["servo"] = "servo"
     stiffness: float = physical(

@@ -1,4 +1,4 @@
-"""A driven oscillator with a spring that need not be linear, fitted by its simulation error.
+"""An oscillator, driven or let go, with a spring that need not be linear, fitted by its simulation error.
 
 Output error (Ljung 1999, *System Identification*, chapter 7), as the Silverbox benchmark asks for (Wigren and
 Schoukens 2013).
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.signal import resample_poly
 
 from smsid._short_repr import short_repr
@@ -25,9 +26,16 @@ FIELDS = ("frequency", "damping", "gain", *TERMS)
 SHARES = {"frequency": 1e-4, "damping": 1e-3, "gain": 1e-4}
 """Steps of finite differences, relative; those of the terms change the force at the peaks by a thousandth."""
 
-SETTLED = 1e-6
-ROUGH = 1e-3
-MOST_ROUNDS = 25
+STEP = 1e-3
+"""Step of what a piece begins with, in amplitudes."""
+
+LEAST = 20
+"""Samples of a piece."""
+
+EDGE = 64
+"""Samples by which a drive goes on at either end, for its interpolation."""
+
+MOST_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -54,21 +62,25 @@ class Oscillator:
     def simulate(self, drive: np.ndarray, rate: float) -> np.ndarray:
         """Return the output (N,) for a band-limited drive (N,) at a rate [Hz], from rest. Free-running."""
         column = np.array([[getattr(self, f)] for f in FIELDS])
-        return _run(column, _refined(drive)[None], rate)[:, 0] + self.offset
+        return _run(column, np.zeros((2, 1)), _refined(drive)[None], rate)[:, 0] + self.offset
 
 
 @short_repr
 @dataclass(frozen=True)
 class OscillatorFit:
-    """A fitted oscillator: values with intervals in ``estimate``, ``rmse`` of the simulation error [y]."""
+    """A fitted oscillator: values with intervals in ``estimate``, ``rmse`` of the simulation error [y].
+
+    ``begin`` (2, pieces) is what each piece of the record began with, position [y] and rate [y/s].
+    """
 
     oscillator: Oscillator
     estimate: Estimate
     rmse: float
+    begin: np.ndarray
 
 
 def fit_oscillator(
-    drive: np.ndarray,
+    drive: np.ndarray | None,
     output: np.ndarray,
     rate: float,
     start: Oscillator,
@@ -80,11 +92,12 @@ def fit_oscillator(
 ) -> OscillatorFit:
     """Fit an oscillator to a record by the error of its free-running simulation.
 
-    The record is cut into pieces that are simulated side by side, each with a run-in of its own that does not
-    count. Gauss-Newton with step control; standard deviations allow for errors correlated in time.
+    The record is cut into pieces that are simulated side by side, each from a state of its own that is
+    estimated beside. Standard deviations allow for errors correlated in time.
 
     Args:
-        drive: (N,) input, band-limited: between samples it is interpolated as such.
+        drive: (N,) input, band-limited: between samples it is interpolated as such. ``None`` for an
+            oscillator that was let go; it has no gain then.
         output: (N,) [``unit``].
         rate: [Hz].
         start: first guess; what is not fitted keeps its value.
@@ -101,43 +114,43 @@ def fit_oscillator(
         raise NotIdentifiableError(
             f"The spring has no term {sorted(unknown)}.", advice=f"Use {', '.join(TERMS)}."
         )
-    fields = (*FIELDS[:3], *(t for t in FIELDS[3:] if t in terms))
-    drives, target, run_in, size = _pieces(drive, output, rate, start, pieces)
-    found = start
-    first = _linearised(found, fields, drives, rate, run_in, target, size)
-    if first is None:
+    linear = FIELDS[:2] if drive is None else FIELDS[:3]
+    fields = (*linear, *(t for t in FIELDS[3:] if t in terms))
+    cut = _Pieces.of(drive, output, rate, pieces)
+    count = len(fields) + 1
+    x = np.concatenate([[getattr(start, f) for f in (*fields, "offset")], np.zeros(2 * pieces)])
+
+    last: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if x.tobytes() not in last:
+            values = dict(zip((*fields, "offset"), x[:count].tolist(), strict=True))
+            found = cut.linearised(replace(start, **values), fields, x[count:].reshape(2, pieces))
+            last.clear()
+            last[x.tobytes()] = found
+        return last[x.tobytes()]
+
+    residual, columns = at(x)
+    if not np.isfinite(columns).all():
         raise NotIdentifiableError("The first guess runs away.", advice="Give another.", oscillator=start)
-    residual, columns = first
-    for _ in range(MOST_ROUNDS):
-        scale = np.linalg.norm(columns, axis=0)
-        step = np.linalg.lstsq(columns / scale, residual, rcond=None)[0] / scale
-        before = float(residual @ residual)
-        promised = float(np.sum((columns @ step) ** 2)) / before
-        if promised < SETTLED:
-            break
-        better = None
-        for share in 0.5 ** np.arange(12):
-            moved = _moved(found, fields, share * step)
-            again = _linearised(moved, fields, drives, rate, run_in, target, size) if moved else None
-            if moved and again and float(again[0] @ again[0]) < before:
-                better = moved, again
-                break
-        if better is None:
-            if promised < ROUGH:  # what finite differences leave
-                break
-            raise NotIdentifiableError(
-                "The fit of the oscillator does not go on at an error of "
-                f"{np.sqrt(before / residual.size):.4g}.",
-                advice="Start nearer: the linear fit first, then with the terms of the spring.",
-                oscillator=found,
-            )
-        found, (residual, columns) = better
-    else:
+    # what each piece begins with, before anything else moves
+    x[count:] += np.linalg.lstsq(columns[:, count - 1 :], residual, rcond=None)[0][1:]
+    lower = np.full(x.size, -np.inf)
+    lower[:2] = 1e-9  # of frequency and damping
+    done = least_squares(
+        lambda x: at(x)[0], x, lambda x: -at(x)[1], (lower, np.inf), x_scale="jac", max_nfev=MOST_ROUNDS
+    )
+    if not done.success:
         raise NotIdentifiableError(
-            f"The fit has not settled after {MOST_ROUNDS} rounds.", advice="Start nearer.", oscillator=found
+            f"The fit has not settled after {MOST_ROUNDS} rounds, at an error of "
+            f"{np.sqrt(2.0 * done.cost / residual.size):.4g}.",
+            advice="Start nearer: the linear fit first, then with the terms of the spring.",
         )
+    found = replace(start, **dict(zip((*fields, "offset"), done.x[:count].tolist(), strict=True)))
+    begin = done.x[count:].reshape(2, pieces)
+    residual, columns = done.fun, -done.jac
     lags = correlation_lags(residual.reshape(pieces, -1).T)
-    covariance = hac_covariance(columns, residual, residual.size, lags)
+    covariance = hac_covariance(columns, residual, residual.size, lags)[:count, :count]
     sigma = np.sqrt(np.diag(covariance))
     units = {"frequency": "Hz", "damping": "1", "gain": "1", "quadratic": f"1/{unit}"}
     units |= {t: f"1/{unit}^{power}" for t, power in TERMS.items() if power > 1}
@@ -152,97 +165,101 @@ def fit_oscillator(
         notes=(f"residuals correlated over {lags} samples",),
         covariance=covariance,
     )
-    return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))))
+    return OscillatorFit(found, estimate, float(np.sqrt(np.mean(residual**2))), begin)
 
 
 def sensitivities(
-    drive: np.ndarray, output: np.ndarray, rate: float, oscillator: Oscillator, *, pieces: int = 10
+    drive: np.ndarray, output: np.ndarray, rate: float, fit: OscillatorFit
 ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[slice, ...]]:
-    """Return what a simulation leaves (M,), and its derivatives by every parameter (M,) by name.
+    """Return what a fit leaves (M,), and its derivatives by every parameter (M,) by name.
 
-    Pieces as in `fit_oscillator`, one after the other; last, which samples of the record they are.
+    Pieces as in `fit_oscillator`, one after the other; what they begin with is among the derivatives. Last,
+    which samples of the record they are.
 
     Raises:
         NotIdentifiableError: as `fit_oscillator`.
     """
-    drives, target, run_in, size = _pieces(drive, output, rate, oscillator, pieces)
-    found = _linearised(oscillator, FIELDS, drives, rate, run_in, target, size)
-    if found is None:
-        raise NotIdentifiableError("The oscillator runs away.", advice="Fit it first.", oscillator=oscillator)
-    residual, columns = found
-    length = len(target)
-    cut = tuple(slice(run_in + k * length, run_in + (k + 1) * length) for k in range(pieces))
-    return residual, dict(zip((*FIELDS, "offset"), columns.T, strict=True)), cut
+    pieces = fit.begin.shape[1]
+    cut = _Pieces.of(drive, output, rate, pieces)
+    residual, columns = cut.linearised(fit.oscillator, FIELDS, fit.begin)
+    length = len(cut.target)
+    names = (*FIELDS, "offset", *(f"begin{k}" for k in range(2 * pieces)))
+    parts = tuple(slice(k * length, (k + 1) * length) for k in range(pieces))
+    return residual, dict(zip(names, columns.T, strict=True)), parts
 
 
-def _pieces(
-    drive: np.ndarray, output: np.ndarray, rate: float, start: Oscillator, pieces: int
-) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Drives (pieces, n), targets (m, pieces), samples of run-in, and half the output's range."""
-    u, y = np.asarray(drive, dtype=float), np.asarray(output, dtype=float)
-    if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
-        raise NotIdentifiableError(
-            f"Drive {u.shape} and output {y.shape} must be (N,) and finite.", advice="Cut the record at gaps."
-        )
-    run_in = int(np.ceil(8.0 / (2 * np.pi * start.frequency * start.damping) * rate))
-    length = (u.size - run_in) // pieces
-    if length < 4 * run_in:
-        raise NotIdentifiableError(
-            f"{u.size} samples in {pieces} pieces are too short: each needs a run-in of {run_in}.",
-            advice="Use fewer pieces or a longer record.",
-            run_in=run_in,
-        )
-    fine = _refined(u)
-    per = 2 * SUBSTEPS
-    begins = [k * length for k in range(pieces)]
-    drives = np.array([fine[per * b : per * (b + run_in + length)] for b in begins])
-    target = np.array([y[b + run_in : b + run_in + length] for b in begins]).T
-    return drives, target, run_in, float(np.ptp(y)) / 2.0  # a term counts by what it does at the peaks
+@dataclass(frozen=True)
+class _Pieces:
+    """``drives`` (pieces, n), ``target`` (m, pieces), half the output's range ``size``, ``rate`` [Hz]."""
 
+    drives: np.ndarray
+    target: np.ndarray
+    size: float
+    rate: float
 
-def _moved(oscillator: Oscillator, fields: tuple[str, ...], step: np.ndarray) -> Oscillator | None:
-    values = {f: getattr(oscillator, f) + float(s) for f, s in zip((*fields, "offset"), step, strict=True)}
-    return replace(oscillator, **values) if values["frequency"] > 0.0 and values["damping"] > 0.0 else None
+    @classmethod
+    def of(cls, drive: np.ndarray | None, output: np.ndarray, rate: float, pieces: int) -> _Pieces:
+        y = np.asarray(output, dtype=float)
+        u = np.zeros(y.shape) if drive is None else np.asarray(drive, dtype=float)
+        if u.shape != y.shape or u.ndim != 1 or not (np.isfinite(u).all() and np.isfinite(y).all()):
+            raise NotIdentifiableError(
+                f"Drive {u.shape} and output {y.shape} must be (N,) and finite.",
+                advice="Cut the record at gaps.",
+            )
+        length = u.size // pieces
+        if length < LEAST:
+            raise NotIdentifiableError(
+                f"{u.size} samples in {pieces} pieces are too short: a piece takes {LEAST}.",
+                advice="Use fewer pieces or a longer record.",
+            )
+        fine, per = _refined(u), 2 * SUBSTEPS
+        starts = range(0, pieces * length, length)
+        drives = np.array([fine[per * b : per * (b + length)] for b in starts])
+        # a term counts by what it does at the peaks
+        return cls(drives, y[: pieces * length].reshape(pieces, length).T, float(np.ptp(y)) / 2.0, rate)
 
-
-def _linearised(
-    oscillator: Oscillator,
-    fields: tuple[str, ...],
-    drives: np.ndarray,
-    rate: float,
-    run_in: int,
-    target: np.ndarray,
-    size: float,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Residuals piece by piece (M,) and their columns (M, fields + 1); None when the simulation runs away."""
-    pieces = len(drives)
-    values = np.array([getattr(oscillator, f) for f in FIELDS])
-    sets, steps = [values], []
-    for f in fields:
-        moved = values.copy()
-        relative = SHARES[f] * abs(values[FIELDS.index(f)]) if f in SHARES else 1e-3
-        steps.append(relative if f in SHARES else 1e-3 / size ** TERMS[f])
-        moved[FIELDS.index(f)] += steps[-1]
-        sets.append(moved)
-    with np.errstate(over="ignore", invalid="ignore"):
-        out = _run(np.repeat(np.array(sets).T, pieces, axis=1), drives, rate)[run_in:]
-    if not np.isfinite(out).all():
-        return None
-    out = out.reshape(len(out), len(sets), pieces)
-    columns = [((out[:, k + 1] - out[:, 0]) / s).T.ravel() for k, s in enumerate(steps)]
-    columns.append(np.ones(target.size))
-    return (target - out[:, 0] - oscillator.offset).T.ravel(), np.stack(columns, axis=1)
+    def linearised(
+        self, oscillator: Oscillator, fields: tuple[str, ...], begin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals piece by piece (M,) and their columns (M, n): fields, offset, and what each piece begins
+        with, ``begin`` (2, pieces), position and rate; not finite when the simulation runs away.
+        """
+        pieces = len(self.drives)
+        values = np.array([getattr(oscillator, f) for f in FIELDS])
+        sets, steps = [values], []
+        for f in fields:
+            moved = values.copy()
+            k = FIELDS.index(f)
+            steps.append(SHARES[f] * abs(values[k]) if f in SHARES else 1e-3 / self.size ** TERMS[f])
+            moved[k] += steps[-1]
+            sets.append(moved)
+        shift = STEP * self.size * np.array([1.0, 2.0 * np.pi * oscillator.frequency])
+        begins = [begin] * len(sets) + [begin + d for d in np.diag(shift)[:, :, None]]
+        every = np.repeat(np.array([*sets, values, values]).T, pieces, axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            out = _run(every, np.hstack(begins), self.drives, self.rate)
+            out = out.reshape(len(out), len(begins), pieces)
+            moves = [((out[:, k + 1] - out[:, 0]) / s).T for k, s in enumerate([*steps, *shift])]
+        columns = [m.ravel() for m in moves[: len(fields)]] + [np.ones(self.target.size)]
+        for m in moves[len(fields) :]:
+            for k in range(pieces):
+                own = np.zeros(m.shape)
+                own[k] = m[k]
+                columns.append(own.ravel())
+        residual = (self.target - out[:, 0] - oscillator.offset).T.ravel()
+        return residual, np.stack(columns, axis=1)
 
 
 def _refined(drive: np.ndarray) -> np.ndarray:
     """Band-limited interpolation of a drive (N,) to the points the integrator asks for."""
     per = 2 * SUBSTEPS
-    padded = np.concatenate([drive, np.full(64, drive[-1])])
-    return resample_poly(padded, per, 1, window=("kaiser", 10.0))[: per * drive.size]
+    padded = np.concatenate([np.full(EDGE, drive[0]), drive, np.full(EDGE, drive[-1])])
+    return resample_poly(padded, per, 1, window=("kaiser", 10.0))[per * EDGE : per * (EDGE + drive.size)]
 
 
-def _run(parameters: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
+def _run(parameters: np.ndarray, begin: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
     """Outputs (n, k) of oscillators ``parameters`` (fields, k); ``drives`` (B, n * 2 SUBSTEPS) in turn.
+    They begin with position and rate ``begin`` (2, k).
 
     Classical Runge-Kutta of fourth order, all oscillators at once.
     """
@@ -253,7 +270,7 @@ def _run(parameters: np.ndarray, drives: np.ndarray, rate: float) -> np.ndarray:
     forces = np.tile(drives.T, (1, count // len(drives)))
     forces = np.vstack([forces, np.repeat(forces[-1:], 2, axis=0)])
     h = 1.0 / (rate * SUBSTEPS)
-    x, v = np.zeros(count), np.zeros(count)
+    x, v = begin
     out = np.empty((samples, count))
 
     def slope(x: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
+from smsid.arm.regression import Projection
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
 from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, describe
-from smsid.lab.oscillator import FIELDS, TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
+from smsid.lab.oscillator import TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
 
 LOGGER = logging.getLogger(__name__)
 LEVEL, BLOCK = 0.003, 0.001
@@ -27,7 +28,6 @@ NAMES = {
     "damping_growth": ("damping", "damping that grows with amplitude"),
 }
 UNIT = {"quadratic": "1/{}", "cubic": "1/{}^2", "quintic": "1/{}^4", "damping_growth": "1/{}^2"}
-HARDER = "a larger drive, and a smaller one"
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,12 @@ class OscillatorDiagnosis:
 
 @dataclass(frozen=True)
 class _Test:
+    """``sigma`` is the standard deviation of the first column's coefficient."""
+
     ratio: float
     p_value: float
     sigma: float
-    estimate: float
+    freedom: int
 
 
 def diagnose_oscillator(
@@ -89,8 +91,9 @@ def diagnose_oscillator(
     evidence: dict[str, _Test] = {}
     tried = len(TERMS)
     while True:
-        residual, rows, cut = sensitivities(drive, output, rate, fit.oscillator, pieces=pieces)
-        tests = {t: _tested(residual, rows, t, terms) for t in TERMS if t not in terms}
+        residual, rows, cut = sensitivities(drive, output, rate, fit)
+        fitted = _fitted(rows, terms)
+        tests = {t: _score(fitted, rows[t][:, None], residual) for t in TERMS if t not in terms}
         good = {
             t: x for t, x in tests.items() if x.p_value * tried < LEVEL and x.ratio > np.log(len(residual))
         }
@@ -135,28 +138,20 @@ def diagnose_oscillator(
     return OscillatorDiagnosis(result, fits)
 
 
-def _basis(rows: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
-    stacked = np.stack([rows[n] for n in names], axis=1)
-    return np.linalg.qr(stacked / np.linalg.norm(stacked, axis=0))[0]
+def _fitted(rows: dict[str, np.ndarray], terms: Sequence[str]) -> Projection:
+    return Projection(np.stack([x for n, x in rows.items() if n not in TERMS or n in terms], axis=1))
 
 
-def _fitted(terms: Sequence[str]) -> list[str]:
-    return [*FIELDS[:3], *terms, "offset"]
-
-
-def _tested(residual: np.ndarray, rows: dict[str, np.ndarray], term: str, terms: Sequence[str]) -> _Test:
-    """Likelihood ratio of one more term, everything fitted free to move."""
-    known = _basis(rows, _fitted(terms))
-    left = residual - known @ (known.T @ residual)
-    own = rows[term] - known @ (known.T @ rows[term])
-    size = float(np.linalg.norm(own))
-    direction = (own / size)[:, None]
-    along = float(direction[:, 0] @ left)
-    after = left - direction[:, 0] * along
+def _score(fitted: Projection, columns: np.ndarray, residual: np.ndarray) -> _Test:
+    """Likelihood ratio of more columns (M, k), everything fitted free to move."""
+    basis, left = fitted.beyond(columns, 0.0), fitted.left(residual)
+    along = basis.T @ left
+    after = left - basis @ along
     level = float(np.mean(after**2))
-    ratio = along**2 / level
-    p = robust_p_value(direction, after / np.sqrt(level), ratio, len(residual))
-    return _Test(ratio, p, float(np.sqrt(level)) / size, along / size)
+    ratio = float(along @ along) / level
+    p = robust_p_value(basis, after / np.sqrt(level), ratio, len(residual))
+    size = float(np.linalg.norm(fitted.left(columns[:, 0])))
+    return _Test(ratio, p, float(np.sqrt(level)) / size, basis.shape[1])
 
 
 def _left(
@@ -172,8 +167,7 @@ def _left(
     A force passes through the oscillator; sensitivities by terms of the catalogue that are not in it have
     been, what is tested here acts on the output itself.
     """
-    known = _basis(rows, _fitted(terms))
-    left = residual - known @ (known.T @ residual)
+    fitted = _fitted(rows, terms)
     y, u = (np.concatenate([np.asarray(x)[c] for c in cut]) for x in (output, drive))
     y, u = y / np.abs(y).max(), u / max(np.abs(u).max(), 1e-300)
     v = np.gradient(y)
@@ -188,17 +182,10 @@ def _left(
     }
     found = []
     for what, parts in blocks.items():
-        own = np.stack(parts, axis=1)
-        own = own - known @ (known.T @ own)
-        basis = np.linalg.qr(own / np.linalg.norm(own, axis=0))[0]
-        along = basis.T @ left
-        after = left - basis @ along
-        level = float(np.mean(after**2))
-        ratio = float(along @ along) / level
-        p = robust_p_value(basis, after / np.sqrt(level), ratio, len(residual))
-        if p * len(blocks) < BLOCK:
-            freedom = basis.shape[1]
-            found.append(Remaining("simulation error", what, float(chi2.isf(p, freedom)), freedom, p))
+        score = _score(fitted, np.stack(parts, axis=1), residual)
+        if score.p_value * len(blocks) < BLOCK:
+            chi = float(chi2.isf(score.p_value, score.freedom))
+            found.append(Remaining("simulation error", what, chi, score.freedom, score.p_value))
     return sorted(found, key=lambda r: r.p_value), len(blocks)
 
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli.app import app
-from smsid.description import Description
+from smsid.description import Description, load_description
 from smsid.diagnose import diagnose
 from smsid.effects.rotor import turns
 from smsid.effects.spatial import Motion
@@ -120,6 +120,21 @@ def test_the_command_takes_a_bare_urdf(tmp_path, rng):
     rigid = CliRunner().invoke(app, [*(str(x) for x in arguments), "--rigid"])
     assert rigid.exit_code == 0, rigid.output
     assert "hint" in rigid.output and "friction" in rigid.output
+
+
+def test_what_was_identified_without_a_description_is_exported(tmp_path, rng):
+    urdf = axis(tmp_path).folder / "axis.urdf"
+    save_recording(log(rng), tmp_path / "log.nc")
+    arguments = ["identify", urdf, tmp_path / "log.nc", "--friction", "direction", "-o", tmp_path / "e.json"]
+    assert CliRunner().invoke(app, [str(x) for x in arguments]).exit_code == 0
+    done = CliRunner().invoke(
+        app, ["export", str(urdf), str(tmp_path / "e.json"), "-o", str(tmp_path / "out")]
+    )
+    assert done.exit_code == 0, done.output
+    arm = load_description(tmp_path / "out" / "axis.toml")
+    friction = arm.get_effect("friction_slide")
+    assert friction.viscous == pytest.approx(200.0, rel=0.02) and "direction" in friction.laws
+    assert build_model(arm).pin.inertias[1].mass == pytest.approx(95.0, rel=0.02)
 
 
 def test_emps_gives_the_published_values(tmp_path):

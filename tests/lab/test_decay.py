@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.app import app
 from smsid.errors import NotIdentifiableError
+from smsid.identify.estimate import load_estimate
 from smsid.lab.decay import free_decay
 from smsid.recording import Recording, save_recording
 
@@ -68,3 +69,18 @@ def test_the_command_takes_a_free_decay(tmp_path):
     shown = CliRunner().invoke(app, [str(x) for x in arguments])
     assert shown.exit_code == 0, shown.output
     assert "free decay" in shown.output and "mode1.frequency" in shown.output
+
+
+def test_the_oscillator_takes_a_channel_that_was_let_go(tmp_path):
+    t, units = np.arange(0.0, 4.0, 1.0 / RATE), {"extra.output": "mm"}
+    log = Recording.from_arrays(t, {"extra.output": decay(drift=0.0)[:, None]}, units=units, name="tip")
+    save_recording(log, tmp_path / "tip.nc")
+    arguments = ["lab", "oscillator", str(tmp_path / "tip.nc"), "-o", str(tmp_path / "o.json")]
+    shown = CliRunner().invoke(app, arguments)
+    assert shown.exit_code == 0, shown.output
+    found = load_estimate(tmp_path / "o.json")
+    for name, value in (("frequency", 2.3), ("damping", 0.012)):
+        p = found[f"oscillator.{name}"]
+        assert abs(p.value - value) < 4.0 * p.sigma < 0.1 * value
+    refused = CliRunner().invoke(app, [*arguments, "--diagnose", str(tmp_path / "d.json")])
+    assert "let go" in str(refused.exception)

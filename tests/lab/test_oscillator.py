@@ -108,6 +108,45 @@ def test_what_cannot_be_fitted_is_refused(record, change, text):
         fit_oscillator(drive, measured, RATE, **arguments)
 
 
+def let_go(truth, seconds, begin, seed=0, noise=0.01):
+    """An oscillator that was let go, integrated by another method."""
+    w, times = 2 * np.pi * truth.frequency, np.arange(0.0, seconds, 1.0 / RATE)
+
+    def slope(_, s):
+        return [s[1], -w * w * s[0] * (1.0 + truth.cubic * s[0] ** 2) - 2 * truth.damping * w * s[1]]
+
+    done = solve_ivp(slope, (0.0, seconds), [begin, 0.0], "DOP853", times, rtol=1e-9, atol=1e-11)
+    return done.y[0] + truth.offset + noise * np.random.default_rng(seed).normal(size=times.size)
+
+
+def test_a_hardening_spring_is_found_from_a_free_decay():
+    truth = Oscillator(frequency=2.3, damping=0.012, gain=1.0, cubic=0.3, offset=0.4)
+    scores = []
+    for seed in range(8):
+        measured = let_go(truth, 4.0, 1.0, seed)
+        start = Oscillator(frequency=2.4, damping=0.02, gain=1.0)
+        found = fit_oscillator(None, measured, RATE, start, terms=("cubic",), pieces=1).estimate
+        names = [p.name.split(".")[1] for p in found.parameters]
+        assert names == ["frequency", "damping", "cubic", "offset"]
+        scores += [
+            (p.value - getattr(truth, n)) / p.sigma for p, n in zip(found.parameters, names, strict=True)
+        ]
+        assert found["oscillator.cubic"].sigma < 0.01
+    assert np.mean(np.abs(scores) < 1.96) > 0.8 and np.abs(scores).max() < 4.0
+
+
+def test_a_driven_record_may_begin_anyhow_and_be_short(record):
+    """Three seconds out of the middle, which does not begin at rest."""
+    drive, measured = record
+    part = slice(700, 1000)
+    noisy = measured[part] + 0.002 * np.random.default_rng(3).normal(size=300)
+    start = Oscillator(frequency=7.8, damping=0.08, gain=1.0)
+    found = fit_oscillator(drive[part], noisy, RATE, start, terms=("quadratic", "cubic"), pieces=1)
+    for p in found.estimate.parameters:
+        expected = getattr(TRUTH, p.name.split(".")[1])
+        assert abs(p.value - expected) < max(4.0 * p.sigma, 0.02 * abs(expected)), p.name
+
+
 @pytest.mark.slow
 def test_silverbox_below_one_millivolt_on_the_arrow():
     if not have("silverbox"):
