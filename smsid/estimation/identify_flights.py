@@ -38,6 +38,7 @@ LOGGER = logging.getLogger(__name__)
 METHOD = "maximum_likelihood"
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 MATTERS = 0.5  # standard deviations by which another course of commands may move an estimate without a word
 WORDS = {"linear": "straight lines between samples", "smooth": "curves through their samples"}
@@ -144,7 +145,7 @@ def _identify(
             found, more = maximise(better.point, unknowns, flights, tell=tell)
             visited += more
     else:
-        raise _restless()
+        raise _restless(flights)
     disagree = contradictions(found, rows[:own], quality.widening)
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
@@ -238,15 +239,32 @@ def _search(
         found = settled(found, flights, tell=tell)
         visited.append(found)
     if not converged(found):
-        raise _restless()
+        raise _restless(flights)
     return found, flights, visited
 
 
-def _restless() -> NotIdentifiableError:
+def _restless(flights: Sequence[Flight]) -> NotIdentifiableError:
+    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
+    if wide:
+        label, turn = next(iter(wide.items()))
+        return NotIdentifiableError(
+            "The search for the most likely parameters does not come to rest: nothing reads the attitude in "
+            f"'{label}', and at the start it is known to {turn:.2g} rad only.",
+            advice="Say how well it is known, as in --start attitude=0.02,rate=0.01 (rad, rad/s).",
+            attitude=wide,
+        )
     return NotIdentifiableError(
         "The search for the most likely parameters does not come to rest.",
         advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
     )
+
+
+def _widest_turn(flight: Flight) -> float:
+    """Return the largest standard deviation of the attitude at the start [rad]."""
+    begin = flight.problem.begin
+    if begin is None or not flight.model.free:
+        return 0.0
+    return float(np.sqrt(begin.covariance.diagonal()[3:6].max()))
 
 
 def _loosened(flight: Flight, share: float) -> Flight:
