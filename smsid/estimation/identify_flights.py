@@ -22,13 +22,13 @@ from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
-from smsid.estimation.maximum import converged, maximise, predicted_gain, settled
+from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Timing
 from smsid.estimation.profile_interval import bound_intervals
-from smsid.estimation.trust_region import bounded_step
+from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.prior import Cad
