@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.normal_equations import NormalEquations
+from smsid.likelihood.combinations import Combination
 
 LEVEL = 1e-4  # probability below which recordings contradict each other
 APART = 3.5  # standard deviations between two values that are named
@@ -51,7 +51,7 @@ class Part:
 
 
 def contradictions(
-    found: NormalEquations, rows: Sequence[Reported], widening: float = 1.0
+    found: NormalEquations, rows: Sequence[Combination], widening: float = 1.0
 ) -> tuple[Contradiction, ...]:
     """Return the recordings that contradict the others, the worst first.
 
@@ -63,7 +63,7 @@ def contradictions(
 
 
 def contradictions_of(
-    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Reported], widening: float = 1.0
+    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Combination], widening: float = 1.0
 ) -> tuple[Contradiction, ...]:
     """Return which parts contradict the others, the worst first; ``prior`` (m, m): known beforehand.
 
@@ -116,7 +116,7 @@ def _shared(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarr
 
 
 def _named(
-    rows: Sequence[Reported],
+    rows: Sequence[Combination],
     covariances: list[np.ndarray],
     slopes: tuple[np.ndarray, np.ndarray],
     spread: np.ndarray,

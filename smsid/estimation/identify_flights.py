@@ -17,7 +17,7 @@ from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
-from smsid.estimation.inertial_combinations import Reported, reported
+from smsid.estimation.inertial_combinations import reported
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
@@ -31,19 +31,18 @@ from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
+from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
+from smsid.likelihood.report import HELD, METHOD, judged_by_share
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-METHOD = "maximum_likelihood"
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 MATTERS = 0.5  # standard deviations by which another course of commands may move an estimate without a word
 WORDS = {"linear": "straight lines between samples", "smooth": "curves through their samples"}
-HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
-UNSEEN = "the data do not see it"
 
 
 @dataclass(frozen=True)
@@ -188,7 +187,7 @@ def _identify(
     return FlightEstimate(estimate, spread, description, quality, disagree, found, tuple(flights))
 
 
-def _as_density(row: Reported, densities: Mapping[str, tuple[str, float]]) -> Reported:
+def _as_density(row: Combination, densities: Mapping[str, tuple[str, float]]) -> Combination:
     """Return a beam's participation factor as the linear density it stands for; anything else as it is."""
     if row.name not in densities:
         return row
@@ -314,10 +313,10 @@ def _with_timing(flight: Flight, timing: Timing) -> Flight:
     return replace(flight, problem=replace(flight.problem, timing=timing))
 
 
-def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Reported:
+def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Combination:
     row = np.zeros(len(found.unknowns))
     row[i] = unknown.scale
-    return Reported(unknown.name, unknown.unit, found.point.value(unknown), row, 0.0)
+    return Combination(unknown.name, unknown.unit, found.point.value(unknown), row, 0.0)
 
 
 def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -329,17 +328,14 @@ def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.n
 
 
 def _judged(
-    row: Reported, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
+    row: Combination, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
 ) -> ParameterEstimate:
     """Return a parameter with its status; ``share`` of its variance is the prior's, ``bent`` its profile."""
     if ": " in row.name:
         return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
-    found = classify(
-        row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference
-    )
+    found = judged_by_share(row, sigma, share)
     if share > HELD:
-        note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
-        return replace(found, status="not_identifiable", note=note)
+        return found
     if bent is not None:
         found = _bent(found, bent)
     if quality.judgement == "not explained" and found.status == "identifiable":

@@ -7,7 +7,7 @@ from scipy.stats import kstest
 
 from smsid.estimation import contradictions as module
 from smsid.estimation.contradictions import Part, contradictions_of
-from smsid.estimation.inertial_combinations import Reported
+from smsid.likelihood.combinations import Combination
 
 LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
 
@@ -38,7 +38,7 @@ def parts(rng, apart=0.0):
 
 
 def rows():
-    return [Reported(f"p{i}", "1", 1.0, np.eye(15)[i], 1.0) for i in range(15)]
+    return [Combination(f"p{i}", "1", 1.0, np.eye(15)[i], 1.0) for i in range(15)]
 
 
 def p_value(found_parts, monkeypatch):
