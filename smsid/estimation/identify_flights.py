@@ -274,9 +274,9 @@ def _loosened(flight: Flight, share: float) -> Flight:
 def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
     """Return the flight with commands held, linear or both between samples, as is most likely near a point.
 
-    Where the search is ``at_rest``, each is judged by what the likelihood would come to one step of all
-    parameters on: inertia may make up for a wave that straight lines between samples cut off. A note says
-    where straight lines and curves are as likely and parameters differ.
+    Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
+    one step of all parameters on: inertia may make up for a wave that straight lines cut off. A note says
+    where they are as likely and parameters differ.
     """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
@@ -285,11 +285,12 @@ def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, 
     likely: dict[Timing, float] = {}
     moves: dict[Timing, float] = {}
     for timing in choices:
+        other = _with_timing(flight, timing)
         try:
-            if not at_rest:
-                likely[timing] = -objective_of(point, unknowns, [_with_timing(flight, timing)])
+            if not (at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING)):
+                likely[timing] = -objective_of(point, unknowns, [other])
                 continue
-            here = normal_equations(point, unknowns, [_with_timing(flight, timing)])
+            here = normal_equations(point, unknowns, [other])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
             continue
@@ -299,11 +300,10 @@ def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, 
     best = max(likely, key=lambda t: likely[t], default=now)
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
         best = now
-    alike = {t for t in moves if likely[best] - likely[t] < CLEARLY and moves[t] > MATTERS} - {best}
-    for other in alike if best.hold in VARYING else ():
-        if other.hold in VARYING:
-            note = f"commands are taken as {WORDS[best.hold]}; {WORDS[other.hold]} are as likely, and would "
-            note += f"move estimates by up to {moves[other]:.2g} standard deviations: record them faster"
+    for timing, by in moves.items():
+        if best == now and likely[now] - likely[timing] < CLEARLY and by > MATTERS:
+            note = f"commands are taken as {WORDS[now.hold]}; {WORDS[timing.hold]} are as likely, and would "
+            note += f"move estimates by up to {by:.2g} standard deviations: record them faster"
             flight = replace(flight, notes=(*flight.notes, note))
     LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
     return _with_timing(flight, best)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.identify.exp2_result import kind_of
 from smsid.identify.momentum_rows import Split, carried_matrix, first_moments
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
@@ -111,9 +112,3 @@ def inertial(
             )
         )
     return found, base, parts.names
-
-
-def kind_of(name: str) -> tuple[str, str]:
-    """Return body and kind (mass, first moment, inertia) of a combination, from its leading term."""
-    body, symbol = name.split(" ", 1)[0].rsplit(".", 1)
-    return body, {"m": "mass"}.get(symbol, "inertia" if symbol.startswith("I") else "moment")
