@@ -19,6 +19,7 @@ from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
 from smsid.likelihood.time_grid import Timeline
+from smsid.simulate.truth import rotation_matrices
 
 
 @dataclass(frozen=True)
