@@ -28,6 +28,7 @@ from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
+from smsid.estimation.initial_state import InitialPrior
 from smsid.identify.combination_name import parse_combination
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -94,6 +95,15 @@ def thrust_alone(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return force, np.zeros(3), np.zeros(3)
 
 
+def long_burns(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Burns of 7.5 s along each axis in turn and back, which leave the tank ringing."""
+    force = np.zeros(3)
+    k = int(t // 7.5)
+    if k < 6:
+        force[k // 2] = 2.0 if k % 2 == 0 else -2.0
+    return force, np.zeros(3), np.zeros(3)
+
+
 def moments(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Known torques on the bus, as of magnetic rods."""
     return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t + [0, 1, 2]), np.zeros(3)
@@ -126,7 +136,7 @@ def held_while_thrusting(truth: Satellite, rng: np.random.Generator) -> list[Rec
             return super().derivative(x, force, torque, wheel_torque)
 
     own = Held(**{k: getattr(truth, k) for k in truth.__dataclass_fields__})
-    flight = own.fly(30.0, thrust_alone)
+    flight = own.fly(60.0, long_burns) if truth is FULL else own.fly(30.0, thrust_alone)
     return [recorded(truth, flight, rng, without=("command.wheel_torque", "command.torque"))]
 
 
@@ -139,7 +149,7 @@ def moving() -> np.ndarray:
 
 
 def position_alone(truth: Satellite, rng: np.random.Generator) -> list[Recording]:
-    """Positions of the bus at 1 Hz, 5 mm, and commands: nothing else."""
+    """Positions of the bus at 1 Hz, 5 mm, and commands; the attitude at the start is known to 0.02 rad."""
     times, states, _, inputs = truth.fly(60.0, everything)
     k = slice(None, None, 50)
     at = np.array([rotation(q) @ np.array([0.5, 1.5, 0.6]) for q in states[k, 3:7]])
@@ -195,13 +205,16 @@ KINDS = {
     "moving start": Kind(flown(everything, start=moving())),
     "thrust, attitude free": Kind(flown(thrust_alone)),
     "thrust, held by wheels": Kind(held_while_thrusting),
+    "held by wheels, tank and panel": Kind(held_while_thrusting, FULL),
     "moments": Kind(flown(moments)),
     "wheels alone": Kind(flown(wheels_alone)),
     "everything": Kind(flown(everything)),
     "everything, tank and panel": Kind(flown(everything, 60.0), FULL),
     "gyro and wheels": Kind(flown(wheels_alone, without=("st.attitude", "gyro.acceleration", *NOTHING))),
     "gyro, star tracker, wheels": Kind(flown(wheels_alone, without=("gyro.acceleration", *NOTHING))),
-    "position alone": Kind(position_alone, sensors=(GNSS,)),
+    "position alone": Kind(
+        position_alone, sensors=(GNSS,), options=FlightOptions(initial=InitialPrior(attitude=0.02, rate=0.01))
+    ),
     "clocks of their own": Kind(clocks_of_their_own),
     "1 Hz": Kind(flown(moments, 100.0, every=50)),
     "50 Hz": Kind(flown(everything, 10.0, every=1)),

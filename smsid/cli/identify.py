@@ -63,6 +63,14 @@ def identify_command(
     at_rest: Annotated[
         bool, typer.Option("--at-rest", help="by a filter: nothing moves when a recording begins")
     ] = False,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=SIGMA,...",
+            help="by a filter: standard deviations at the start of what no sensor reads then: position [m], "
+            "attitude [rad], velocity [m/s], rate [rad/s], joint_angle, joint_rate, wheel_rate",
+        ),
+    ] = None,
     cutoff: Annotated[
         float | None,
         typer.Option(
@@ -201,7 +209,12 @@ def identify_command(
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
             found = identify_spacecraft(
-                described, loaded, method=_method(method), cad=cad, options=_flight(drive, at_rest), tell=tell
+                described,
+                loaded,
+                method=_method(method),
+                cad=cad,
+                options=_flight(drive, at_rest, start),
+                tell=tell,
             )
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)
@@ -235,7 +248,7 @@ def _method(name: str) -> Method:
     raise SmsidError(f"There is no method '{name}'.", advice="Use --method ml, filter or paper.")
 
 
-def _flight(drive: str, at_rest: bool) -> FlightOptions | None:
+def _flight(drive: str, at_rest: bool, start: str | None = None) -> FlightOptions | None:
     """Return how a filter takes recordings, ``None`` for the defaults."""
     from smsid.estimation.flight import FlightOptions
     from smsid.estimation.initial_state import InitialPrior
@@ -244,9 +257,21 @@ def _flight(drive: str, at_rest: bool) -> FlightOptions | None:
         raise SmsidError(
             f"Nothing is driven by '{drive}'.", advice="Use --drive auto, command or measured.", drive=drive
         )
-    if drive == "auto" and not at_rest:
+    if drive == "auto" and not at_rest and start is None:
         return None
-    return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest))  # type: ignore[arg-type]
+    known = [k for k, x in vars(InitialPrior()).items() if type(x) is float]
+    sigmas: dict[str, float] = {}
+    for name, _, sigma in (x.strip().partition("=") for x in start.split(",")) if start else ():
+        try:
+            sigmas[name] = float(sigma)
+        except ValueError:
+            sigmas[name] = 0.0
+        if name not in known or not (isfinite(sigmas[name]) and sigmas[name] > 0.0):
+            raise SmsidError(
+                f"'{name}={sigma}' is no standard deviation at the start.",
+                advice=f"Give one of {', '.join(known)}, such as attitude=0.02.",
+            )
+    return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest, **sigmas))  # type: ignore[arg-type]
 
 
 def _by_the_paper(described: Description, loaded: list[Recording], printed: bool, find: bool) -> Identified:

@@ -20,7 +20,7 @@ _KINDS = (
     ),
     (re.compile(r"^(?P<item>.+?): .* left out: (?P<rest>.*)$"), "samples left out in {items}: --all"),
     (
-        re.compile(r"^'(?P<item>[^']+)' contradicts the other recordings .*$", re.DOTALL),
+        re.compile(r"^'(?P<item>[^']+)' contradicts the other recordings (?!.*One factor).*$", re.DOTALL),
         "{items} contradict each other: were they flown with the same spacecraft? In what, with --all",
     ),
     (

@@ -23,7 +23,7 @@ from smsid.description.schema import Description
 from smsid.errors import ControlError
 from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
-from smsid.likelihood.combinations import carried_matrix
+from smsid.identify.momentum_rows import carried_matrix
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prior import CAD
@@ -210,7 +210,7 @@ def _with_inertias(
 ) -> tuple[Parameters, float, np.ndarray, tuple[str, ...]]:
     n = at.inertias.size
     theta, jacobian = at.theta(), at.theta_jacobian()[:, :n]
-    matrix = combined @ (np.eye(len(theta)) + carried_matrix(at, regressor))
+    matrix = combined @ (np.eye(len(theta)) + carried_matrix(at.layout.model, regressor))
     values = np.array([p.value for p in found])
     sigma = np.array([p.sigma for p in found])
     names = [p.name for p in found]

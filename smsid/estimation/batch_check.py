@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
-from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of
 from smsid.likelihood.channels import described_sigma
 from smsid.likelihood.normal import normal_at
@@ -82,12 +79,7 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
             gram, slope = information[:size, :size], gradient[:size]
         parts.append(Part(piece.name, 0.5 * (gram + gram.T), slope))
     _, jacobian = refinement.prior.residual(point.parameters)
-    return contradictions_of(parts, jacobian.T @ jacobian, _rows(refinement))
-
-
-def _rows(refinement: Refinement) -> Sequence[Reported]:
-    found = refinement.fit
-    combinations, _ = reported_parameters(
-        found.point.parameters, refinement.described, free_predictions(found.pieces, found.point)
+    rows, _ = reported_parameters(
+        point.parameters, refinement.described, free_predictions(found.pieces, point)
     )
-    return [Reported(c.name, c.unit, c.value, c.gradient, c.nominal) for c in combinations]
+    return contradictions_of(parts, jacobian.T @ jacobian, rows)

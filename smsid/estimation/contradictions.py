@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.normal_equations import NormalEquations
+from smsid.likelihood.combinations import Combination
 
 LEVEL = 1e-4  # probability below which recordings contradict each other
 APART = 3.5  # standard deviations between two values that are named
+LINEAR = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
 NAMED = 5  # parameters at most
 
 
@@ -21,12 +22,14 @@ class Contradiction:
     """One recording against all others: probability of so much difference by chance, and where it shows.
 
     ``parameters`` are (name, value by this recording alone, by the others, difference in standard
-    deviations).
+    deviations). ``factor``: of this recording's masses and springs to those of the others, where one explains
+    all differences: forces of one are scaled.
     """
 
     recording: str
     p_value: float
     parameters: tuple[tuple[str, float, float, float], ...]
+    factor: float | None = None
 
     @property
     def sentence(self) -> str:
@@ -34,10 +37,13 @@ class Contradiction:
         named = "; ".join(
             f"{n} {a:.4g} against {b:.4g} ({abs(z):.1f} sigma)" for n, a, b, z in self.parameters
         )
+        said = f"'{self.recording}' contradicts the other recordings (p = {self.p_value:.1g})"
+        said += f": {named}. " if named else ". "
+        if self.factor is None:
+            return f"{said}Were they flown with the same spacecraft? Identify them apart and compare."
         return (
-            f"'{self.recording}' contradicts the other recordings (p = {self.p_value:.1g})"
-            + (f": {named}" if named else "")
-            + ". Were they flown with the same spacecraft? Identify them apart and compare."
+            f"{said}One factor explains it, {self.factor:.3g} on all masses and springs: is what drives one "
+            "of them scaled, thrust ('command.force') or the wheels' inertia times rate ('wheel_rate')?"
         )
 
 
@@ -51,7 +57,7 @@ class Part:
 
 
 def contradictions(
-    found: NormalEquations, rows: Sequence[Reported], widening: float = 1.0
+    found: NormalEquations, rows: Sequence[Combination], widening: float = 1.0
 ) -> tuple[Contradiction, ...]:
     """Return the recordings that contradict the others, the worst first.
 
@@ -63,7 +69,7 @@ def contradictions(
 
 
 def contradictions_of(
-    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Reported], widening: float = 1.0
+    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Combination], widening: float = 1.0
 ) -> tuple[Contradiction, ...]:
     """Return which parts contradict the others, the worst first; ``prior`` (m, m): known beforehand.
 
@@ -90,7 +96,11 @@ def contradictions_of(
         statistic = float(np.sum((basis[:, seen].T @ own) ** 2 / size[seen]))
         p_value = float(chi2.sf(statistic, int(seen.sum())))
         if p_value * len(parts) < LEVEL:
-            out.append(Contradiction(part.label, p_value, _named(rows, covariances, slopes, spread)))
+            apart_by_row = _differences(rows, covariances, slopes, spread)
+            named = [x for x in apart_by_row.values() if abs(x[3]) > APART]
+            named = sorted(named, key=lambda x: -abs(x[3]))[:NAMED]
+            factor = _common_factor(rows, apart_by_row)
+            out.append(Contradiction(part.label, p_value, tuple(named), factor))
     return tuple(sorted(out, key=lambda c: c.p_value))
 
 
@@ -115,16 +125,31 @@ def _shared(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarr
     return basis[:, size > 1.0] / width[:, None] if (size > 1.0).any() else basis[:, -1:] / width[:, None]
 
 
-def _named(
-    rows: Sequence[Reported],
+def _differences(
+    rows: Sequence[Combination],
     covariances: list[np.ndarray],
     slopes: tuple[np.ndarray, np.ndarray],
     spread: np.ndarray,
-) -> tuple[tuple[str, float, float, float], ...]:
-    found = []
-    for row in rows:
+) -> dict[int, tuple[str, float, float, float]]:
+    """Return name, value by one side, by the other, and their difference in standard deviations, by row."""
+    found = {}
+    for k, row in enumerate(rows):
         own, other = (float(row.gradient @ c @ s) for c, s in zip(covariances, slopes, strict=True))
         sigma = float(np.sqrt(row.gradient @ spread @ row.gradient))
-        if sigma > 0.0 and abs(own - other) > APART * sigma:
-            found.append((row.name, row.value + own, row.value + other, (own - other) / sigma))
-    return tuple(sorted(found, key=lambda x: -abs(x[3]))[:NAMED])
+        if sigma > 0.0 and own != other:
+            found[k] = (row.name, row.value + own, row.value + other, (own - other) / sigma)
+    return found
+
+
+def _common_factor(
+    rows: Sequence[Combination], apart: dict[int, tuple[str, float, float, float]]
+) -> float | None:
+    """Return the factor between what both sides say of all that is linear in force, if there is one."""
+    own = [(a / b, abs((a - b) / z / b)) for k, (_, a, b, z) in apart.items() if rows[k].unit in LINEAR and b]
+    ratio, sigma = np.array(own).reshape(-1, 2).T
+    if not len(ratio):
+        return None
+    factor = float(np.average(ratio, weights=sigma**-2))
+    telling = sigma < abs(factor - 1.0) / APART
+    off = (ratio - factor)[telling] / sigma[telling]
+    return factor if telling.sum() > 1 and np.sqrt(np.mean(off**2)) < APART else None

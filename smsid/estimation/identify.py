@@ -13,6 +13,7 @@ from smsid.estimation.contradictions import Contradiction
 from smsid.estimation.fit_quality import FitQuality
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
+from smsid.estimation.mapping_check import wrong_columns
 from smsid.identify.estimate import Estimate
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
@@ -100,9 +101,16 @@ def identify_spacecraft(
     if tell is not None:
         tell(f"taken as flights: {reason}")
     found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
-    notes = (found.estimate.notes[0], f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
+    first = found.estimate.notes[0], *_wrong_columns(found.quality, description, recordings)
+    notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
     return Identified(estimate, None, None, found, reason, found.quality, found.contradictions)
+
+
+def _wrong_columns(
+    quality: FitQuality, description: Description, recordings: Sequence[Recording]
+) -> list[str]:
+    return wrong_columns(description, recordings) if quality.judgement == "not explained" else []
 
 
 def _single_thrusters(recording: Recording) -> bool:
@@ -134,6 +142,7 @@ def _batch(
             for p in estimate.parameters
         )
         estimate = replace(estimate, parameters=parameters)
-    notes = (quality.sentence, *(c.sentence for c in disagree), *doubts, *estimate.notes)
+    wrong = _wrong_columns(quality, description, recordings)
+    notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)
     return Identified(estimate, linear, refined, None, "", quality, disagree)

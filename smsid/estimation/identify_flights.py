@@ -17,32 +17,32 @@ from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
-from smsid.estimation.inertial_combinations import Reported, reported
+from smsid.estimation.inertial_combinations import reported
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
-from smsid.estimation.maximum import converged, maximise, predicted_gain, settled
+from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Timing
 from smsid.estimation.profile_interval import bound_intervals
-from smsid.estimation.trust_region import bounded_step
+from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
+from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
+from smsid.likelihood.report import HELD, METHOD, judged_by_share
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-METHOD = "maximum_likelihood"
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 MATTERS = 0.5  # standard deviations by which another course of commands may move an estimate without a word
 WORDS = {"linear": "straight lines between samples", "smooth": "curves through their samples"}
-HELD = 0.5  # share of a variance that may come from the prior before a parameter counts as not seen
-UNSEEN = "the data do not see it"
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _identify(
             found, more = maximise(better.point, unknowns, flights, tell=tell)
             visited += more
     else:
-        raise _restless()
+        raise _restless(flights)
     disagree = contradictions(found, rows[:own], quality.widening)
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
@@ -187,7 +187,7 @@ def _identify(
     return FlightEstimate(estimate, spread, description, quality, disagree, found, tuple(flights))
 
 
-def _as_density(row: Reported, densities: Mapping[str, tuple[str, float]]) -> Reported:
+def _as_density(row: Combination, densities: Mapping[str, tuple[str, float]]) -> Combination:
     """Return a beam's participation factor as the linear density it stands for; anything else as it is."""
     if row.name not in densities:
         return row
@@ -238,15 +238,32 @@ def _search(
         found = settled(found, flights, tell=tell)
         visited.append(found)
     if not converged(found):
-        raise _restless()
+        raise _restless(flights)
     return found, flights, visited
 
 
-def _restless() -> NotIdentifiableError:
+def _restless(flights: Sequence[Flight]) -> NotIdentifiableError:
+    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
+    if wide:
+        label, turn = next(iter(wide.items()))
+        return NotIdentifiableError(
+            "The search for the most likely parameters does not come to rest: nothing reads the attitude in "
+            f"'{label}', and at the start it is known to {turn:.2g} rad only.",
+            advice="Say how well it is known, as in --start attitude=0.02,rate=0.01 (rad, rad/s).",
+            attitude=wide,
+        )
     return NotIdentifiableError(
         "The search for the most likely parameters does not come to rest.",
         advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
     )
+
+
+def _widest_turn(flight: Flight) -> float:
+    """Return the largest standard deviation of the attitude at the start [rad]."""
+    begin = flight.problem.begin
+    if begin is None or not flight.model.free:
+        return 0.0
+    return float(np.sqrt(begin.covariance.diagonal()[3:6].max()))
 
 
 def _loosened(flight: Flight, share: float) -> Flight:
@@ -257,9 +274,9 @@ def _loosened(flight: Flight, share: float) -> Flight:
 def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
     """Return the flight with commands held, linear or both between samples, as is most likely near a point.
 
-    Where the search is ``at_rest``, each is judged by what the likelihood would come to one step of all
-    parameters on: inertia may make up for a wave that straight lines between samples cut off. A note says
-    where straight lines and curves are as likely and parameters differ.
+    Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
+    one step of all parameters on: inertia may make up for a wave that straight lines cut off. A note says
+    where they are as likely and parameters differ.
     """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
@@ -268,11 +285,12 @@ def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, 
     likely: dict[Timing, float] = {}
     moves: dict[Timing, float] = {}
     for timing in choices:
+        other = _with_timing(flight, timing)
         try:
-            if not at_rest:
-                likely[timing] = -objective_of(point, unknowns, [_with_timing(flight, timing)])
+            if not (at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING)):
+                likely[timing] = -objective_of(point, unknowns, [other])
                 continue
-            here = normal_equations(point, unknowns, [_with_timing(flight, timing)])
+            here = normal_equations(point, unknowns, [other])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
             continue
@@ -282,11 +300,10 @@ def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, 
     best = max(likely, key=lambda t: likely[t], default=now)
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
         best = now
-    alike = {t for t in moves if likely[best] - likely[t] < CLEARLY and moves[t] > MATTERS} - {best}
-    for other in alike if best.hold in VARYING else ():
-        if other.hold in VARYING:
-            note = f"commands are taken as {WORDS[best.hold]}; {WORDS[other.hold]} are as likely, and would "
-            note += f"move estimates by up to {moves[other]:.2g} standard deviations: record them faster"
+    for timing, by in moves.items():
+        if best == now and likely[now] - likely[timing] < CLEARLY and by > MATTERS:
+            note = f"commands are taken as {WORDS[now.hold]}; {WORDS[timing.hold]} are as likely, and would "
+            note += f"move estimates by up to {by:.2g} standard deviations: record them faster"
             flight = replace(flight, notes=(*flight.notes, note))
     LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
     return _with_timing(flight, best)
@@ -296,10 +313,10 @@ def _with_timing(flight: Flight, timing: Timing) -> Flight:
     return replace(flight, problem=replace(flight.problem, timing=timing))
 
 
-def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Reported:
+def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Combination:
     row = np.zeros(len(found.unknowns))
     row[i] = unknown.scale
-    return Reported(unknown.name, unknown.unit, found.point.value(unknown), row, 0.0)
+    return Combination(unknown.name, unknown.unit, found.point.value(unknown), row, 0.0)
 
 
 def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -311,17 +328,14 @@ def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.n
 
 
 def _judged(
-    row: Reported, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
+    row: Combination, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
 ) -> ParameterEstimate:
     """Return a parameter with its status; ``share`` of its variance is the prior's, ``bent`` its profile."""
     if ": " in row.name:
         return ParameterEstimate(row.name, row.value, row.unit, sigma, "by_product", "nuisance")
-    found = classify(
-        row.name, row.value, row.unit, sigma, METHOD, nominal=row.nominal, reference=row.reference
-    )
+    found = judged_by_share(row, sigma, share)
     if share > HELD:
-        note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
-        return replace(found, status="not_identifiable", note=note)
+        return found
     if bent is not None:
         found = _bent(found, bent)
     if quality.judgement == "not explained" and found.status == "identifiable":

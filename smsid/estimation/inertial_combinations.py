@@ -12,14 +12,15 @@ about the origin both are products of what is not known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
 
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.identify.exp2_result import kind_of
 from smsid.identify.momentum_rows import carried_by_bus
+from smsid.likelihood.combinations import Combination
 from smsid.model.regressor import Regressor, body_names
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -33,19 +34,7 @@ DIGITS, MOST_DIGITS = 4, 12  # of a factor in a name: as few as its effect on th
 TIPS = 0.1  # preference for lumping what is nearer to the tips
 
 
-@dataclass(frozen=True)
-class Reported:
-    """A reported quantity: value, gradient (m,) by the unknowns in their scales, and the described value."""
-
-    name: str
-    unit: str
-    value: float
-    gradient: np.ndarray
-    nominal: float
-    reference: float | None = None
-
-
-def reported(found: NormalEquations, described: Point) -> list[Reported]:
+def reported(found: NormalEquations, described: Point) -> list[Combination]:
     """Return what is reported at a point, apart from the biases of single recordings."""
     unknowns = found.unknowns
     out = [_total_mass(found, described)] if any(u.kind == "inertial" for u in unknowns) else []
@@ -57,11 +46,11 @@ def reported(found: NormalEquations, described: Point) -> list[Reported]:
             row[i] = u.scale
             size = abs(u.nominal) or u.sigma
             reference = size if abs(found.point.value(u)) < 0.1 * size else None
-            out.append(Reported(u.name, u.unit, found.point.value(u), row, u.nominal, reference))
+            out.append(Combination(u.name, u.unit, found.point.value(u), row, u.nominal, reference))
     return out + _base_parameters(found, described)
 
 
-def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
+def _polar(found: NormalEquations, i: int, described: Point) -> Combination:
     """Return the amplitude or the angle that an unknown is a component of."""
     u = found.unknowns[i]
     assert u.polar is not None
@@ -78,7 +67,7 @@ def _polar(found: NormalEquations, i: int, described: Point) -> Reported:
     )
     own = values[u.name]
     reference = float(np.pi) if not amplitude else None
-    return Reported(u.name, own.unit, own.value, row * found.scales, before[u.name].value, reference)
+    return Combination(u.name, own.unit, own.value, row * found.scales, before[u.name].value, reference)
 
 
 def whole_bodies(model: SpacecraftModel) -> np.ndarray:
@@ -112,15 +101,15 @@ def _by_effects(found: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
     return whole, mass
 
 
-def _total_mass(found: NormalEquations, described: Point) -> Reported:
+def _total_mass(found: NormalEquations, described: Point) -> Combination:
     _, row = _by_effects(found)
     for i, u in enumerate(found.unknowns):
         if u.kind == "inertial" and u.name.endswith(".m"):
             row[i] = u.scale
-    return Reported("total.mass", "kg", found.point.model().mass, row, described.model().mass)
+    return Combination("total.mass", "kg", found.point.model().mass, row, described.model().mass)
 
 
-def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]:
+def _base_parameters(found: NormalEquations, described: Point) -> list[Combination]:
     unknowns = found.unknowns
     own = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
     if not own:
@@ -150,18 +139,18 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Reported]
     sizes: dict[tuple[str, str], float] = {}
     for factors, _ in rows:
         lead = unknowns[own[int(np.flatnonzero(factors == 1.0)[0])]].name
-        sizes[_kind(lead)] = max(sizes.get(_kind(lead), 0.0), abs(float(factors @ values)))
+        sizes[kind_of(lead)] = max(sizes.get(kind_of(lead), 0.0), abs(float(factors @ values)))
     central = _central(found, described, rows, kept, own, moved, covariance)
     out = []
     for (factors, gradient), k in zip(rows, kept, strict=True):
         if int(k) in central:
             out.append(central[int(k)])
             continue
-        value, size = float(factors @ values), sizes[_kind(unknowns[own[k]].name)]
+        value, size = float(factors @ values), sizes[kind_of(unknowns[own[k]].name)]
         name = combination_name(factors, int(k), [unknowns[i].name for i in own])
         reference = size if abs(value) < 0.1 * size else None
         unit = unknowns[own[k]].unit
-        out.append(Reported(name, unit, value, gradient, float(factors @ nominal), reference))
+        out.append(Combination(name, unit, value, gradient, float(factors @ nominal), reference))
     return out
 
 
@@ -173,7 +162,7 @@ def _central(
     own: Sequence[int],
     moved: np.ndarray,
     covariance: np.ndarray,
-) -> dict[int, Reported]:
+) -> dict[int, Combination]:
     """Return what stands for combinations of the bus's own parameters, by the parameter those lead with.
 
     That is the centre of mass and the inertia about it, where mass or first moments are not all told: factors
@@ -209,7 +198,7 @@ def _central(
         name, unit = (f"c{symbol[1:]}", "m") if moment else (f"Ic{symbol[1:]}", u.unit)
         reference = size if not moment and abs(values[i]) < 0.1 * size else None
         found_ = float(values[i]), row, float(nominal[i])
-        out[k] = Reported(f"{body}.{name}", unit, *found_, reference)
+        out[k] = Combination(f"{body}.{name}", unit, *found_, reference)
     return out
 
 
@@ -289,9 +278,3 @@ def combination_name(factors: np.ndarray, first: int, names: Sequence[str]) -> s
             term = names[i] if size == 1.0 else f"{size:.{MOST_DIGITS}g} {names[i]}"
             text += f" {'+' if factors[i] > 0.0 else '-'} {term}"
     return text
-
-
-def _kind(name: str) -> tuple[str, str]:
-    """Return body and kind (mass, first moment, inertia) of a parameter."""
-    body, symbol = name.rsplit(".", 1)
-    return body, "inertia" if symbol.startswith("I") else "mass" if symbol == "m" else "moment"

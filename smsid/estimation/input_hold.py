@@ -132,10 +132,13 @@ def _looks(recording: Mapping[str, np.ndarray] | Recording) -> tuple[bool, bool]
 def jumping(values: np.ndarray) -> np.ndarray:
     """Return in which intervals (N - 1, k) samples (N, k) jump: change far more than before and after.
 
-    A pulse of one sample is two jumps, one back from the other.
+    A pulse of one sample is two jumps, one back from the other. At the ends, where there is no change before
+    or after, the one after next stands in: a wave at its crest changes little once.
     """
     change = np.diff(values, axis=0)
     size = np.pad(np.abs(change), ((2, 2), (0, 0)))
+    if len(change) > 2:
+        size[1], size[-2] = size[4], size[-5]
     here, least = size[2:-2], 1e-9 * np.abs(values).max(initial=0.0)
     alone = here > JUMP * (size[1:-3] + size[3:-1]) + least
     up = np.zeros_like(alone)

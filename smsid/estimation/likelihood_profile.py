@@ -17,11 +17,11 @@ from scipy.interpolate import PchipInterpolator
 from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
-from smsid.estimation.maximum import maximise, predicted_gain
+from smsid.estimation.maximum import maximise
 from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import bounded_step
+from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 POORLY = 0.1  # standard deviation over value from which an effect's parameter is put to the test

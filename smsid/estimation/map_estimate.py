@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,15 +11,14 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemm
 
-from smsid.errors import SimulationError, SmsidError
+from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point, sensitivities
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
-from smsid.estimation.retraction import retract
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, next_radius, sizes
+from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
@@ -176,7 +175,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
     stalled, radius = 0, np.inf
     for i in range(iterations):
         step = bounded_step(found)
-        gain = _promised(found, step)
+        gain = predicted_gain(found, step)
         if found.objective - (AMPLE if i < PATIENCE else 0.0) * gain > at_most and i:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
@@ -196,7 +195,7 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
 
 def within_reach(found: Fit) -> float:
     """Return the objective that one step of Gauss and Newton would reach if nothing were curved."""
-    return found.objective - _promised(found, bounded_step(found))
+    return found.objective - predicted_gain(found, bounded_step(found))
 
 
 def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
@@ -208,32 +207,13 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
 
 
 def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
-    """Return the fit a step on, within ``radius``, short enough to lead down; and the next radius."""
-    unknowns, problem = found.unknowns, found.problem
-    for _ in range(TRIES):
-        damping = damping_within(found, radius)
-        step = bounded_step(found, damping)
-        length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
-        try:
-            point = retract(found.point, unknowns, step * found.scales)
-            if point.physical():
-                model = point.model()
-                run = run_filter(model, at_point(point, problem))
-                gained = found.objective - objective(point, unknowns, problem, run)
-                if gained > 0.0:
-                    share = gained / _promised(found, step)
-                    grown = max(radius, GROWN * length) if share > GOOD else radius
-                    radius = 0.5 * length if share < WEAK else grown
-                    return _normal(point, unknowns, problem, run, model), radius
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("step refused: %s", error)
-        radius = next_radius(length, float(found.slope @ step), -gained)
-    return None, radius
+    def look(point: Point) -> tuple[float, Callable[[], Fit]]:
+        model = point.model()
+        run = run_filter(model, at_point(point, found.problem))
+        least = objective(point, found.unknowns, found.problem, run)
+        return least, lambda: _normal(point, found.unknowns, found.problem, run, model)
 
-
-def _promised(found: Fit, step: np.ndarray) -> float:
-    """Return what a step gains by the normal equations."""
-    return float(found.slope @ step - 0.5 * step @ found.gram @ step)
+    return descend(found, radius, TRIES, look)
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:

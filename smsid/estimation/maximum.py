@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from smsid.errors import SmsidError
 from smsid.estimation.differences import differenced
 from smsid.estimation.flight import Flight
 from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import GOOD, GROWN, WEAK, bounded_step, damping_within, next_radius, sizes
+from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
@@ -88,11 +86,6 @@ def settled(
     return exact
 
 
-def predicted_gain(found: NormalEquations, step: np.ndarray) -> float:
-    """Return what a step (m,) gains by the normal equations."""
-    return float(found.slope @ step - 0.5 * step @ found.gram @ step)
-
-
 def converged(found: NormalEquations) -> bool:
     """Whether no step is left that would gain anything that matters."""
     return predicted_gain(found, bounded_step(found)) < 20.0 * ENOUGH
@@ -101,22 +94,9 @@ def converged(found: NormalEquations) -> bool:
 def _descend(
     found: NormalEquations, flights: Sequence[Flight], radius: float
 ) -> tuple[NormalEquations | None, float]:
-    """Return the normal equations a step on, within ``radius`` and leading down, and the next radius."""
-    for _ in range(TRIES):
-        step = bounded_step(found, damping_within(found, radius))
-        length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
-        try:
-            point = retract(found.point, found.unknowns, step * found.scales)
-            if point.physical():
-                # that a step leads up is rare: its derivatives are taken with it, not in a second run
-                trial = normal_equations(point, found.unknowns, flights)
-                gained = found.objective - trial.objective
-                if gained > 0.0:
-                    share = gained / predicted_gain(found, step)
-                    grown = max(radius, GROWN * length) if share > GOOD else radius
-                    radius = 0.5 * length if share < WEAK else grown
-                    return trial, radius
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("step refused: %s", error)
-        radius = next_radius(length, float(found.slope @ step), -gained)
-    return None, radius
+    def look(point: Point) -> tuple[float, Callable[[], NormalEquations]]:
+        # that a step leads up is rare: its derivatives are taken with it, not in a second run
+        trial = normal_equations(point, found.unknowns, flights)
+        return trial.objective, lambda: trial
+
+    return descend(found, radius, TRIES, look)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+import logging
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
+from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.retraction import retract
 
+LOGGER = logging.getLogger(__name__)
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
 GROWN = 3.0  # times as far the next step may go after one that gained what it promised
 LEAST, MOST = -12.0, 12.0  # logarithms of the damping: none to speak of, and no step to speak of
@@ -39,6 +43,50 @@ class Quadratic(Protocol):
     def slope(self) -> np.ndarray:
         """First derivatives (m,) of the log-posterior."""
         ...
+
+    @property
+    def objective(self) -> float:
+        """Minus the log-posterior."""
+        ...
+
+    @property
+    def scales(self) -> np.ndarray:
+        """`Unknown.scale` of the parameters (m,)."""
+        ...
+
+
+Q = TypeVar("Q", bound=Quadratic)
+
+
+def descend(
+    found: Q, radius: float, tries: int, look: Callable[[Point], tuple[float, Callable[[], Q]]]
+) -> tuple[Q | None, float]:
+    """Return the normal equations a step on, within ``radius`` and leading down, and the next radius.
+
+    ``look`` gives the objective at a point and what makes the normal equations there. ``None`` where no step
+    of the ``tries`` leads down to where every body can exist.
+    """
+    for _ in range(tries):
+        step = bounded_step(found, damping_within(found, radius))
+        length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
+        try:
+            point = retract(found.point, found.unknowns, step * found.scales)
+            if point.physical():
+                objective, equations = look(point)
+                gained = found.objective - objective
+                if gained > 0.0:
+                    share = gained / predicted_gain(found, step)
+                    grown = max(radius, GROWN * length) if share > GOOD else radius
+                    return equations(), 0.5 * length if share < WEAK else grown
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("step refused: %s", error)
+        radius = next_radius(length, float(found.slope @ step), -gained)
+    return None, radius
+
+
+def predicted_gain(found: Quadratic, step: np.ndarray) -> float:
+    """Return what a step (m,) gains by the normal equations."""
+    return float(found.slope @ step - 0.5 * step @ found.gram @ step)
 
 
 def bounded_step(found: Quadratic, damping: float = 0.0) -> np.ndarray:

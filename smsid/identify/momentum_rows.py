@@ -19,14 +19,18 @@ def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
     With them "bus" means everything that is rigid with it while nothing turns or bends; how the model splits
     an appendage into modes and remainder does not show.
     """
-    theta = regressor.parameters
-    out = np.zeros_like(theta)
+    return carried_matrix(model, regressor) @ regressor.parameters
+
+
+def carried_matrix(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
+    """Return the matrix (10 bodies, 10 bodies) from parameters of bodies to what `carried_by_bus` gives."""
+    out = np.zeros((regressor.columns, regressor.columns))
     tanks = {j.joint for j in model.slosh}
-    parent = list(model.pin.parents)
     modes = {int(j) for g in (model.modes, model.further_modes, model.wheels) for j in g.joints}
     for j in modes - tanks:
-        if parent[j] == 1:
-            out[:10] += move_parameters(model.pin.jointPlacements[j], theta[10 * (j - 1) : 10 * j])
+        if model.pin.parents[j] == 1:
+            place = model.pin.jointPlacements[j]
+            out[:10, 10 * (j - 1) : 10 * j] = np.array([move_parameters(place, e) for e in np.eye(10)]).T
     return out
 
 

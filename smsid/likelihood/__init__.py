@@ -1,6 +1,5 @@
 """Maximum likelihood: refinement of the linear estimate to the Cramer-Rao bound, and that bound itself."""
 
-from smsid.likelihood.bootstrap import Bootstrap, bootstrap
 from smsid.likelihood.fisher import FisherInformation, fisher_information
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.null_space import UnseenDirection
@@ -8,13 +7,11 @@ from smsid.likelihood.profile import ProfileInterval, profile_interval
 from smsid.likelihood.refine import Refinement, refine
 
 __all__ = [
-    "Bootstrap",
     "FisherInformation",
     "Nuisance",
     "ProfileInterval",
     "Refinement",
     "UnseenDirection",
-    "bootstrap",
     "fisher_information",
     "profile_interval",
     "refine",

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.effects.inertial_parameters import move_parameters
-from smsid.identify.momentum_rows import Split, first_moments
+from smsid.identify.exp2_result import kind_of
+from smsid.identify.momentum_rows import Split, carried_matrix, first_moments
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
@@ -89,13 +89,13 @@ def inertial(
                 spins.append(rows[-1])
         known.append((spin[:, :, parts.known] @ theta[parts.known]).ravel())
     base = base_parameters(np.vstack(rows), parts.names, parts.units)
-    to_bus = carried_matrix(at, regressor)
+    to_bus = carried_matrix(model, regressor)
     matrix = base.matrix @ (np.eye(len(theta)) + to_bus)[parts.unknown]
     values, nominal = matrix @ theta, matrix @ described.theta()
     sizes = np.linalg.norm(np.vstack(spins)[:, base.independent], axis=0) * np.abs(values)
     # without wheels, slosh and modes no momentum is known: judged against the largest share of it
     shares = sizes / (float(np.linalg.norm(np.concatenate(known))) or float(sizes.max()))
-    kinds = [_kind(name) for name in base.names]
+    kinds = [kind_of(name) for name in base.names]
     found = []
     for i, name in enumerate(base.names):
         reference = None
@@ -112,25 +112,3 @@ def inertial(
             )
         )
     return found, base, parts.names
-
-
-def carried_matrix(at: Parameters, regressor: Regressor) -> np.ndarray:
-    """Matrix (10 bodies, 10 bodies) that adds wheels and undeformed modes to the bus, as `carried_by_bus`."""
-    model = at.layout.model
-    out = np.zeros((regressor.columns, regressor.columns))
-    joints = {int(j) for g in (model.modes, model.further_modes, model.wheels) for j in g.joints}
-    joints -= {s.joint for s in model.slosh}
-    parents = list(model.pin.parents)
-    for j in sorted(joints):
-        if parents[j] != 1:
-            continue
-        for k in range(SIZE):
-            unit = np.eye(SIZE)[k]
-            out[:SIZE, SIZE * (j - 1) + k] = move_parameters(model.pin.jointPlacements[j], unit)
-    return out
-
-
-def _kind(name: str) -> tuple[str, str]:
-    """Body and kind (mass, first moment, inertia) of a combination, from its leading term."""
-    body, symbol = name.split(" ", 1)[0].rsplit(".", 1)
-    return body, {"m": "mass"}.get(symbol, "inertia" if symbol.startswith("I") else "moment")

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.errors import SimulationError
+from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import BRIDGED, Identification
-from smsid.likelihood.combinations import carried_matrix
 from smsid.likelihood.fit import evaluate
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Point
@@ -72,7 +72,7 @@ def _with_inertias(at: Parameters, found: Identification) -> Parameters:
         regressor = Regressor(at.layout.model)
         b = found.momentum.b
         unknown = [regressor.names.index(name) for name in b.theta_names]
-        matrix = b.base.matrix @ (np.eye(len(theta)) + carried_matrix(at, regressor))[unknown]
+        matrix = b.base.matrix @ (np.eye(len(theta)) + carried_matrix(at.layout.model, regressor))[unknown]
         own = matrix @ jacobian
         weight = 1.0 / np.maximum(b.sigma, TRUST * np.abs(own).max(axis=1))
         good = np.isfinite(b.values) & np.isfinite(weight)

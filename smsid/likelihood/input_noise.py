@@ -22,7 +22,8 @@ from smsid.likelihood.channels import Channel
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.prediction import Prediction, rotation_matrices
+from smsid.likelihood.prediction import Prediction
+from smsid.simulate.truth import rotation_matrices
 
 LOOKS = 60  # configurations averaged over
 

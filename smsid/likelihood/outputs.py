@@ -13,12 +13,13 @@ from scipy.interpolate import CubicSpline
 
 from smsid.errors import DescriptionError
 from smsid.likelihood.linearised import skew
-from smsid.likelihood.prediction import Prediction, rotation_matrices
+from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.sensitivity import Sensitivity
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.sensing import Sensor
+from smsid.simulate.truth import rotation_matrices
 
 
 @dataclass(frozen=True)

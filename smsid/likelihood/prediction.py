@@ -19,6 +19,7 @@ from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
 from smsid.likelihood.time_grid import Timeline
+from smsid.simulate.truth import rotation_matrices
 
 
 @dataclass(frozen=True)
@@ -247,14 +248,3 @@ def _pose(
         places.append(block)
         now, step = block[-1], step + count
     return np.vstack(places), quaternions
-
-
-def rotation_matrices(quaternion: np.ndarray) -> np.ndarray:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), x y z w."""
-    x, y, z, w = np.moveaxis(quaternion, -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, -1) for row in rows], -2)

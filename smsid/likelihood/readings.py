@@ -8,7 +8,7 @@ encoders are data like any other sensor, and their clock costs two columns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,18 +73,6 @@ def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
         own = slice(k * m, (k + 1) * m)
         out[:, k] += np.linalg.solve(found.information[own, own], found.gradient[own])
     return out
-
-
-def draw_readings(
-    motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray, rng: np.random.Generator
-) -> MeasuredMotion:
-    """Return the motion with samples drawn around what ``coefficients`` (m, k) and ``clock`` (2,) predict."""
-    samples = []
-    for s in motion.samples:
-        basis = design(_happened(s, clock, float(motion.spline.t[0])), motion.spline.t, s.derivative)
-        noise = s.sigma * rng.standard_normal(s.values.shape)
-        samples.append(replace(s, values=basis @ coefficients + noise))
-    return replace(motion.with_coefficients(coefficients), samples=tuple(samples))
 
 
 def _happened(s: Samples, clock: np.ndarray, start: float) -> np.ndarray:

@@ -27,18 +27,7 @@ def judged_by_share(c: Combination, sigma: float, share: float) -> ParameterEsti
     if share <= HELD:
         return found
     note = f"{100 * share:.0f} % of its variance is the prior's, around the description: {UNSEEN}"
-    return ParameterEstimate(
-        found.name,
-        found.value,
-        found.unit,
-        found.sigma,
-        "not_identifiable",
-        METHOD,
-        found.nominal,
-        found.reference,
-        found.small,
-        note,
-    )
+    return replace(found, status="not_identifiable", note=note)
 
 
 def with_profiles(

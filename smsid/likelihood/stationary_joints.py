@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.stationary_joints import Still, taken_away
-from smsid.likelihood.combinations import Combination, carried_matrix
+from smsid.likelihood.combinations import Combination
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.model.identifiable import BaseParameters
@@ -32,7 +33,7 @@ def held_joints(at: Parameters, predictions: Sequence[Prediction]) -> Still:
 def not_seen(at: Parameters, described: Parameters, still: Still, base: BaseParameters) -> list[Combination]:
     """Return what is not among the ``base`` because joints stand still: the prior alone knows it."""
     model, theta, jacobian = at.layout.model, at.theta(), at.theta_jacobian()
-    full = np.eye(len(theta)) + carried_matrix(at, Regressor(model))
+    full = np.eye(len(theta)) + carried_matrix(at.layout.model, Regressor(model))
     out = []
     for c in taken_away(model, still.joints, base):
         row = c.row @ full

@@ -39,15 +39,18 @@ def truth_of(
 
 def rotations(q: np.ndarray) -> np.ndarray:
     """Return body-to-inertial rotation matrices (N, 3, 3) of configurations (N, nq) of a free-flyer."""
-    x, y, z, w = q[:, 3:7].T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        -2,
+    return rotation_matrices(q[:, 3:7])
+
+
+def rotation_matrices(quaternion: np.ndarray) -> np.ndarray:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), x y z w."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def exact_readings(

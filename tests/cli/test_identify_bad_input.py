@@ -149,6 +149,83 @@ def test_a_joint_that_stands_still(identify):
     assert all(p.status == "not_identifiable" and "joint3 stands still" in p.note for p in own)
 
 
+JOINTS = ("encoder.joint_position", "encoder.joint_velocity")
+WHEELS = ("tachometer.wheel_rate",)
+
+
+def turned(column: int) -> Change:
+    """One column has the other sign."""
+
+    def change(name: str, times: np.ndarray, values: np.ndarray):
+        values[:, column] *= -1.0
+        return times, values
+
+    return change
+
+
+def exchanged(*order: int) -> Change:
+    """Columns stand in another order."""
+    return lambda name, times, values: (times, values[:, list(order)])
+
+
+def scaled(factor: float) -> Change:
+    return lambda name, times, values: (times, factor * values)
+
+
+def frozen(name: str, times: np.ndarray, values: np.ndarray):
+    """The channel says one thing all the time, without noise."""
+    return times, np.broadcast_to(values[0], values.shape)
+
+
+@pytest.mark.parametrize(
+    ("channels", "change", "said"),
+    [
+        (JOINTS, turned(1), "'joint2' seems to have the other sign"),
+        (JOINTS, exchanged(0, 2, 1), "'joint2' and 'joint3' seem to be exchanged"),
+        (WHEELS, exchanged(1, 0, 2), "'wheel_x' and 'wheel_y' seem to be exchanged"),
+        (WHEELS, turned(1), "'wheel_y' seems to have the other sign"),
+    ],
+    ids=["a joint's sign", "joints exchanged", "wheels exchanged", "a wheel's sign"],
+)
+def test_what_only_the_motion_contradicts_is_named(identify, channels, change: Change, said: str):
+    code, text, estimate = identify(changed(exp2(), of(channels, change)))
+    assert code == 0, text
+    assert "The model does not explain the recordings" in text
+    assert said in text
+    assert not [p for p in estimate.parameters if p.status == "identifiable"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["wheels", "force"])
+def test_what_is_scaled_is_told_from_two_experiments(identify, which: str):
+    """One alone cannot tell: the craft might be heavier."""
+    first, second = exp1(), exp2()
+    if which == "wheels":
+        second = changed(second, of(WHEELS, scaled(1.1)))
+    else:
+        first = first.with_channels({"command.force": 1.1 * np.asarray(first["command.force"])})
+    code, text, estimate = identify(first, second)
+    assert code == 0, text
+    assert re.search(r"One factor explains it, (1\.1|0\.9)\S* on all masses and springs", text)
+    assert not [p for p in estimate.parameters if p.status == "identifiable"]
+
+
+@pytest.mark.parametrize("how", ["labelled rightly", "labelled wrongly"])
+def test_joints_in_another_order_by_the_papers_method(identify, how: str):
+    straight = exp2()
+    labels = {**straight.labels, "joint": tuple(reversed(straight.labels["joint"]))}
+    back = changed(straight, of(JOINTS, exchanged(2, 1, 0))) if how == "labelled rightly" else straight
+    mixed = Recording.from_arrays(
+        None, {c: (back.time(c), back[c]) for c in back.channels}, labels=labels, name="exp2"
+    )
+    code, text, estimate = identify(mixed, method="paper")
+    assert code == 0, text
+    good = [p for p in estimate.parameters if p.status == "identifiable" and p.nominal is not None]
+    assert len(good) > 25 if how == "labelled rightly" else len(good) < 5
+    for p in good:
+        assert abs(p.value - p.nominal) < FAR * p.sigma, f"{p.name}: {p.value} +- {p.sigma}"
+
+
 def still_wheels(name: str, times: np.ndarray, values: np.ndarray):
     return times, 1e-4 * np.sin(values) if name == "tachometer.wheel_rate" else values
 
@@ -166,6 +243,22 @@ REFUSED = {
     "exp2: a gap of the tachometers": (
         lambda: changed(exp2(), of(("tachometer.",), missing(20.0, 22.0))),
         "wheels' rates are missing from",
+    ),
+    "exp1: frozen and without noise": (
+        lambda: changed(exp1(), of(("imu.acceleration",), frozen)),
+        r"'imu\.acceleration' x is stuck at .* while 'pose\.velocity' moves .* Leave the channel out",
+    ),
+    "exp2: frozen and without noise": (
+        lambda: changed(exp2(), of(("imu.angular_rate",), frozen)),
+        r"'imu\.angular_rate' x is stuck at .* while 'pose\.attitude' moves .* Leave the channel out",
+    ),
+    "exp2: axes exchanged": (
+        lambda: changed(exp2(), of(("imu.angular_rate",), exchanged(1, 0, 2))),
+        r"'imu\.angular_rate' x and y are swapped: .* Exchange the columns",
+    ),
+    "exp1: nothing moves": (
+        lambda: exp1((0, 0, 0), 60.0),
+        r"identifies nothing: no thrust along x .* Fly Exp\. 1 with thrust",
     ),
     "exp2: still wheels": (lambda: changed(exp2(), still_wheels), "No wheel turns"),
 }

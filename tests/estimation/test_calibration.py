@@ -12,12 +12,12 @@ from scipy.stats import chi2, multivariate_normal
 from smsid.comparison.explanations import _chance
 from smsid.estimation.contradictions import Part, contradictions_of
 from smsid.estimation.differences import _column
-from smsid.estimation.inertial_combinations import Reported
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum_regression import regress
+from smsid.likelihood.combinations import Combination
 
 
 def test_the_likelihood_is_the_density_of_the_readings(known, problem):
@@ -54,7 +54,7 @@ def parts(z: float) -> list[Part]:
 @pytest.mark.parametrize(("z", "named"), [(3.5, False), (4.6, True)])
 def test_recordings_contradict_each_other_from_one_case_in_ten_thousand_on(z, named):
     """What both have from the prior is no difference, and does not make one less likely."""
-    rows = [Reported("p", "1", 1.0, np.eye(1)[0], 1.0)]
+    rows = [Combination("p", "1", 1.0, np.eye(1)[0], 1.0)]
     assert bool(contradictions_of(parts(z), np.eye(1), rows)) is named
 
 

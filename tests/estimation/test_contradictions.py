@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.stats import kstest
 
 from smsid.estimation import contradictions as module
 from smsid.estimation.contradictions import Part, contradictions_of
-from smsid.estimation.inertial_combinations import Reported
+from smsid.likelihood.combinations import Combination
 
 LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
 
@@ -38,12 +41,36 @@ def parts(rng, apart=0.0):
 
 
 def rows():
-    return [Reported(f"p{i}", "1", 1.0, np.eye(15)[i], 1.0) for i in range(15)]
+    return [Combination(f"p{i}", "1", 1.0, np.eye(15)[i], 1.0) for i in range(15)]
 
 
 def p_value(found_parts, monkeypatch):
     monkeypatch.setattr(module, "LEVEL", 2.1)  # tell every one
     return min(c.p_value for c in contradictions_of(found_parts, np.eye(15), rows()))
+
+
+@pytest.mark.parametrize(("scaled", "factor"), [(1.0, 1.1), (0.3, None)])
+def test_forces_that_are_scaled_are_one_factor_on_all_masses(scaled, factor):
+    """The second recording's masses are 1.1 times as large; with ``scaled`` below 1, half of them less so."""
+    rng = np.random.default_rng(8)
+    values = rng.uniform(1.0, 9.0, 15) * rng.choice([-1.0, 1.0], 15)
+    masses = [Combination(f"p{i}", "kg", values[i], np.eye(15)[i], values[i]) for i in range(15)]
+    information = [np.diag(rng.uniform(1e4, 1e6, 15)) for _ in range(2)]
+    share = np.where(np.arange(15) % 2, scaled, 1.0)
+    true = [0.0 * values, 0.1 * share * values]
+    slopes = [
+        g @ t + np.linalg.cholesky(g) @ rng.normal(size=15) for g, t in zip(information, true, strict=True)
+    ]
+    step = np.linalg.solve(sum(information) + np.eye(15), sum(slopes))
+    both = [Part(n, g, s - g @ step) for n, g, s in zip("ab", information, slopes, strict=True)]
+    # values are those at the joint optimum
+    masses = [replace(m, value=m.value + x) for m, x in zip(masses, step, strict=True)]
+    found = {c.recording: c for c in contradictions_of(both, np.eye(15), masses)}
+    if factor is None:
+        assert found["b"].factor is None and "Were they flown" in found["b"].sentence
+    else:
+        assert found["b"].factor == pytest.approx(factor, abs=0.01)
+        assert "command.force" in found["b"].sentence
 
 
 def test_it_is_calibrated_where_parameters_are_told_unlike_well(monkeypatch):

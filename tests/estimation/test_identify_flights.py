@@ -1,5 +1,6 @@
 """Any flight, everything listed: against a world of plain Newton's laws that smsid knows nothing of."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,15 @@ import pytest
 
 from smsid.effects import SensorBias
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.flight import FlightOptions, flight_of
+from smsid.estimation.identify_flights import _restless, identify_flights
+from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.parameter_vector import Point
+from smsid.recording import Recording
+from smsid.sensing import Sensor
+from smsid.sensing.error_model import ErrorModel
 
-from .satellite import AXES, Satellite, burns_and_wheels, guess, recorded, true_values
+from .satellite import AXES, Satellite, burns_and_wheels, guess, recorded, rotation, true_values
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 COMMANDS = ("command.wheel_torque", "command.force", "command.torque")
@@ -113,13 +120,14 @@ def test_a_mass_that_nothing_tells_is_in_nothing_that_is_told(tmp_path):
     assert np.mean(np.square(off)) < 1.8
 
 
+def moments(t):
+    """Known torques on the bus, as of magnetic rods."""
+    return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t), np.zeros(3)
+
+
 def test_waves_that_slow_samples_cut_off_do_not_make_the_craft_lighter(tmp_path):
     """At 1 Hz straight lines lose up to 3 % of a wave, which the inertia about each axis makes up for."""
-
-    def torque(t):
-        return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t), np.zeros(3)
-
-    flight = RIGID.fly(80.0, torque)
+    flight = RIGID.fly(80.0, moments)
     description = guess(tmp_path, RIGID, off=0.3, tank=False, panel=False)
     found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng(5), every=50)])
     off = deviations(found, true_values(RIGID, tank=False, panel=False))
@@ -132,11 +140,7 @@ def test_a_wheel_at_a_constant_speed_does_not_stand_still(tmp_path):
     """What it carries turns the craft: held still, the recording is not explained at all."""
     start = np.zeros(24)
     start[6], start[10:13], start[21:24] = 1.0, (0.01, -0.008, 0.005), (1.0, -2.0, 3.0)
-
-    def torque(t):
-        return np.zeros(3), 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t), np.zeros(3)
-
-    flight = RIGID.fly(20.0, torque, start=start)
+    flight = RIGID.fly(20.0, moments, start=start)
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     found = identify_flights(description, [recorded(RIGID, flight, np.random.default_rng(6))])
     assert found.quality.judgement == "explained"
@@ -191,6 +195,53 @@ def test_a_wheel_that_is_wired_the_wrong_way_round_is_not_explained(tmp_path):
         return
     assert found.quality.judgement == "not explained"
     assert all(p.status != "identifiable" for p in found.estimate.parameters)
+
+
+def positions(rng):
+    """Positions of a point of the bus at 2 Hz, 5 mm, and what was commanded; nothing else."""
+
+    def drive(t):
+        force = np.zeros(3)
+        force[int(t // 5) % 3] = 2.0 if int(t // 5) < 3 else -2.0
+        return force, *moments(t)[1:]
+
+    times, states, _, inputs = RIGID.fly(30.0, drive)
+    k = slice(None, None, 25)
+    at = np.array([rotation(q) @ np.array([0.5, 1.5, 0.6]) for q in states[k, 3:7]])
+    channels = {
+        "gnss.position": (times[k], states[k, :3] + at + rng.normal(0.0, 5e-3, at.shape)),
+        "command.force": (times[::5], inputs[::5, :3]),
+        "command.torque": (times[::5], inputs[::5, 3:6]),
+    }
+    return Recording.from_arrays(None, channels, name="gnss")
+
+
+def test_positions_alone_tell_the_mass_where_the_attitude_at_the_start_is_known(tmp_path):
+    gnss = Sensor(
+        name="gnss",
+        kind="pose",
+        quantities=("position",),
+        rate=2.0,
+        position=(0.5, 1.5, 0.6),
+        errors={"position": ErrorModel(noise_sigma=5e-3)},
+    )
+    description = guess(tmp_path, RIGID, off=0.3, tank=False, panel=False)
+    description = description.model_copy(update={"sensor": (gnss,)})
+    recording = positions(np.random.default_rng(2))
+    options = FlightOptions(initial=InitialPrior(attitude=0.02, rate=0.01))
+    found = identify_flights(description, [recording], options=options)
+    mass = found.estimate["total.mass"]
+    assert mass.status == "identifiable"
+    assert abs(mass.value - RIGID.mass) < 4.0 * mass.sigma
+    assert found.quality.judgement == "explained"
+
+
+def test_a_search_without_rest_says_that_nothing_measures_the_attitude(tmp_path, flown):
+    description = guess(tmp_path, RIGID, tank=False, panel=False)
+    flight = flight_of(
+        Point.of(description), recorded(*flown, np.random.default_rng(1), without=("st.attitude",)), "blind"
+    )
+    assert re.search(r"nothing reads the attitude in 'blind'.* 0\.5 rad.* --start", str(_restless([flight])))
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):

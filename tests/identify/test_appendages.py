@@ -13,8 +13,7 @@ from smsid.identify import identify
 from smsid.identify.appendages import as_beam, as_described, linear_appendages
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.identified import identified_modes
-from smsid.identify.momentum_rows import carried_by_bus
-from smsid.likelihood.combinations import carried_matrix
+from smsid.identify.momentum_rows import carried_by_bus, carried_matrix
 from smsid.likelihood.parameters import Parameters
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
@@ -105,7 +104,7 @@ def test_the_bus_has_the_whole_panel_whatever_modes_it_has():
         bus.append((regressor.parameters + carried_by_bus(model, regressor))[:10])
         at = Parameters.of(model)
         np.testing.assert_allclose(
-            carried_matrix(at, regressor) @ at.theta(), carried_by_bus(model, regressor)
+            carried_matrix(at.layout.model, regressor) @ at.theta(), carried_by_bus(model, regressor)
         )
     np.testing.assert_allclose(bus[1], bus[0], rtol=1e-10)
 

@@ -106,7 +106,7 @@ def references(b: Regression, nominal: np.ndarray | None = None) -> list[float |
     counts with its ``nominal`` value (b,), if that is smaller: no measure for others is what noise made of
     it.
     """
-    kinds = [_kind(name) for name in b.base.names]
+    kinds = [kind_of(name) for name in b.base.names]
     sizes = np.abs(b.values)
     if nominal is not None:
         known = b.sigma < IDENTIFIABLE_BELOW * sizes
@@ -120,7 +120,7 @@ def references(b: Regression, nominal: np.ndarray | None = None) -> list[float |
     return out
 
 
-def _kind(name: str) -> tuple[str, str]:
-    """Body and kind (mass, first moment, inertia) of a base parameter, from its leading term."""
+def kind_of(name: str) -> tuple[str, str]:
+    """Return body and kind (mass, first moment, inertia) of a base parameter, from its leading term."""
     body, symbol = name.split(" ", 1)[0].rsplit(".", 1)
     return body, {"m": "mass"}.get(symbol, "inertia" if symbol.startswith("I") else "moment")
