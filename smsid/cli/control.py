@@ -11,7 +11,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, write_page
-from smsid.cli.options import Output, ReportPath, ShowAll
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 from smsid.errors import ControlError
@@ -31,7 +31,7 @@ RATE = 100.0  # [Hz] of a controller's calls
 
 
 def control_command(
-    description: Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML")],
+    description: DescriptionPath,
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate (JSON) that `smsid identify` wrote")
     ] = None,

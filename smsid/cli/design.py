@@ -13,7 +13,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
-from smsid.cli.options import Output, ReportPath, ShowAll
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, say, working
 from smsid.cli.places import Writes
 
@@ -30,7 +30,7 @@ INTERRUPTED = 130
 
 
 def design_command(
-    description: Annotated[Path, typer.Argument(help="description of the spacecraft: a TOML")],
+    description: DescriptionPath,
     wanted: Annotated[
         str | None,
         typer.Option(

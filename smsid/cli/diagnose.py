@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
-from smsid.cli.options import Output, ReportPath, ShowAll, Unchecked
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
 from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 
@@ -36,7 +36,7 @@ EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 
 
 
 def diagnose_command(
-    description: Annotated[Path, typer.Argument(help="description of the spacecraft or arm: a TOML")],
+    description: DescriptionPath,
     recordings: Annotated[list[Path], typer.Argument(help="recordings with the commands that drove them")],
     estimate: Annotated[
         Path | None, typer.Option(help="estimate (JSON): how well the nominal parameters are known")

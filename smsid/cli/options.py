@@ -10,7 +10,7 @@ import typer
 from smsid.cli.places import Writes
 
 DescriptionPath = Annotated[
-    Path, typer.Argument(help="description of the spacecraft: a TOML (or a bare URDF)")
+    Path, typer.Argument(help="description of the spacecraft or arm: a TOML (or a bare URDF)")
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="file to write, whole or not at all")]
 """An output without a suffix of its own; a command says with `Writes` which suffixes fit."""
@@ -24,3 +24,6 @@ ReportPath = Annotated[
 ShowAll = Annotated[bool, typer.Option("--all", help="print everything: all rows, names in full, every note")]
 Seed = Annotated[int, typer.Option(min=0, help="seed of sensor noise and turn-on biases")]
 Unchecked = Annotated[bool, typer.Option("--unchecked", help="go on although channels contradict each other")]
+StartingEstimate = Annotated[
+    Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
+]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.options import DescriptionPath
+from smsid.cli.options import DescriptionPath, StartingEstimate
 from smsid.cli.track import Changes, NotFollowed, SavedTracker, rates_of
 from smsid.errors import SmsidError
 
@@ -34,9 +34,7 @@ def stream_command(
         typer.Option(metavar="PARAM=RATE", help="parameter (or pattern) to follow, as in `smsid track`"),
     ] = None,
     hold: NotFollowed = None,
-    estimate: Annotated[
-        Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
-    ] = None,
+    estimate: StartingEstimate = None,
     begin: Annotated[
         float,
         typer.Option(

@@ -10,7 +10,7 @@ import typer
 from smsid._statistics import NORMAL95
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
-from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
+from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
 from smsid.cli.output import print_parts, say_written, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
@@ -71,9 +71,7 @@ def track_command(
         ),
     ] = None,
     hold: NotFollowed = None,
-    estimate: Annotated[
-        Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")
-    ] = None,
+    estimate: StartingEstimate = None,
     cad: Annotated[
         float,
         typer.Option(min=1e-6, help="without an estimate: how far bodies may be off, relative to their size"),

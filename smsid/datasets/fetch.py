@@ -101,8 +101,7 @@ def _downloaded(chosen: DataSet, file: DataFile) -> Path:
             f"'{file.name}' of data set '{chosen.name}' is absent, and where it lies in its repository is "
             "unknown.",
             advice=f"Look for it in {chosen.repository} at commit {chosen.commit} (sha256 {file.sha256}) "
-            "and put "
-            f"it into ${VARIABLE}/{chosen.name}/.",
+            f"and put it into ${VARIABLE}/{chosen.name}/.",
             data_set=chosen.name,
             file=file.name,
         )

@@ -92,7 +92,7 @@ def story_sections(found: Diagnosed, asked: ReportInputs) -> tuple[list[Section]
     And what it is made from: the held-out recording as the models simulate it.
     """
     search, held = found.search, asked.validation
-    if search is None or not (search.causes or held):
+    if search is None or not (search.causes or (held and found.diagnosis.gain)):
         return [], None
     recording = held[0] if held else asked.recordings[0]
     models = {GIVEN: nominal(asked.description, asked.estimate).point, EXTENDED: search.last.point}

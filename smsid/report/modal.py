@@ -188,9 +188,8 @@ def _autocorrelation(x: np.ndarray, count: int) -> np.ndarray:
 def _basis(found: AmbientModes, lags: np.ndarray) -> np.ndarray:
     """Decaying cosines and sines (lags, columns) of the modes, lasting ones of the harmonics."""
     columns = [np.zeros_like(lags)]
-    for frequency, damping in [(m.frequency, m.damping) for m in found.modes] + [
-        (f, 0.0) for f in found.harmonics
-    ]:
+    lasting = [(f, 0.0) for f in found.harmonics]
+    for frequency, damping in [(m.frequency, m.damping) for m in found.modes] + lasting:
         w = 2.0 * np.pi * frequency
         fade = np.exp(-damping * w * lags)
         turn = w * np.sqrt(1.0 - damping**2) * lags

@@ -38,19 +38,9 @@ def sign_parts(
         parts += _arrow(f"{bus}/thrust", driver, THRUST, "thrust")
     parts += _torques(model, paths, bus, motion, radius)
     parts += _momenta(model, root, found, ARROW_LENGTH * radius)
-    mark = _quartered(MARK_SIZE * radius)
-    parts.append(
-        Part(
-            f"{root}/com",
-            move_pose(found.com[0]),
-            mark,
-            Material(shine=0.2, overlay=True, inside=False),
-            CentreDriver(),
-            False,
-            "centre of mass",
-        )
-    )
-    return parts
+    mark, paint = _quartered(MARK_SIZE * radius), Material(shine=0.2, overlay=True, inside=False)
+    centre = move_pose(found.com[0])
+    return [*parts, Part(f"{root}/com", centre, mark, paint, CentreDriver(), False, "centre of mass")]
 
 
 def _torques(
@@ -59,39 +49,31 @@ def _torques(
     """Return the bent arrows at the bus, the joints and the wheels; each kind has a scale of its own."""
     parts: list[Part] = []
     if model.free and motion.torque is not None and np.any(motion.torque):
-        driver = VectorDriver(_torque, np.zeros(3), _per(BUS_RING * radius, motion.torque))
+        turning = _torque_of("torque", slice(None), np.ones(3))
+        driver = VectorDriver(turning, np.zeros(3), _per(BUS_RING * radius, motion.torque))
         parts += _ring(f"{bus}/torque", driver)
-    kinds = (
-        (model.arm_joints, motion.joint_torque, _joint_torque, JOINT_RING * radius),
-        (model.wheels, motion.wheel_torque, _wheel_torque, WHEEL_RING * radius),
-    )
-    for group, values, pick, size in kinds:
+    kinds = ((model.arm_joints, "joint_torque", JOINT_RING), (model.wheels, "wheel_torque", WHEEL_RING))
+    for group, kind, size in kinds:
+        values = getattr(motion, kind)
         if values is None or not np.any(values):
             continue
-        per = size / float(np.abs(values).max())
+        per = size * radius / float(np.abs(values).max())
         for k, joint in enumerate(group.joints):
             axis = joint_axis(model, int(joint))
             if axis is not None and np.any(values[:, k]):
-                driver = VectorDriver(pick(k, axis), np.zeros(3), per)
+                driver = VectorDriver(_torque_of(kind, [k], axis), np.zeros(3), per)
                 parts += _ring(f"{paths[int(joint)]}/torque", driver)
     return parts
 
 
-def _torque(frames: Frames) -> np.ndarray:
-    torque = frames.motion.torque
-    return np.zeros((len(frames.q), 3)) if torque is None else torque
+def _torque_of(kind: str, columns: slice | list[int], axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
+    """Return what gives the torques (N, 3) of a kind over frames: the columns, along an axis (3,)."""
 
+    def torque(frames: Frames) -> np.ndarray:
+        values = getattr(frames.motion, kind)
+        return np.zeros((len(frames.q), 3)) if values is None else values[:, columns] * axis
 
-def _joint_torque(k: int, axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
-    return lambda frames: _about(axis, frames.motion.joint_torque, k, len(frames.q))
-
-
-def _wheel_torque(k: int, axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
-    return lambda frames: _about(axis, frames.motion.wheel_torque, k, len(frames.q))
-
-
-def _about(axis: np.ndarray, values: np.ndarray | None, k: int, count: int) -> np.ndarray:
-    return np.zeros((count, 3)) if values is None else values[:, [k]] * axis
+    return torque
 
 
 def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -> list[Part]:
@@ -153,11 +135,8 @@ def _bent_arrow() -> Mesh:
     angle = np.concatenate([angle, head])
     width = np.concatenate([width, np.linspace(3.0 * thick, 0.0, 5)])
     around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    out = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
-    ring = (
-        out[:, None] * np.cos(around)[None, :, None]
-        + np.array([1.0, 0.0, 0.0]) * np.sin(around)[None, :, None]
-    )
+    out, along = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1), np.eye(3)[0]
+    ring = out[:, None] * np.cos(around)[None, :, None] + along * np.sin(around)[None, :, None]
     vertices = radius * out[:, None] + width[:, None, None] * ring
     return Mesh(vertices.reshape(-1, 3), tube_faces(len(angle), sides))
 

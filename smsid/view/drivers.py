@@ -36,9 +36,8 @@ class Scale:
             for what, factor in factors.items()
             if factor != 1.0
         ]
-        return (
-            (*found, f"wheels drawn {1 / self.wheel:g} times slower") if self.wheel != 1.0 else tuple(found)
-        )
+        found += [f"wheels drawn {1 / self.wheel:g} times slower"] if self.wheel != 1.0 else []
+        return tuple(found)
 
 
 @dataclass(frozen=True)

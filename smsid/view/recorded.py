@@ -121,24 +121,16 @@ def _configurations(
         turn = Rotation.identity()
         if "attitude" in found:
             t, attitude = found["attitude"]
-            turn = (
-                Slerp(t, Rotation.from_quat(attitude))(times)
-                if len(t) > 1
-                else Rotation.from_quat(attitude[0])
-            )
+            turns = Rotation.from_quat(attitude)
+            turn = Slerp(t, turns)(times) if len(t) > 1 else turns[0]
             q[:, 3:7] = turn.as_quat()
         if "position" in found:
             q[:, :3] = interpolate(*found["position"], times) - turn.apply(lever)
-    joints = columns("joints", len(model.arm_joints), "joint angles")
-    if joints is not None:
-        q = np.array(
-            [set_group_angles(model.pin, model.arm_joints, a, b) for a, b in zip(q, joints, strict=True)]
-        )
-    wheels = columns("wheels", len(model.wheels), "wheel rates")
-    if wheels is not None:
-        q = np.array(
-            [set_group_angles(model.pin, model.wheels, a, b) for a, b in zip(q, wheels, strict=True)]
-        )
+    groups = (("joints", model.arm_joints, "joint angles"), ("wheels", model.wheels, "wheel rates"))
+    for role, group, what in groups:
+        angles = columns(role, len(group), what)
+        if angles is not None:
+            q = np.array([set_group_angles(model.pin, group, a, b) for a, b in zip(q, angles, strict=True)])
     slosh = columns("slosh", 3 * len(model.slosh), "slosh")
     if slosh is not None:
         for k, joint in enumerate(model.slosh):

@@ -52,10 +52,8 @@ def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
 
     bus = 3 if model.free else 0
     force, torque = command("force", bus), command("torque", bus)
-    joints, wheels = (
-        command("joint_torque", len(model.arm_joints)),
-        command("wheel_torque", len(model.wheels)),
-    )
+    joints = command("joint_torque", len(model.arm_joints))
+    wheels = command("wheel_torque", len(model.wheels))
     angles = measured_samples(model, recording, "encoder", "encoder", "joint_position")
     follow = JointMotion.of(_signal(angles[0], WELL)) if joints is None and angles is not None else None
     if all(x is None for x in (force, torque, joints, wheels, follow)):

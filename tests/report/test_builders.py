@@ -256,5 +256,5 @@ def test_the_error_of_a_zero_truth_is_no_percentage():
     p = classify("link1.Ixy", 0.03, "kg m^2", 0.01, "exp2.step_b", nominal=0.0)
     row = parameter_table("t", [p], Known(truth={"link1.Ixy": 0.0})).rows[0]
     texts = [cell.text for cell in row]
-    assert "0.03 kg m²" in texts
+    assert "0.03 kg\N{NO-BREAK SPACE}m²" in texts
     assert not any("∞" in t or "inf" in t for t in texts)
