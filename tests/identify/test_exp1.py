@@ -209,6 +209,17 @@ def test_tanks_not_told_apart_stay_as_described():
     assert found.mass == pytest.approx(M, rel=2e-3)
 
 
+def test_tanks_not_told_apart_need_a_period():
+    """A third of a period of two tanks alike: as printed their total mass would be taken for known."""
+    described = paper().with_effects(
+        Slosh(name="other", position=(0, 0, 0), mass=40.0, stiffness=(0.4, 0.4, 0.4), damping=(0, 0, 0)),
+    )
+    same = noisy(recording("x", tanks=(TANK, TANK)), paper(), 0).window(0.0, 25.0)
+    found = identify_translation(build_model(described), [same])
+    assert not found.believed
+    assert all(p.status != "identifiable" for p in found.parameters if p.group == "exp1")
+
+
 def test_no_tank_at_all():
     d = paper()
     model = build_model(d.model_copy(update={"effect": tuple(e for e in d.effect if e.name != "tank")}))
