@@ -13,7 +13,7 @@ from smsid.identify.paper.momentum import step_a
 from smsid.identify.paper.motion import prepare
 from smsid.identify.paper.pose_point import refine_pose_point
 
-from .support import M, noisy, oracle, paper, reference
+from ..support import M, noisy, oracle, paper, reference
 
 P = np.array([0.5, 1.5, 0.6])
 COM = np.array([0.2157532, -0.02001622, 0.10408559])

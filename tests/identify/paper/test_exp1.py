@@ -17,7 +17,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
-from .support import PARTICIPATION, TANK, TWO_TANKS, M, fly_exp1, noisy, paper
+from ..support import PARTICIPATION, TANK, TWO_TANKS, M, fly_exp1, noisy, paper
 
 K = {"x": 0, "y": 1, "z": 2}
 
