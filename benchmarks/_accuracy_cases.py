@@ -23,7 +23,7 @@ from smsid.errors import SmsidError
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import AS_PRINTED
 from smsid.identify.paper.combined import combine
-from smsid.identify.paper.exp1 import axis_data
+from smsid.identify.paper.exp1_axis_data import axis_data
 from smsid.identify.paper.pipeline import Identification, identify
 from smsid.identify.paper.translation import AxisEstimate, identify_axis
 from smsid.model.build import build_model

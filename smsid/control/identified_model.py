@@ -116,11 +116,10 @@ def identified_level(
     *,
     angles: Sequence[np.ndarray] | None = None,
     draws: int = 200,
-    quantile: float = 0.95,
 ) -> float:
     """Return the uncertainty level of an identified model: which |H^-1 H_hat - I| its intervals allow.
 
-    The ``quantile`` over ``draws`` of the combinations, Gaussian with the estimate's standard deviations and
+    The 95 % quantile over ``draws`` of the combinations, Gaussian with the estimate's standard deviations and
     independent (an estimate's file does not hold correlations), of the norm of L^-1 (H_hat - H) L^-T,
     H = L L^T, the largest over arm joint ``angles`` (each (n,) [rad]; home by default).
 
@@ -149,7 +148,7 @@ def identified_level(
                 for r, x in zip(roots, at, strict=True)
             )
         )
-    return float(np.quantile(levels, quantile))
+    return float(np.quantile(levels, 0.95))
 
 
 def inertia_at(dynamics: ReducedDynamics, angles: np.ndarray) -> np.ndarray:

@@ -115,16 +115,13 @@ class ReducedDynamics:
         angles: np.ndarray,
         rates: np.ndarray,
         wheel_rates: np.ndarray | None = None,
-        momentum: np.ndarray | None = None,
     ) -> BodyTerms:
         """Return the dynamics in body velocities.
 
         Args:
             omega: (3,) angular rate of the base, body axes [rad/s].
             angles, rates: (n,) arm joints [rad, rad/s].
-            wheel_rates: (w,) relative to the base [rad/s]; by default those of the momentum.
-            momentum: (3,) total angular momentum about the centre of mass, body axes [N m s]; zero by
-            default.
+            wheel_rates: (w,) relative to the base [rad/s]; by default those of zero total momentum.
 
         Raises:
             ControlError: shapes that do not fit.
@@ -137,9 +134,7 @@ class ReducedDynamics:
         schur = (mass[3:, 3:] - coupling.T @ coupling / self.mass)[self._left_rows, self.left]
         if wheel_rates is None:
             spin = -schur[w : w + 3, w:] @ np.concatenate([omega, rates])
-            wheel_rates = np.linalg.pinv(schur[w : w + 3, :w]) @ (
-                spin if momentum is None else spin + momentum
-            )
+            wheel_rates = np.linalg.pinv(schur[w : w + 3, :w]) @ spin
         v[self.wheels.v] = wheel_rates
         force = pin.nonLinearEffects(self.pin, self.data, q, v)
         bias = (force[3:] - coupling.T @ force[:3] / self.mass)[self.left]

@@ -263,10 +263,10 @@ def design_motion(model: SpacecraftModel) -> Piecewise:
     return trapezoid(home, acceleration)
 
 
-def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000) -> None:
+def check_joints(motion: Motion, model: SpacecraftModel) -> None:
     """Raise `ControlError` when a motion of the arm joints leaves their limits in angle or rate.
 
-    Sampled ``samples`` times; the message names the joint, the time and the limit.
+    The message names the joint, the time and the limit.
     """
     joints = model.arm_joints
     if motion.size != len(joints):
@@ -275,7 +275,7 @@ def check_joints(motion: Motion, model: SpacecraftModel, *, samples: int = 2000)
             f"{', '.join(joints.names)}.",
             advice="Give one column per arm joint.",
         )
-    times = np.linspace(0.0, motion.duration, samples)
+    times = np.linspace(0.0, motion.duration, 2000)
     found = sampled_motion(motion, times)
     angles, rates = found[:, 0], found[:, 1]
     for k, name in enumerate(joints.names):

@@ -81,13 +81,13 @@ class Tuning:
     poles: tuple[Pole, ...]
 
 
-def natural_modes(plant: UncertainPlant, rng: np.random.Generator, *, draws: int = DRAWS) -> tuple[Mode, ...]:
+def natural_modes(plant: UncertainPlant, rng: np.random.Generator) -> tuple[Mode, ...]:
     """Return the natural frequencies of slosh and bending with their intervals.
 
-    From ``draws`` plants with parameters Gaussian within their intervals; 2.5 to 97.5 %.
+    From `DRAWS` plants with parameters Gaussian within their intervals; 2.5 to 97.5 %.
     """
     found = []
-    drawn = [rng.standard_normal(len(plant.changes)) / NORMAL95 for _ in range(draws)]
+    drawn = [rng.standard_normal(len(plant.changes)) / NORMAL95 for _ in range(DRAWS)]
     for held in (False, True):
         exact, names = _frequencies(plant, np.zeros(len(plant.changes)), held)
         spread = np.array([_frequencies(plant, d, held)[0] for d in drawn])

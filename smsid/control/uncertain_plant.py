@@ -39,7 +39,7 @@ class Change:
     """What one parameter does at the end of its interval: ``mass`` (m, m), ``damping``, ``stiffness`` (m,).
 
     ``rigid``: a combination of the bodies' inertial parameters; all of those together are one full block of
-    the uncertainty. ``half_width`` is the half interval in the parameter's ``unit``.
+    the uncertainty.
     """
 
     name: str
@@ -47,8 +47,6 @@ class Change:
     damping: np.ndarray
     stiffness: np.ndarray
     rigid: bool
-    half_width: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -212,7 +210,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
     stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
     zero = np.zeros(model.nv)
     changes = [
-        Change(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True, NORMAL95, "sigma")
+        Change(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True)
         for name, d in zip(identified.direction_names, identified.directions, strict=True)
         if d.any()
     ]
@@ -230,9 +228,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
         # a middle that is not the model's value: only for parameters that enter plainly, dampings
         damping = damping + (middle - scalar.value) * by_d
         by_mass = _mass_matrix(model, q, theta) - mass if theta.any() else np.zeros_like(mass)
-        changes.append(
-            Change(scalar.name, half * by_mass, half * by_d, half * by_k, False, half, scalar.unit)
-        )
+        changes.append(Change(scalar.name, half * by_mass, half * by_d, half * by_k, False))
     kept, names = controlled_names(model)
     layout = WheelLayout.of(model)
     actuated = 3 + len(model.arm_joints)

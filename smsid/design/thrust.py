@@ -24,7 +24,6 @@ from smsid.likelihood.recording_term import RecordingTerm, longest_step
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.spacecraft import SpacecraftModel
 
-FAN = 8  # directions of a plane in which the length of a vector is bounded, before cuts
 SAME = 1e-10  # relative difference of columns that count as proportional
 
 

@@ -13,7 +13,7 @@ from smsid.identify.ssi import ssi_cov
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.ssi_hankel import signal_matrix
 from smsid.identify.ssi_input import ssi_cov_input
-from smsid.identify.stabilisation import Stability, stable_modes
+from smsid.identify.stabilisation import stable_modes
 
 FEWEST_ROWS = 30
 MOST_ROWS = 60
@@ -65,11 +65,8 @@ def panel_modes(
     panel_acceleration: np.ndarray,
     base_acceleration: np.ndarray,
     *,
-    rigid_acceleration: np.ndarray | None = None,
     free_from: float | None = None,
     highest_frequency: float | None = None,
-    orders: Sequence[int] = ORDERS,
-    stability: Stability | None = None,
 ) -> PanelModes:
     """Clamped and coupled modes of a panel from accelerometers along its bending direction.
 
@@ -87,16 +84,12 @@ def panel_modes(
         time: (N,) instants, evenly spaced [s].
         panel_acceleration: (N, stations) acceleration of the stations along the bending direction, base axes
             [m/s^2].
-        base_acceleration: (N,) acceleration of the base along the same direction [m/s^2]; (N, m) when the
-            base rotates too, with every acceleration (angular ones as well) that moves the panel's root.
-        rigid_acceleration: (N, stations) acceleration the stations would have on a rigid panel [m/s^2];
-            default ``base_acceleration`` at each, right for a base that only translates.
+        base_acceleration: (N,) acceleration of the base, which only translates, along the same direction
+            [m/s^2].
         free_from: instant after which no known force acts [s]. Output-only identification takes every
             excitation for white noise, which a thrust profile is not: with ``free_from`` the coupled modes
             come from the free response after it, without it from the whole record.
         highest_frequency: modes above it are not sought [Hz]; default: up to a fifth of the sampling rate.
-        orders: model orders to try. A mode must be stable in half of them.
-        stability: tolerances of the stabilisation diagram.
 
     Raises:
         RecordingError: time is not evenly spaced.
@@ -109,27 +102,22 @@ def panel_modes(
     panel = signal_matrix(panel_acceleration, "panel_acceleration")
     base = signal_matrix(base_acceleration, "base_acceleration")
     instants, rate = _even(np.asarray(time, float))
-    if rigid_acceleration is None and base.shape[1] != 1:
-        raise SmsidError("With several base accelerations, rigid_acceleration must be given.")
-    rigid = base if rigid_acceleration is None else signal_matrix(rigid_acceleration, "rigid_acceleration")
-    if not len(panel) == len(base) == len(rigid) == len(instants):
-        raise SmsidError(
-            f"Lengths differ: time {len(instants)}, panel {len(panel)}, base {len(base)}, rigid {len(rigid)}."
-        )
-    if rigid.shape[1] not in (1, panel.shape[1]):
-        raise SmsidError(f"rigid_acceleration {rigid.shape} does not fit {panel.shape[1]} stations.")
-    stations, inputs = panel.shape[1], base.shape[1]
+    if base.shape[1] != 1:
+        raise SmsidError(f"base_acceleration {base.shape} must be that of one direction, (N,).")
+    if not len(panel) == len(base) == len(instants):
+        raise SmsidError(f"Lengths differ: time {len(instants)}, panel {len(panel)}, base {len(base)}.")
+    stations = panel.shape[1]
     top = MODE_SHARE * rate if highest_frequency is None else highest_frequency
 
     def clamped(x: np.ndarray, band_rate: float, rows: int) -> tuple[Poles, ...]:
-        return ssi_cov_input(x[:, :stations], x[:, stations:], band_rate, block_rows=rows, orders=orders)
+        return ssi_cov_input(x[:, :stations], x[:, stations:], band_rate, block_rows=rows, orders=ORDERS)
 
     def coupled(x: np.ndarray, band_rate: float, rows: int) -> tuple[Poles, ...]:
-        return ssi_cov(x, band_rate, block_rows=rows, orders=orders)
+        return ssi_cov(x, band_rate, block_rows=rows, orders=ORDERS)
 
     free = panel if free_from is None else panel[instants > free_from]
-    found = _over_rates(np.hstack([panel - rigid, base]), rate, stations + inputs, top, stability, clamped)
-    seen = _over_rates(free, rate, stations, top, stability, coupled)
+    found = _over_rates(np.hstack([panel - base, base]), rate, stations + 1, top, clamped)
+    seen = _over_rates(free, rate, stations, top, coupled)
     source = (
         "the whole record, its excitation taken for white"
         if free_from is None
@@ -169,7 +157,6 @@ def _over_rates(
     rate: float,
     channels: int,
     top: float,
-    stability: Stability | None,
     identify: Callable[[np.ndarray, float, int], tuple[Poles, ...]],
 ) -> tuple[Mode, ...]:
     """Modes of ``x`` (N, channels) read each at the sampling rate that suits it."""
@@ -194,7 +181,7 @@ def _over_rates(
         slow, slow_rate = decimate(x, rate, factor)
         poles = identify(slow, slow_rate, _block_rows(len(slow), channels))
         rates.append(slow_rate)
-        for mode in stable_modes(poles, slow_rate, stability):
+        for mode in stable_modes(poles, slow_rate):
             _join(groups, mode)
     chosen = [_best(group, rates) for group in groups]
     within = [mode for mode in chosen if mode is not None and mode.frequency <= top]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -25,15 +25,14 @@ def ssi_cov(
     *,
     block_rows: int,
     orders: Iterable[int],
-    references: Sequence[int] | None = None,
 ) -> tuple[Poles, ...]:
     """Poles of the outputs alone, for each model order.
 
-    The matrix factored is the sample covariance between the future of the outputs and the past of the
-    references, kept as a block Hankel matrix of the record instead of averaging it into a block Toeplitz
-    matrix of correlations: the two agree for a long stationary record, and this one is exact for a free
-    response however short. Means are removed column-wise, so a constant sensor bias has no effect. The
-    unknown excitation must be white or absent; a known one belongs in `ssi_cov_input`.
+    The matrix factored is the sample covariance between the future and the past of the outputs, kept as a
+    block Hankel matrix of the record instead of averaging it into a block Toeplitz matrix of correlations:
+    the two agree for a long stationary record, and this one is exact for a free response however short. Means
+    are removed column-wise, so a constant sensor bias has no effect. The unknown excitation must be white or
+    absent; a known one belongs in `ssi_cov_input`.
 
     Use it for the poles of the system as it is: on a free spacecraft, the *coupled* ones.
 
@@ -42,7 +41,6 @@ def ssi_cov(
         rate: sampling rate [Hz].
         block_rows: number of block rows of past and of future.
         orders: model orders to try, e.g. ``range(2, 22, 2)``.
-        references: outputs used for the past; default all.
 
     Returns:
         One `Poles` per order, ascending.
@@ -56,18 +54,17 @@ def ssi_cov(
     """
     y = signal_matrix(y, "y")
     samples, outputs = y.shape
-    past = y if references is None else y[:, list(references)]
     columns = samples - 2 * block_rows + 1
-    check_columns(columns, block_rows * past.shape[1], samples, block_rows)
-    chosen = checked_orders(orders, block_rows, outputs, block_rows * past.shape[1])
+    size = block_rows * outputs
+    check_columns(columns, size, samples, block_rows)
+    chosen = checked_orders(orders, block_rows, outputs, size)
 
-    covariance = np.zeros((block_rows * outputs, block_rows * past.shape[1]))
-    sums = [np.zeros(covariance.shape[0]), np.zeros(covariance.shape[1])]
-    offset, past_offset = y.mean(axis=0), past.mean(axis=0)
+    y = y - y.mean(axis=0)
+    covariance, sums = np.zeros((size, size)), np.zeros((2, size))
     for start in range(0, columns, CHUNK):
         width = min(CHUNK, columns - start)
-        ahead = block_hankel(y - offset, start + block_rows, block_rows, width)
-        behind = block_hankel(past - past_offset, start, block_rows, width)
+        ahead = block_hankel(y, start + block_rows, block_rows, width)
+        behind = block_hankel(y, start, block_rows, width)
         covariance += ahead @ behind.T
         sums[0] += ahead.sum(axis=1)
         sums[1] += behind.sum(axis=1)

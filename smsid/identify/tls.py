@@ -52,9 +52,7 @@ def total_least_squares(
     *,
     exact: Sequence[int] = (),
     noise: np.ndarray | None = None,
-    row_weights: np.ndarray | None = None,
     names: Sequence[str] | None = None,
-    rcond: float | None = None,
 ) -> TlsSolution:
     """Solve ``A x ~ b`` when the columns of ``A`` carry errors too.
 
@@ -70,9 +68,7 @@ def total_least_squares(
         exact: columns of ``A`` free of error.
         noise: errors of a row of ``[A b]``: (n + 1,) standard deviations, or (n + 1, n + 1) covariance. Only
             ratios matter to ``x``. A zero marks an exact column. Default: all equal to 1.
-        row_weights: (N,) factor on each equation, one over the relative size of its errors.
         names: (n,) names of the unknowns, for messages.
-        rcond: relative size below which a singular value is zero. Default: machine epsilon x max(N, n).
 
     Raises:
         NotIdentifiableError: too few rows, not finite, rank-deficient, or nongeneric (no TLS solution); names
@@ -83,14 +79,11 @@ def total_least_squares(
     if A.ndim != 2 or b.shape != A.shape[:1]:
         raise SmsidError(f"A {A.shape} and b {b.shape} do not fit: A must be (N, n), b (N,).")
     rows, n = A.shape
-    weights = None if row_weights is None else np.asarray(row_weights, float)
-    if weights is not None and weights.shape != (rows,):
-        raise SmsidError(f"row_weights {weights.shape} must be ({rows},).")
     factor = np.zeros((n + 1, n + 1))
     for start in range(0, rows, BLOCK_ROWS):
         part = slice(start, start + BLOCK_ROWS)
-        factor = accumulate(factor, A[part], b[part], None if weights is None else weights[part])
-    return solve_factor(factor, rows, exact=exact, noise=noise, names=names, rcond=rcond)
+        factor = accumulate(factor, A[part], b[part])
+    return solve_factor(factor, rows, exact=exact, noise=noise, names=names)
 
 
 def accumulate(
@@ -132,15 +125,14 @@ def solve_factor(
     exact: Sequence[int] = (),
     noise: np.ndarray | None = None,
     names: Sequence[str] | None = None,
-    rcond: float | None = None,
 ) -> TlsSolution:
     """Mixed generalised TLS from the (n + 1, n + 1) triangular factor of ``[A b]`` for ``rows`` rows.
 
     The arguments and errors (`NotIdentifiableError`, `SmsidError`) are those of `total_least_squares`. The
-    covariance is that of the consistent
-    estimator, ``sigma^2 q (G^-1 + N sigma^2 G^-1 K G^-1)`` with ``z = [x; -1]``, ``q = z'Cz``,
-    ``G = A'A - s_min^2 C_aa`` and ``K = C_aa - (Cz)_a (Cz)_a'/q`` (Gleser 1981; Van Huffel and Vandewalle
-    1991, ch. 8; Crassidis and Cheng 2014, who drop the second term, negligible at small noise).
+    covariance is that of the consistent estimator, ``sigma^2 q (G^-1 + N sigma^2 G^-1 K G^-1)`` with
+    ``z = [x; -1]``, ``q = z'Cz``, ``G = A'A - s_min^2 C_aa`` and ``K = C_aa - (Cz)_a (Cz)_a'/q`` (Gleser
+    1981; Van Huffel and Vandewalle 1991, ch. 8; Crassidis and Cheng 2014, who drop the second term,
+    negligible at small noise).
     """
     n = factor.shape[1] - 1
     labels = tuple(names) if names is not None else tuple(f"x[{k}]" for k in range(n))
@@ -161,7 +153,7 @@ def solve_factor(
     L = np.linalg.cholesky(C[np.ix_(np.r_[noisy, n], np.r_[noisy, n])])
     W = scipy.linalg.solve_triangular(L, R[k:, k:].T, lower=True).T
 
-    tolerance = EPS * max(rows, n) if rcond is None else rcond
+    tolerance = EPS * max(rows, n)
     scaled = np.hstack([R[:, :k], np.vstack([R[:k, k:] @ np.linalg.inv(L).T, W])[:, :p]])
     condition = _condition(scaled, L[:p, :p], np.r_[fixed, noisy], labels, tolerance)
 

@@ -142,7 +142,7 @@ def _table_2(estimate: Estimate) -> Table:
     )
 
 
-def _table_3(paper: Found, shown: int = 3) -> Table:
+def _table_3(paper: Found) -> Table:
     """Return the best and the worst identifiable inertial combinations, as the paper's Table 3 gives them."""
     usable = [
         (p, t)
@@ -153,7 +153,7 @@ def _table_3(paper: Found, shown: int = 3) -> Table:
         and (t := paper.truth.get(p.name))
     ]
     ranked = sorted(usable, key=lambda x: abs(x[0].value / x[1] - 1.0))
-    few = ranked if len(ranked) <= 2 * shown else [*ranked[:shown], *ranked[-shown:]]
+    few = ranked if len(ranked) <= 6 else [*ranked[:3], *ranked[-3:]]
     rows: list[tuple[Cell, ...]] = [
         (
             Cell("paper's best, pi_m(2)"),

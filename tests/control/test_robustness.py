@@ -9,6 +9,7 @@ import pytest
 from control_cases import URDF, paper
 from test_identified_model import true_estimate
 
+from smsid._statistics import NORMAL95
 from smsid.control.gains import gains
 from smsid.control.identified_model import identified_level, identified_model, inertia_at
 from smsid.control.robust import closed_loop_matrix, flexible_plant
@@ -66,7 +67,7 @@ def test_changed_parameters_are_those_of_a_changed_description():
     assert {c.name for c in plant.changes} >= set(ends)
     described = load_description(URDF / "paper_sms.toml")
     tank = next(e for e in described.effect if isinstance(e, Slosh))
-    half = {c.name: c.half_width for c in plant.changes}
+    half = {p.name: NORMAL95 * 1e-2 * p.value for p in tank.parameters()}
     values = {name: end * half[name] for name, end in ends.items()}
     moved = tank.with_values({p.name: p.value + values.get(p.name, 0.0) for p in tank.parameters()})
     other = build_model(described.with_effects(moved))

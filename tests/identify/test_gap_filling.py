@@ -87,17 +87,19 @@ def test_what_a_long_bridge_spoils_is_not_called_identifiable(which: str, change
     assert not [p.name for p in found.estimate.parameters if p.status == "identifiable"]
     assert any("bridged" in note for note in found.estimate.notes)
     lost = [p for p in found.estimate.parameters if np.isfinite(p.sigma) and p.status != "by_product"]
-    assert len(lost) >= 5
+    # a saturated Exp. 1 tells nothing: all of it stays as described
+    assert len(lost) >= 5 or (which == "exp1" and not seen and found.translation is not None)
     assert all(BRIDGED in p.note and "maximum likelihood" in p.note for p in lost)
     if seen:
         assert sum(p.note.startswith(BRIDGED) for p in lost) >= 5
 
 
 def test_too_short_for_exp1(exp1: Recording):
-    """Two seconds of a slosh that swings in 70: the regression as printed misses the tank's mass."""
+    """Two seconds of a slosh that swings in 70: nothing is told, all stays as described."""
     estimate = identify(twin.description(), [exp1.window(0.0, 2.0)]).estimate
     assert not [p.name for p in estimate.parameters if p.status == "identifiable"]
-    assert "contradict each other" in estimate["total.mass"].note
+    mass = estimate["total.mass"]
+    assert mass.value == mass.nominal and "no slosh to start from" in mass.note
 
 
 def test_too_short_for_exp2(exp2: Recording):

@@ -87,13 +87,6 @@ def test_full_covariance_is_whitening_by_hand():
     np.testing.assert_allclose(total_least_squares(A, b, noise=C).x, -z[:3] / z[3], rtol=1e-9)
 
 
-def test_row_weights_scale_the_rows():
-    A, b, _ = problem(6)
-    w = np.random.default_rng(6).uniform(0.5, 2, len(b))
-    expected = total_least_squares(A * w[:, None], b * w).x
-    np.testing.assert_allclose(total_least_squares(A, b, row_weights=w).x, expected, rtol=1e-12)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.permutations(range(3)), st.lists(st.floats(-6, 6), min_size=4, max_size=4))
 def test_units_and_order_do_not_matter(seed, order, exponents):
@@ -223,7 +216,6 @@ def test_too_few_rows():
         {"noise": -np.eye(4)},
         {"exact": [3]},
         {"names": ["a"]},
-        {"row_weights": np.ones(2)},
     ],
 )
 def test_wrong_arguments_are_refused(kwargs):

@@ -40,7 +40,7 @@ def check_length(model: SpacecraftModel, data: AxisData, found: AxisEstimate) ->
     k, tanks = AXES.index(data.axis), [s.tank for s in model.slosh]
     softest = 1e-12  # [N/m], of a tank without springs
     periods = [2.0 * np.pi * float(np.sqrt(e.mass / max(e.stiffness[k], softest))) for e in tanks]
-    length = float(data.time[-1] - data.time[0])
+    length = float(data.time[-1] - data.time[data.before])
     if found.note and length < max(periods):
         raise NotIdentifiableError(
             f"The record of {length:.3g} s is shorter than a period of the slosh along {data.axis}.",

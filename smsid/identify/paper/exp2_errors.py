@@ -31,18 +31,23 @@ class Steps:
 
     @property
     def values(self) -> list[np.ndarray]:
-        """Values of the CM's position, Step A's moments, Step B, and Step B as printed if it is there."""
+        """Values of the CM's position (3,), Step A's moments (a,), Step B (b,) and, if it is there, Step B as
+        printed (p,).
+        """
         regressions = [self.a.moments, self.b, *([self.printed] if self.printed else [])]
         return [self.a.position, *(r.values for r in regressions)]
 
     @property
     def covariances(self) -> list[np.ndarray]:
-        """Their covariances; of the position only the variances are kept."""
+        """Covariances of `values`, square; of the position (3, 3) only the variances are kept."""
         regressions = [self.a.moments, self.b, *([self.printed] if self.printed else [])]
         return [np.diag(self.a.position_sigma**2), *(r.solution.covariance for r in regressions)]
 
     def with_covariances(self, covariances: Sequence[np.ndarray], *, printed: bool) -> Steps:
-        """Return the steps with other covariances; ``printed``: whether Step B as printed is kept."""
+        """Return the steps with other ``covariances``, (3, 3), (a, a), (b, b) and (p, p) as there.
+
+        ``printed``: whether Step B as printed is kept.
+        """
 
         def changed(of: Regression, covariance: np.ndarray) -> Regression:
             return replace(of, solution=replace(of.solution, covariance=covariance))

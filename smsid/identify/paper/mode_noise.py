@@ -10,6 +10,8 @@ from smsid.identify.modes import Mode
 from smsid.identify.panel_modes import PanelModes, panel_modes
 from smsid.identify.paper.noise_replicates import small_sample_factor
 
+REPLICATES = 8
+
 
 @dataclass(frozen=True)
 class ModeSigma:
@@ -29,7 +31,6 @@ def mode_sigmas(
     base_noise: float,
     free_from: float | None,
     rng: np.random.Generator,
-    replicates: int = 8,
 ) -> tuple[tuple[ModeSigma, ...], tuple[ModeSigma, ...]]:
     """Return standard deviations of the clamped and the coupled modes.
 
@@ -48,7 +49,7 @@ def mode_sigmas(
             free_from=free_from,
             highest_frequency=highest,
         )
-        for _ in range(replicates)
+        for _ in range(REPLICATES)
     ]
     return (
         _spread(found.clamped, [r.clamped for r in again]),

@@ -22,6 +22,9 @@ from smsid.identify.paper.motion import Motion
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
+TOLERANCE = 1e-5  # [m] by which a round may still move P
+ROUNDS = 10
+
 
 @short_repr
 @dataclass(frozen=True)
@@ -53,8 +56,6 @@ def refine_pose_point(
     mass: float,
     *,
     modal: Modal = "smoother",
-    tolerance: float = 1e-5,
-    rounds: int = 10,
 ) -> PosePoint:
     """Move P (and the IMU, which sits there) until Step B's first moments of the bus are the described ones.
 
@@ -62,13 +63,13 @@ def refine_pose_point(
     description's: bus origin at the base's CM (or wherever its URDF puts the CM), appendages, and the links'
     masses, of which only combinations with the bus's first moments can be identified: links a kilogram off
     move P by their mount over M, 0.5 mm/kg for the paper's arm. Stops when a round moves P by less than
-    ``tolerance`` [m].
+    `TOLERANCE`.
 
     Raises `NotIdentifiableError` when the bus's first moments are not identifiable, or it does not converge.
     """
     shifts: list[np.ndarray] = []
     noise = hidden_states(model, motion, modal).again  # the same in every round
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         hidden = replace(hidden_states(model, replace(motion, again=None), modal), again=noise)
         a = step_a(model, motion, hidden, mass)
         b = step_b(model, motion, hidden, mass, a.position)
@@ -76,11 +77,11 @@ def refine_pose_point(
         shift = (described - b.values[chosen]) / mass
         shifts.append(shift)
         motion = _moved(motion, shift)
-        if np.linalg.norm(shift) < tolerance:
+        if np.linalg.norm(shift) < TOLERANCE:
             sigma = b.sigma[chosen] / mass
             return PosePoint(motion.pose_point, sigma, motion, a, b, chosen, np.array(shifts))
     raise NotIdentifiableError(
-        f"The tracked point does not settle: the last of {rounds} rounds moved it by "
+        f"The tracked point does not settle: the last of {ROUNDS} rounds moved it by "
         f"{np.linalg.norm(shifts[-1]):.2g} m.",
         advice="Check the description's mounts, or fly a richer Exp. 2.",
         shifts=np.array(shifts),

@@ -95,16 +95,14 @@ class RecursiveTls:
         self._factor, self._rows = factor, count
         return self
 
-    def solution(self, *, rcond: float | None = None) -> TlsSolution:
+    def solution(self) -> TlsSolution:
         """Estimate from everything taken in so far.
 
         Raises `NotIdentifiableError` before the first equation, and as `total_least_squares` does.
         """
         if not self._rows:
             raise NotIdentifiableError("No equations yet.", advice="Call update() first, or give a prior.")
-        return solve_factor(
-            self._factor, self._rows, exact=self._exact, noise=self._noise, names=self._names, rcond=rcond
-        )
+        return solve_factor(self._factor, self._rows, exact=self._exact, noise=self._noise, names=self._names)
 
 
 def prior_rows(

@@ -267,7 +267,7 @@ def errors_through(kinds: list[Kind], pi: np.ndarray, order: int) -> dict[str, n
 
 
 def from_imu(data: AxisData, through: dict[str, np.ndarray]) -> np.ndarray:
-    """Return by which polynomial the IMU's errors enter: they are in every p as well."""
+    """Return by which polynomial of the integral, (order + 1,), the IMU's errors enter: every p has them."""
     shares = [float(p.weights.sum()) * through[s] for s, p in zip(data.signals, data.panels, strict=True)]
     return through["a"] - sum(shares, start=np.zeros_like(through["a"]))
 

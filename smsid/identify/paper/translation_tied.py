@@ -135,9 +135,14 @@ class _Problem:
         for _ in range(FIRST_PASSES if self.tanks else 1):
             white = whiten(rows, self.sampling, sections)
             scale = np.linalg.norm(white, axis=0)
-            found = total_least_squares(
-                white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise / np.outer(scale, scale)
-            )
+            try:
+                found = total_least_squares(
+                    white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise / np.outer(scale, scale)
+                )
+            except NotIdentifiableError as error:
+                raise _hidden(
+                    f"{self.data.axis} shows no slosh to start from: the record is short."
+                ) from error
             pi = (found.x / scale[:-1] * scale[-1])[: len(self.kinds)]
             theta = fractions(pi, self.kinds, self.tanks)
             if not (np.isfinite(theta).all() and _sensible(theta, self.tanks)):

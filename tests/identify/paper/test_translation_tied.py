@@ -12,7 +12,7 @@ from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.paper.translation import identify_axis
 from smsid.identify.paper.translation_tied import identify_axis_tied
 
-from .support import TANK, TWO_TANKS, M, fly_exp1
+from ..support import TANK, TWO_TANKS, M, fly_exp1
 from .test_translation import axis_data, truth
 
 CASES = pytest.mark.parametrize("panel", [False, True], ids=["rigid", "panel"])

@@ -22,7 +22,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
-from .support import URDF, noisy, oracle, paper, reference
+from ..support import URDF, noisy, oracle, paper, reference
 
 
 def pair(seed: int) -> list[Recording]:

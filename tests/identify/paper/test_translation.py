@@ -11,7 +11,7 @@ from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.paper.combined import combine
 from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 
-from .support import PARTICIPATION, SHAPES, TANK, TWO_TANKS, M, fly_exp1
+from ..support import PARTICIPATION, SHAPES, TANK, TWO_TANKS, M, fly_exp1
 
 CASES = pytest.mark.parametrize("panel", [False, True], ids=["rigid", "panel"])
 

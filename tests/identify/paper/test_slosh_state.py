@@ -11,7 +11,7 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.paper.motion import Motion, prepare
 from smsid.identify.paper.slosh_state import estimate_slosh
 
-from .support import TANK, noisy, oracle, paper, reference
+from ..support import TANK, noisy, oracle, paper, reference
 
 CENTRE = np.array([0.03, -0.04, 0.05])
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
+from smsid.identify.paper import pose_point
 from smsid.identify.paper.hidden_states import hidden_states
 from smsid.identify.paper.momentum import step_a
 from smsid.identify.paper.motion import prepare
 from smsid.identify.paper.pose_point import refine_pose_point
 
-from .support import M, noisy, oracle, paper, reference
+from ..support import M, noisy, oracle, paper, reference
 
 P = np.array([0.5, 1.5, 0.6])
 COM = np.array([0.2157532, -0.02001622, 0.10408559])
@@ -63,7 +64,8 @@ def test_with_noise_it_is_within_its_interval(model):
     assert found.sigma.max() < 3e-3
 
 
-def test_not_settling_is_told(model, motion):
+def test_not_settling_is_told(model, motion, monkeypatch):
+    monkeypatch.setattr(pose_point, "ROUNDS", 2)
     with pytest.raises(NotIdentifiableError, match="does not settle") as caught:
-        refine_pose_point(model, moved(motion, [0.05, 0, 0]), M, rounds=2)
+        refine_pose_point(model, moved(motion, [0.05, 0, 0]), M)
     assert caught.value.evidence["shifts"].shape == (2, 3)

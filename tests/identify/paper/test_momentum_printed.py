@@ -20,7 +20,7 @@ from smsid.identify.paper.momentum_printed import PrintedTerms, printed_paramete
 from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 
-from .support import URDF, M, exact_motion, oracle, reference
+from ..support import URDF, M, exact_motion, oracle, reference
 
 CENTRE = np.array([0.7, -0.4, 0.2])
 

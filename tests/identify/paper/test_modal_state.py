@@ -22,7 +22,7 @@ from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 from smsid.sensing import Sensor
 
-from .support import from_twin, noisy, oracle, paper, reference
+from ..support import from_twin, noisy, oracle, paper, reference
 
 
 def errors(found: ModalState, recording, motion, part=slice(None)) -> np.ndarray:

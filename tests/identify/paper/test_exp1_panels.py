@@ -16,7 +16,7 @@ from smsid.identify import identify_translation
 from smsid.model import build_model
 from smsid.recording import Recording
 
-from .support import TANK, M, paper
+from ..support import TANK, M, paper
 
 RATE = 50.0
 NOISE = 1e-5  # [m/s^2]

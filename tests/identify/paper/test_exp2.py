@@ -16,7 +16,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.simulate import Fourier, Inputs, JointMotion, simulate, truth_of
 
-from .support import M, from_twin, noisy, paper
+from ..support import M, from_twin, noisy, paper
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 
-from .support import M, exact_motion, oracle, reference
+from ..support import M, exact_motion, oracle, reference
 
 COM = np.array([0.2157532, -0.02001622, 0.10408559])  # of the whole at the start, from the base's CM [m]
 

@@ -19,7 +19,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
-from .support import exact_motion, from_twin, paper
+from ..support import exact_motion, from_twin, paper
 
 
 @pytest.fixture(scope="module")
