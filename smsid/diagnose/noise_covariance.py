@@ -47,6 +47,15 @@ class Fitted:
         blocks = self.fit.problem.data.blocks
         return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
 
+    def explained(self, columns: np.ndarray, estimate: np.ndarray) -> float:
+        """Return by how much columns (N rows + priors, d) times their estimate (d,) lower the sum of squared
+        errors in stated noise.
+        """
+        rows = self.fit.run.innovations.size
+        done, left = (columns @ estimate)[:rows], self.fit.residual[:rows]
+        gained = (done * (2.0 * left - done)).reshape(-1, len(self.factors)).sum(axis=0)
+        return float(self.factors**2 @ gained)
+
 
 def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
     """Fit parameters to the noise as stated, not to the end.

@@ -17,7 +17,7 @@ from smsid.diagnose.noise_covariance import (
     with_levels,
 )
 from smsid.errors import SimulationError
-from smsid.estimation.map_estimate import fit
+from smsid.estimation.map_estimate import evaluate, fit
 
 N = 20000
 
@@ -107,3 +107,17 @@ def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, p
     )
     assert refit_noise(found, strong=True).factors == pytest.approx(2.0 * 2.0)
     assert started[:2] == [astray, before.changes.point]
+
+
+def test_what_a_candidate_explains_is_the_fall_of_squared_errors_in_stated_noise(known, problem):
+    """Also where noise levels are raised, which change what its columns and the residual are."""
+    factors = np.exp(np.random.default_rng(6).uniform(-1.0, 3.0, problem.data.rows))
+    raised = replace(problem, data=problem.data.scaled(factors))
+    found = evaluate(known.point, known.unknowns[:3], raised)
+    rows, d = found.run.innovations.size, 2
+    columns = np.random.default_rng(7).standard_normal((len(found.residual), d))
+    estimate = np.array([0.3, -2.0])
+    stated = np.tile(factors, rows // len(factors))
+    left = found.residual[:rows] - columns[:rows] @ estimate
+    fall = ((stated * found.residual[:rows]) ** 2).sum() - ((stated * left) ** 2).sum()
+    assert Fitted(found, factors, misfit=True).explained(columns, estimate) == pytest.approx(fall)
