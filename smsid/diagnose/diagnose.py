@@ -20,7 +20,6 @@ from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
-from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.sensor_faults import (
     Fault,
     drop_samples,
@@ -49,7 +48,7 @@ from smsid.estimation.joint_problem import (
     timed_like,
 )
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
+from smsid.estimation.parameter_vector import JointPrior, Point
 from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
@@ -163,40 +162,46 @@ def _diagnose(
         problem = thinned(replace(read, data=drop_samples(whole, faults)), rate)
         return replace(problem, data=inflate_for_quantisation(problem.data, rounded))
 
+    def searched(problem: Problem, point: Point, before: Search | None = None) -> Search:
+        """Search, or stay with what was found ``before`` where a search fails numerically."""
+        own = levels.beside_a_cause if faults else levels
+        try:
+            return search(point, problem, known.unknowns, candidates, own, coarse)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            if before is None:
+                raise
+            LOGGER.info("a second search failed: %s", error, exc_info=True)
+            note = f"a second search, with what the first one told, failed and was left out: {error}"
+            return replace(before, failed=(*before.failed, note))
+
     problem = timed(point, looked_at(faults), now=False)
     count = len(problem.data.times)
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
-    beside = levels.beside_a_cause
-    found = search(point, problem, known.unknowns, candidates, beside if faults else levels, coarse)
+    found = searched(problem, point)
     problem = timed_like(problem, found.last.problem)
     rests = resting_channels(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
         problem = timed_like(looked_at(faults), problem)
-        found = _again(
-            found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
-        )
+        found = searched(problem, point, found)
     again = timed_like(problem, timed(found.last.point, found.last.problem))
     if _timings(again) != _timings(problem):  # what was wrong with the model hid it
         LOGGER.info("commands act otherwise: %s", _timings(again))
         problem = again
-        found = _again(
-            found, point, problem, known.unknowns, candidates, beside if faults else levels, coarse
-        )
+        found = searched(problem, point, found)
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        every = problem.data
-        problem = replace(problem, data=drop_samples(every, more))
-        found = _again(found, found.nominal.point, problem, known.unknowns, candidates, beside, coarse)
+        every, before = problem.data, faults
+        problem, faults = replace(problem, data=drop_samples(every, more)), [*before, *more]
+        found = searched(problem, found.nominal.point, found)
         still = recount_outliers(more, every, found.last.problem, found.last.run)
-        faults += still
+        faults = [*before, *still]
         if len(still) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
             problem = replace(problem, data=drop_samples(every, still))
-            at, asked = found.nominal.point, beside if faults else levels
-            found = _again(found, at, problem, known.unknowns, candidates, asked, coarse)
+            found = searched(problem, found.nominal.point, found)
     seen, named = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *named))
     # what explains a part only is a hint: a cause outside the catalogue looks like several within
@@ -271,24 +276,6 @@ def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> P
 def _timings(problem: Problem) -> list[tuple[str, Timing]]:
     """Return how commands are taken to act in every recording, by its name; one alone needs none."""
     return [(p.label, p.timing) for p in problem.parts] or [("", problem.timing)]
-
-
-def _again(
-    found: Search,
-    point: Point,
-    problem: Problem,
-    unknowns: Sequence[Unknown],
-    candidates: Sequence[Candidate],
-    levels: DetectionThresholds,
-    coarse: frozenset[str],
-) -> Search:
-    """Return a search made again, or the one before where it fails numerically: what was found is kept."""
-    try:
-        return search(point, problem, unknowns, candidates, levels, coarse)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("a second search failed: %s", error, exc_info=True)
-        note = f"a second search, with what the first one told, failed and was left out: {error}"
-        return replace(found, failed=(*found.failed, note))
 
 
 def _gain(

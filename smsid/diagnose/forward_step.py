@@ -102,7 +102,7 @@ class State:
         if not leading:
             return False
         counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
-        best = max(counting, key=lambda s: s.odds(self.samples))
+        best = max(counting, key=self._worth)
         best = simplest_law(best, [*counting, *self.scores], self.samples, self._asked)
         if not self.fitted.misfit:  # else the tests do not decide
             self.held = self._memory(best)
@@ -116,8 +116,9 @@ class State:
             return True
         own = {s.candidate.key: s for s in leading[1:]}
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
-        rivals.sort(key=lambda s: -s.odds(self.samples))
-        cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates))
+        rivals.sort(key=self._worth, reverse=True)
+        worth = {"worth": self._worth} if self.fitted.misfit else {}
+        cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates), **worth)
         if cause is not None:
             self._add(cause, found)
         elif self._better(found):
@@ -168,6 +169,16 @@ class State:
         asked = self.levels.beside_a_cause if self.causes else self.levels
         # ratios that count what is not followed: small ones may be of large effects
         return replace(asked, linear=0.0) if self.fitted.misfit else asked
+
+    def _worth(self, s: Score) -> float:
+        """Return what scores are ordered by: their odds.
+
+        Where misfit is counted, noise that is raised to what a cause leaves bounds the odds of that cause,
+        and those of many small ones are larger: what takes most of the errors away in stated noise is first.
+        """
+        if not self.fitted.misfit:
+            return s.odds(self.samples)
+        return self.fitted.explained(s.columns, s.estimate) if s.freedom and s.ratio > 0.0 else -np.inf
 
     def _counts(self, s: Score) -> bool:
         """Whether there is something; odds order what counts, they do not decide."""
@@ -294,7 +305,7 @@ class State:
         seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
-        return sorted(scores, key=lambda s: -s.odds(self.samples))
+        return sorted(scores, key=self._worth, reverse=True)
 
 
 def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:

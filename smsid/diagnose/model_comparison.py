@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
@@ -84,11 +84,17 @@ class Cause:
 
 
 def accept(
-    current: Fit, best: Score, scores: Sequence[Score], levels: DetectionThresholds, tried: int
+    current: Fit,
+    best: Score,
+    scores: Sequence[Score],
+    levels: DetectionThresholds,
+    tried: int,
+    worth: Callable[[Score], float] = lambda s: s.ratio,
 ) -> tuple[Cause | None, Fit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
-    ``tried`` is the number of candidates, which chances are corrected for. Without a winner the fit is
+    ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
+    much as the best. Without a winner the fit is
     ``current``, or a better one without the candidates that their refits led to.
     """
     samples = current.run.samples
@@ -96,7 +102,7 @@ def accept(
     near = [s for s in rivals if not is_distinguishable(best, s, samples, levels)]
     contenders = [best] if best.another is None else [best, best.another]
     if best.ratio > levels.linear:
-        close = [s for s in rivals if s.ratio > 0.9 * best.ratio]
+        close = [s for s in rivals if worth(s) > 0.9 * worth(best)]
         contenders += close[: levels.contenders - 1]
         if _begins(best):  # large and curved, what is there all the time scores less than it explains
             still = next((s for s in rivals if not _begins(s)), None)

@@ -23,6 +23,8 @@ SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
+MOSTLY = THRESHOLDS.mostly
+HALF = 0.5  # share of the squared error that a component has to have to be left out for a trial
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
@@ -33,7 +35,7 @@ class Fitted:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
-    ``alone`` where all components but one are followed, which was not fitted.
+    ``alone`` where a component was not fitted, as it strays by itself.
     """
 
     fit: Fit
@@ -46,6 +48,15 @@ class Fitted:
         """Noise level over the stated one, by channel: root mean square over its components."""
         blocks = self.fit.problem.data.blocks
         return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
+
+    def explained(self, columns: np.ndarray, estimate: np.ndarray) -> float:
+        """Return by how much columns (N rows + priors, d) times their estimate (d,) lower the sum of squared
+        errors in stated noise.
+        """
+        rows = self.fit.run.innovations.size
+        done, left = (columns @ estimate)[:rows], self.fit.residual[:rows]
+        gained = (done * (2.0 * left - done)).reshape(-1, len(self.factors)).sum(axis=0)
+        return float(self.factors**2 @ gained)
 
 
 def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
@@ -66,29 +77,38 @@ def with_levels(found: Fitted) -> Fitted:
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return _but_for_one(found) or refit_noise(replace(found, misfit=True))
+        return but_for_one(found) or refit_noise(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
-def _but_for_one(found: Fitted) -> Fitted | None:
-    """Return the fit of all components but the one that strays most, where the model follows these.
+def but_for_one(found: Fitted) -> Fitted | None:
+    """Return the fit of all components but the one that strays most, where the rest is followed, or nine
+    tenths of the squared error are that one's; else nothing.
 
     That one is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
-    bend to it. Its samples are back in the fit that is returned.
+    bend to it, and noise raised to its errors would hide what explains them. The rest has its own levels,
+    perhaps but for another one; what was left out is back, with its noise as stated.
     """
     whole = found.fit.problem
     squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
-    worst = int(np.argmax(squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)))
+    means = squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)
+    worst = int(np.argmax(means))
+    if squares[:, worst].sum() < HALF * squares.sum():
+        return None
     left_out = np.zeros(whole.data.values.shape, dtype=bool)
     left_out[:, worst] = True
     left_out[list(found.fit.run.begins), worst] = False  # where the filter begins is read from there
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
-        if normalised_rmse(rest.run) > FOLLOWED:
+        size = float(((rest.run.normalised**2)[rest.run.used]).sum())
+        if normalised_rmse(rest.run) > FOLLOWED and size > (1.0 - MOSTLY) * squares.sum():
             return None
-        LOGGER.info("all but %s is followed", whole.data.names[worst])
-        return Fitted(evaluate(rest.point, rest.unknowns, whole), found.factors, alone=True)
+        LOGGER.info("%s strays by itself", whole.data.names[worst])
+        levels = with_levels(Fitted(rest, found.factors))
+        data = whole.data.scaled(levels.factors / found.factors)
+        again = evaluate(levels.fit.point, found.fit.unknowns, replace(whole, data=data))
+        return replace(levels, fit=again, alone=True)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not without %s either: %s", whole.data.names[worst], error)
         return None

@@ -13,7 +13,7 @@ from smsid._short_repr import short_repr
 from smsid.diagnose.forward_step import State
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
 from smsid.diagnose.nested_parameters import free_nested
-from smsid.diagnose.noise_covariance import Fitted, first_fit, normalised_rmse, with_levels
+from smsid.diagnose.noise_covariance import Fitted, but_for_one, first_fit, normalised_rmse, with_levels
 from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy
@@ -130,7 +130,11 @@ def _begun(
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
         lost = error
-    if first is None or normalised_rmse(first.fit.run) > STRAYS:
+    strays = first is None or normalised_rmse(first.fit.run) > STRAYS
+    fitted = but_for_one(first) if first is not None and strays else None
+    if fitted is not None:  # one sensor alone: no cause of the motion is as strong as that
+        return State(fitted, candidates, levels)
+    if strays:
         coarse = coarse_cause(point, problem, unknowns, candidates)
         if coarse is not None:
             fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))

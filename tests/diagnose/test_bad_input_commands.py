@@ -15,6 +15,7 @@ from smsid.description import Description, load_description
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
+from smsid.sensing import add_noise
 from tests.diagnose import test_small_craft
 from tests.diagnose.torque_world import RATE, motion
 
@@ -96,6 +97,50 @@ def test_nothing_in_it(judged, description, recording):
             still[c][:, 3] = 1.0
     found = judged(toml_of(description), rebuilt(recording, still, recording.time()), more=("--unchecked",))
     assert found["verdict"] == "not_evaluated" and "nothing in 'changed'" in found["sentence"]
+
+
+def test_a_craft_that_rests(judged, description, recording):
+    """Nothing is commanded and nothing moves; all that is read is noise: no cause is made of it."""
+    still = {c: np.zeros_like(recording[c]) for c in recording.channels if not c.startswith("truth.")}
+    for c in (c for c in still if c.endswith(".attitude")):
+        still[c][:, 3] = 1.0
+    resting = rebuilt(recording, still, recording.time())
+    noisy = add_noise(resting, description.sensor, np.random.default_rng(3))
+    found = judged(toml_of(description), noisy, validate=noisy.with_name("held"), more=("--unchecked",))
+    assert not found["causes"], found["sentence"]
+    assert found["verdict"] in ("adequate", "not_evaluated"), found["sentence"]
+
+
+@pytest.mark.parametrize("change", ["one sample", "no commands", "no sensors"])
+def test_a_validation_flight_that_says_nothing(judged, description, recording, change):
+    """The recording is judged; why the gain is not evaluated is said."""
+    other = {
+        "one sample": lambda r: r.window(0.0, 0.005),
+        "no commands": lambda r: r.without(*_named(r, "command.")),
+        "no sensors": lambda r: r.without(*_named(r, "", "command.")),
+    }[change](recording)
+    found = judged(toml_of(description), recording, validate=other, more=("--unchecked",))
+    assert found["verdict"] in ("adequate", "explained", "unexplained")
+    assert found["gain"]["status"] == "not_evaluated" and "not on" in found["gain"]["reason"]
+
+
+def test_an_arm_of_one_joint_that_rests(judged, tmp_path):
+    """Torques and angles are noise: a reason, and no cause."""
+    (tmp_path / "lever.urdf").write_text(ONE_JOINT)
+    (tmp_path / "lever.toml").write_text(LEVER)
+    rng, t = np.random.default_rng(2), np.arange(0.0, 20.0, 0.01)
+    log = Recording.from_arrays(
+        t,
+        {
+            "encoder.joint_position": 1e-5 * rng.standard_normal((len(t), 1)),
+            "encoder.joint_torque": -19.6 + 0.05 * rng.standard_normal((len(t), 1)),
+        },
+        labels={"joint": ("hinge",)},
+        role="estimation",
+        name="rest",
+    )
+    found = judged("lever.toml", log, more=("--unchecked",))
+    assert not found["causes"], found["sentence"]
 
 
 def test_an_arm_of_one_joint(judged, tmp_path):

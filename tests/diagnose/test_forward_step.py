@@ -56,11 +56,19 @@ def world(monkeypatch):
         )
         order = {VAIN: 3.0, FOUND: 2.0, OTHER: 1.0}
         return [
-            Stub(candidate=c, ratio=20.0 * order[c.key], freedom=1, p_value=1e-12, another=None)
+            Stub(
+                candidate=c,
+                ratio=20.0 * order[c.key],
+                freedom=1,
+                p_value=1e-12,
+                another=None,
+                columns=asked.takes.get(c.key, order[c.key]),
+                estimate=None,
+            )
             for c in candidates
         ]
 
-    def accept(current, best, rivals, levels, tried):
+    def accept(current, best, rivals, levels, tried, **worth):
         key = best.candidate.key
         asked.accepted.append(key)
         if key == VAIN:
@@ -78,7 +86,8 @@ def world(monkeypatch):
         asked.stepped.append(fit.name)
         return fit
 
-    asked.instead = None
+    asked.instead, asked.takes = None, {}
+    monkeypatch.setattr(Fitted, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
         "signatures": signatures,
         "scored": scored,
@@ -101,6 +110,18 @@ def world(monkeypatch):
     fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
     asked.at = at
     return State(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
+
+
+def test_where_misfit_is_counted_what_takes_most_of_the_errors_away_comes_first(world):
+    """Noise raised to a gyro's misfit bounds the odds of its bias; those of a panel's mode are larger."""
+    state, asked = world
+    asked.takes = {OTHER: 1e9}
+    state._score_anew()
+    state.forward_step()
+    assert asked.accepted == [OTHER]
+    state, asked.accepted = State(replace(state.fitted, misfit=False), state.candidates, state.levels), []
+    state.forward_step()
+    assert asked.accepted == [VAIN]  # the one of largest odds
 
 
 def test_with_finer_noise_a_cause_is_weighed_and_all_is_scored_and_tried_anew(world):

@@ -17,7 +17,7 @@ from smsid.diagnose.noise_covariance import (
     with_levels,
 )
 from smsid.errors import SimulationError
-from smsid.estimation.map_estimate import fit
+from smsid.estimation.map_estimate import evaluate, fit
 
 N = 20000
 
@@ -83,6 +83,19 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
         assert abs(off) < 0.5 * sound.fit.sigma(u.name)
 
 
+def test_a_sensor_that_strays_by_itself_keeps_its_noise_beside_a_model_that_is_wrong(known, problem):
+    """Raised to its errors, its noise would hide what explains them; the others' holds their misfit."""
+    wrong = problem.data.scaled(np.full(problem.data.rows, 0.03))
+    row = wrong.names.index("tachometer.wheel_rate[wheel_y]")
+    values = wrong.values.copy()
+    values[wrong.times > 3.0, row] += 3e4 * wrong.sigma[row]
+    jumps = replace(problem, data=replace(wrong, values=values))
+    found = with_levels(first_fit(known.point, jumps, known.unknowns[:3]))
+    assert found.misfit and found.alone
+    assert found.factors[row] == 1.0 and found.fit.run.used[:, row].all()
+    assert np.median(np.delete(found.factors, row)) > 10.0
+
+
 def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
     assert with_levels(first_fit(known.point, wrong, known.unknowns[:1])).misfit
@@ -107,3 +120,17 @@ def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, p
     )
     assert refit_noise(found, strong=True).factors == pytest.approx(2.0 * 2.0)
     assert started[:2] == [astray, before.changes.point]
+
+
+def test_what_a_candidate_explains_is_the_fall_of_squared_errors_in_stated_noise(known, problem):
+    """Also where noise levels are raised, which change what its columns and the residual are."""
+    factors = np.exp(np.random.default_rng(6).uniform(-1.0, 3.0, problem.data.rows))
+    raised = replace(problem, data=problem.data.scaled(factors))
+    found = evaluate(known.point, known.unknowns[:3], raised)
+    rows, d = found.run.innovations.size, 2
+    columns = np.random.default_rng(7).standard_normal((len(found.residual), d))
+    estimate = np.array([0.3, -2.0])
+    stated = np.tile(factors, rows // len(factors))
+    left = found.residual[:rows] - columns[:rows] @ estimate
+    fall = ((stated * found.residual[:rows]) ** 2).sum() - ((stated * left) ** 2).sum()
+    assert Fitted(found, factors, misfit=True).explained(columns, estimate) == pytest.approx(fall)
