@@ -6,8 +6,6 @@ about the joint's origin: (10 bodies,), ordered as the joints of the Pinocchio m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pinocchio as pin
 
@@ -104,9 +102,3 @@ def body_names(model: pin.Model) -> tuple[str, ...]:
 def dynamic_parameters(inertia: pin.Inertia) -> np.ndarray:
     """Return the ten parameters (10,) of a `pin.Inertia`: m, m c, I about the origin [kg, kg m, kg m^2]."""
     return np.asarray(inertia.toDynamicParameters())
-
-
-def select(names: Sequence[str], regressor: np.ndarray, keep: Sequence[str]) -> np.ndarray:
-    """Return the columns of ``regressor`` (..., columns) whose body is in ``keep``."""
-    chosen = [i for i, n in enumerate(names) if n.rsplit(".", 1)[0] in set(keep)]
-    return regressor[..., chosen]

@@ -67,11 +67,6 @@ class Quantity:
         """Whether the last dimension is x, y, z in the inertial or the body frame."""
         return bool(self.dims) and self.dims[0][-1] == "axis"
 
-    @property
-    def is_angular(self) -> bool:
-        """Whether the unit holds an angle, which dimensional analysis does not see."""
-        return "rad" in self.unit.split("/")[0].split()
-
     def shapes(self) -> str:
         """Describe the admissible shapes: ``(N, 3) or (N, station, 3)``."""
         if not self.dims:

@@ -73,11 +73,3 @@ def test_quantities_are_frozen():
 def test_shapes_read_like_the_design():
     assert quantity_of("panel.acceleration").shapes() == "(N, 3) or (N, station, 3)"
     assert quantity_of("encoder.joint_position").shapes() == "(N, joint)"
-
-
-def test_angles_are_known_as_such():
-    angular = {name for name, quantity in QUANTITIES.items() if quantity.is_angular}
-    assert angular == {
-        *("angular_rate", "angular_acceleration", "wheel_rate"),
-        *("joint_position", "joint_velocity", "joint_acceleration"),
-    }
