@@ -66,7 +66,6 @@ def test_user_effect_is_found(cable_drag, tmp_path):
     assert value["sigma"] < 0.1 * PULL
 
 
-@pytest.mark.slow
 def test_user_effect_is_identified(cable_drag, tmp_path):
     """Listed in the description, its parameter is estimated with the tank, the bodies and the rest."""
     case = EffectCase("cable_drag", lambda _: cable("joint2", PULL), {"joint": "joint2"}, {"pull": PULL})
