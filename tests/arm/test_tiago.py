@@ -42,7 +42,7 @@ def test_the_draft_of_three_tables_identifies_the_arm(tmp_path):
     gains = {line.split(":")[0]: float(line.split()[1]) for line in lines}
     assert set(gains) == set(TOLD)
     shares = [gains[joint] / published for joint, published in TOLD.items()]
-    assert 1.0 < min(shares) and max(shares) < 1.4  # signs, and sizes to a third; the links are the URDF's
+    assert min(shares) > 1.0 and max(shares) < 1.4  # signs, and sizes to a third; the links are the URDF's
     assert max(shares) / min(shares) < 1.2  # ratios
     row = next(line for line in shown.splitlines() if "validation" in line)
     assert float(row.split()[2]) < 0.094  # least squares by hand
