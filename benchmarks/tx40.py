@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from _common import environment, interleaved, spread, write_result
 
+from smsid._statistics import NORMAL95
 from smsid.arm import (
     ArmIdentification,
     JointMotion,
@@ -205,6 +206,14 @@ def compared(found: ArmIdentification) -> dict[str, Any]:
     return rows
 
 
+def halves(full: Description, train: Recording) -> list[int]:
+    """Return how many parameters of two halves differ by more than their combined 95 %, and of how many."""
+    ends = (train.window(0.0, SPLIT / 2), train.window(SPLIT / 2, SPLIT))
+    one, two = (identify_arm(full, half, cutoff=CUTOFF).estimate for half in ends)
+    z = [(p.value - two[p.name].value) / np.hypot(p.sigma, two[p.name].sigma) for p in one.parameters]
+    return [int(np.sum(np.abs(z) > NORMAL95)), int(np.sum(np.isfinite(z)))]
+
+
 def diagnosed(bare: Description, train: Recording, held: Recording) -> dict[str, Any]:
     """What the diagnosis names from the bare URDF, beside what is published with the data."""
     found = diagnose(bare, [train], validation=[held]).diagnosis
@@ -292,6 +301,7 @@ def main() -> None:
         "seconds": {k: spread(s) for k, s in seconds.items()},
         "times_as_long_as_smsid": ratio,
         "friction": compared(last),
+        "halves_beyond_1.96_sigma": halves(full, train),
         "diagnosis": diagnosed(bare, train, held),
         "notes": list(last.estimate.notes),
     }

@@ -339,6 +339,8 @@ def motion_notes(
         "joint; "
         f"residuals are correlated over {solved.lags * torques.length * motion.step:.3g} s",
     ]
+    if idle := [n for n, k in zip(names, model.arm_joints.v, strict=True) if not motion.torque[:, k].any()]:
+        notes.append(f"no torque at {', '.join(idle)}: taken for joints without motors")
     notes += [
         f"the encoder of {n} begins anew after each turn: unwrapped {k} times"
         for n, k in motion.readings.unwrapped.items()

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from smsid.description import Description
 from smsid.effects import Effect, JointCable, JointFriction, MotorInertia, TorqueOffset
 from smsid.effects.friction import frictions_of
-from smsid.effects.friction_law import BY_FIELD, Law
+from smsid.effects.friction_law import Law
 from smsid.effects.joint_bias import without_idle_offsets
 from smsid.errors import DescriptionError
 
@@ -60,13 +60,7 @@ def with_identified_effects(
     for kind, (prefix, _) in _MAKERS.items():
         own = [j for j in joints if any(n.startswith(f"{_name(prefix, j)}.") for n in names)]
         description = with_joint_effects(description, own, kind)
-    laws = {
-        f"{BY_FIELD[field].law}={joint}": None
-        for joint in joints
-        for field in BY_FIELD
-        if BY_FIELD[field].law and f"{_name('friction', joint)}.{field}" in names
-    }
-    return with_friction_laws(description, joints, list(laws))
+    return description
 
 
 def _name(prefix: str, joint: str) -> str:

@@ -56,15 +56,14 @@ class ServoIdentification(JudgedArm):
     """Identified servo joints.
 
     ``description`` has the identified values; ``own`` what was fitted, position errors times the stiffness;
-    ``noise`` (joints,) the standard deviation of what is left of the position errors [rad | m]; ``x`` the
-    solution of `servo_equations`, by blocks of ``length`` samples; ``stiffness`` (joints,) [N m/rad | N/m].
+    ``x`` the solution of `servo_equations`, by blocks of ``length`` samples; ``stiffness`` (joints,)
+    [N m/rad | N/m].
     """
 
     estimate: Estimate
     description: Description
     model: SpacecraftModel
     own: TorqueComparison
-    noise: np.ndarray
     x: np.ndarray
     stiffness: np.ndarray
     length: int
@@ -189,7 +188,6 @@ def identify_servos(
         _with_values(description, values),
         model,
         own,
-        solved.noise,
         solved.x,
         stiffness,
         length,

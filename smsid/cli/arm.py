@@ -102,7 +102,7 @@ def identify_and_judge(
             advice="Leave --gains and --gain out.",
         )
     if gains:
-        unknown = held_joints(joints, gains, option="--gain")
+        unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
         description, untold = _with_gains(description, train[0], cutoff, console, held, unknown)

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import hankel, svd
 from scipy.optimize import least_squares
 
-from smsid._short_repr import short_repr
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
 from smsid.identify.estimate import Estimate, classify
@@ -50,13 +49,11 @@ class DecayMode:
     damping_sigma: float
 
 
-@short_repr
 @dataclass(frozen=True)
 class FreeDecay:
-    """Decaying oscillations of a signal, ``fitted`` (N,) and the standard deviation of its noise."""
+    """Decaying oscillations of a signal, and the standard deviation of its ``noise``."""
 
     modes: tuple[DecayMode, ...]
-    fitted: np.ndarray
     noise: float
 
     def estimate(self, name: str) -> Estimate:
@@ -164,8 +161,7 @@ class _Fit:
                 )
             )
         modes.sort(key=lambda m: m.frequency)
-        fitted = scale * (self.y - self.left)
-        return FreeDecay(tuple(modes), fitted, scale * float(np.sqrt(self.variance)))
+        return FreeDecay(tuple(modes), scale * float(np.sqrt(self.variance)))
 
 
 def _start(y: np.ndarray, rate: float, count: int, top: float, duration: float) -> np.ndarray | None:

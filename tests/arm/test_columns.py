@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from smsid.arm import JointStates, effect_columns, with_joint_effects
 from smsid.description import Description
-from smsid.effects import Gear, JointFriction, JointOffset, MotorCoupling, MotorInertia, Slosh, TorqueOffset
+from smsid.effects import (
+    Effect,
+    Gear,
+    JointFriction,
+    JointOffset,
+    MotorCoupling,
+    MotorInertia,
+    Slosh,
+    TorqueOffset,
+)
+from smsid.effects.base import physical
 from smsid.effects.gear import gear_matrix
+from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 from smsid.model import build_model
 
@@ -114,3 +127,28 @@ def test_joint_effects_are_added_where_there_are_none(arm):
     kinds = [(e.kind, e.joint) for e in full.effect]
     assert sorted(kinds) == sorted((k, j) for k in ("joint_friction", "motor_inertia") for j in JOINTS)
     assert full.get_effect("mine").viscous == 3.0
+
+
+class Wind(Effect):
+    """An effect of a user: drag of the air, by the square of the rate."""
+
+    kind: Literal["wind"] = "wind"
+    joint: str
+    drag: float = physical("N m s^2/rad^2", default=0.0)
+
+    def driven_joints(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        rate = of(self.joint).rate
+        return {"drag": {self.joint: rate * np.abs(rate)}}
+
+
+def test_an_effect_of_a_user_takes_part_by_its_own_columns(arm, rng):
+    v, a = rng.normal(size=(2, 5, 3))
+    states = JointStates(None, v, a)
+    (drag,) = effect_columns(Wind(name="w", joint="joint2"), build_model(arm), states)
+    assert (drag.name, drag.unit) == ("w.drag", "N m s^2/rad^2")
+    np.testing.assert_allclose(drag.values, (v * np.abs(v)) * [0.0, 1.0, 0.0])
+    with pytest.raises(DescriptionError, match="no joint 'elbow'"):
+        effect_columns(Wind(name="w", joint="elbow"), build_model(arm), states)

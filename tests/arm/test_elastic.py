@@ -119,6 +119,7 @@ def test_the_command_takes_joints_without_motors(bench, tmp_path):
     assert isinstance(refused.exception, RecordingError) and "--passive" in str(refused.exception)
     shown = CliRunner().invoke(app, [*arguments, "--passive", "flex*"])
     assert shown.exit_code == 0, shown.output
+    assert "no torque at flex1, flex2" in " ".join(shown.output.split())
     found = load_estimate(tmp_path / "e.json")
     stiffness = found["spring_flex1.stiffness"]
     assert stiffness.unit == "N m/rad" and stiffness.value == pytest.approx(60.0, rel=0.01)
