@@ -41,8 +41,6 @@ NEAR = 1.0  # predicted gain of the log-posterior with which such a search has e
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
-MATTERS = 0.5  # standard deviations by which another course of commands may move an estimate without a word
-WORDS = {"linear": "straight lines between samples", "smooth": "curves through their samples"}
 
 
 @dataclass(frozen=True)
@@ -275,36 +273,26 @@ def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, 
     """Return the flight with commands held, linear or both between samples, as is most likely near a point.
 
     Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
-    one step of all parameters on: inertia may make up for a wave that straight lines cut off. A note says
-    where they are as likely and parameters differ.
+    one step of all parameters on: inertia may make up for a wave that straight lines cut off.
     """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
         return flight
     now = flight.problem.timing
     likely: dict[Timing, float] = {}
-    moves: dict[Timing, float] = {}
     for timing in choices:
         other = _with_timing(flight, timing)
         try:
-            if not (at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING)):
+            if at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING):
+                here = normal_equations(point, unknowns, [other])
+                likely[timing] = predicted_gain(here, bounded_step(here)) - here.objective
+            else:
                 likely[timing] = -objective_of(point, unknowns, [other])
-                continue
-            here = normal_equations(point, unknowns, [other])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-            continue
-        step = bounded_step(here)
-        likely[timing] = predicted_gain(here, step) - here.objective
-        moves[timing] = float(np.max(np.abs(step) / np.sqrt(np.diag(np.linalg.inv(here.gram)))))
     best = max(likely, key=lambda t: likely[t], default=now)
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
         best = now
-    for timing, by in moves.items():
-        if best == now and likely[now] - likely[timing] < CLEARLY and by > MATTERS:
-            note = f"commands are taken as {WORDS[now.hold]}; {WORDS[timing.hold]} are as likely, and would "
-            note += f"move estimates by up to {by:.2g} standard deviations: record them faster"
-            flight = replace(flight, notes=(*flight.notes, note))
     LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
     return _with_timing(flight, best)
 
