@@ -21,8 +21,7 @@ from smsid.diagnose.change_point import (
 )
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, reprofile_selected
 from smsid.diagnose.hysteresis_test import memory
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law
-from smsid.diagnose.nested_parameters import free_nested_before_adding
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
@@ -108,7 +107,7 @@ class State:
             self.held = self._memory(best)
         if self.held:  # the next would stand in for a piece of it
             return False
-        larger = free_nested_before_adding(self.current, self.causes, best, self.levels)
+        larger = with_further(self.current, self.causes)  # what is there already comes first
         if larger is not None:
             gained = 2.0 * (self.current.objective - larger.objective)
             self._move(larger, strong=gained > self.levels.linear)

@@ -104,7 +104,7 @@ def world(monkeypatch):
         "in_one_recording": lambda fit, scores, *_: scores,
         "drop_onset": lambda causes, fit, levels: (list(causes), fit),
         "reprofile_selected": lambda causes, fit, *_: (list(causes), fit),
-        "free_nested_before_adding": lambda *_: None,
+        "with_further": lambda *_: None,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
     fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
