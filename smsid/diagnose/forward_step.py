@@ -19,7 +19,7 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, reprofile_selected
+from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
 from smsid.diagnose.hysteresis_test import memory
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise
@@ -232,9 +232,7 @@ class State:
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
-        reached = found.objective
-        self.causes, found = reprofile_selected(self.causes, found, self.nominal, self.candidates, levels)
-        strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
+        strong = cause.ratio > levels.linear
         counted = self.fitted.misfit
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)

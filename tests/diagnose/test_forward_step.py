@@ -103,7 +103,6 @@ def world(monkeypatch):
         "with_onset": lambda fit, score, alias: score,
         "in_one_recording": lambda fit, scores, *_: scores,
         "drop_onset": lambda causes, fit, levels: (list(causes), fit),
-        "reprofile_selected": lambda causes, fit, *_: (list(causes), fit),
         "with_further": lambda *_: None,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
