@@ -86,12 +86,13 @@ class State:
         """Take a step of the search; return what it returns. One that fails numerically is undone and noted:
         what was found before stays.
         """
-        before = self.fitted, list(self.causes), self.held, self.scores, self.nominal, self.normalised_rmse
+        before = {**vars(self), "causes": list(self.causes)}
         try:
             return bool(step())
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s failed: %s", what, error, exc_info=True)
-            self.fitted, self.causes, self.held, self.scores, self.nominal, self.normalised_rmse = before
+            vars(self).update(before)
+            self._columns.clear()  # they may be those of the fit that is left again
             self.failed.append(f"{what} failed numerically and was left out: {error}")
             return False
 
