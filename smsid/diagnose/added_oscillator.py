@@ -17,8 +17,8 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 from smsid.diagnose.profiled_hypothesis import (
-    Resolved,
     Searched,
+    Settled,
     Shape,
     best_shape,
     by_one,
@@ -232,9 +232,7 @@ class Oscillating(Searched):
         mass = max(float(own @ slope), 0.0) / max(float(own @ gram @ own), 1e-300)
         return mass * own, max(-float(best.fun), 0.0), values
 
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
         """Return the mass on springs with the label's frequencies, where the first moment says."""
         omega, zeta, place = shape.label
         d = len(self.springs.moves)

@@ -42,7 +42,8 @@ def exchange_step(
     Each is taken out of the fit - to first order, but where it has motion of its own - and the candidates are
     scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
     parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
-    apart. The last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
+    apart. What was searched for is among them itself: its place and phase may be others beside the rest. The
+    last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
     judged again as well.
     """
     causes, columns = list(causes), {}
@@ -56,6 +57,8 @@ def exchange_step(
         else:
             columns = known = columns or _by_key(last, candidates)
         own = _own(last, less, cause)
+        if type(cause.score.candidate) is not Candidate:
+            taken.discard(cause.score.candidate.key)
         rivals = [c for c in candidates if c.key in known and c.key not in taken]
         scores = scored(less, rivals, [known[c.key] for c in rivals])
         better = _refitted(less, last, own, scores, levels) if exchange else None
@@ -80,33 +83,6 @@ def _exchanged(cause: Cause, less: Fit, score: Score) -> Cause:
 def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any."""
     return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
-
-
-def reprofile_selected(
-    causes: Sequence[Cause],
-    last: Fit,
-    nominal: Fit,
-    candidates: Sequence[Candidate],
-    levels: DetectionThresholds,
-) -> tuple[list[Cause], Fit]:
-    """Return the causes, those before the last sought anew beside it: place and phase may be others now.
-
-    What a cause stood in for is explained, and where its search ended then may be a lesser optimum.
-    """
-    causes, by_key = list(causes), {c.key: c for c in candidates}
-    for i, cause in enumerate(causes[:-1]):
-        one = by_key[cause.score.candidate.key]
-        if type(one) is Candidate:
-            continue  # nothing was searched
-        less = _taken_out(last, cause, nominal)
-        if less is None or less.point.model().nv != last.changes.model.nv:
-            continue
-        fresh = scored(less, [one], list(signatures(less, [one]).values())[:1])
-        better = _refitted(less, last, _own(last, less, cause), fresh, levels)
-        if better is not None:
-            LOGGER.info("%s is another", one.key)
-            causes[i], last = _exchanged(cause, less, better[0]), better[1]
-    return causes, last
 
 
 def recompute_evidence(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list[Cause]:

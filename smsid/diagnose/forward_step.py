@@ -19,10 +19,9 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, reprofile_selected
+from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
 from smsid.diagnose.hysteresis_test import memory
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law
-from smsid.diagnose.nested_parameters import free_nested_before_adding
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
@@ -87,12 +86,13 @@ class State:
         """Take a step of the search; return what it returns. One that fails numerically is undone and noted:
         what was found before stays.
         """
-        before = self.fitted, list(self.causes), self.held, self.scores, self.nominal, self.normalised_rmse
+        before = {**vars(self), "causes": list(self.causes)}
         try:
             return bool(step())
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s failed: %s", what, error, exc_info=True)
-            self.fitted, self.causes, self.held, self.scores, self.nominal, self.normalised_rmse = before
+            vars(self).update(before)
+            self._columns.clear()  # they may be those of the fit that is left again
             self.failed.append(f"{what} failed numerically and was left out: {error}")
             return False
 
@@ -108,7 +108,7 @@ class State:
             self.held = self._memory(best)
         if self.held:  # the next would stand in for a piece of it
             return False
-        larger = free_nested_before_adding(self.current, self.causes, best, self.levels)
+        larger = with_further(self.current, self.causes)  # what is there already comes first
         if larger is not None:
             gained = 2.0 * (self.current.objective - larger.objective)
             self._move(larger, strong=gained > self.levels.linear)
@@ -233,9 +233,7 @@ class State:
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
-        reached = found.objective
-        self.causes, found = reprofile_selected(self.causes, found, self.nominal, self.candidates, levels)
-        strong = max(cause.ratio, 2.0 * (reached - found.objective)) > levels.linear
+        strong = cause.ratio > levels.linear
         counted = self.fitted.misfit
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)

@@ -15,7 +15,7 @@ from smsid.diagnose.profiled_hypothesis import Resolved
 from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, fit
+from smsid.estimation.map_estimate import Fit, fit, within_reach
 from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
@@ -30,6 +30,7 @@ SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which
 AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
 SURPLUS = THRESHOLDS.surplus
+CURVED = THRESHOLDS.curved
 
 
 @dataclass(frozen=True)
@@ -341,6 +342,28 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     if len(groups) > 1 and (np.isneginf(paid) or -price * (len(more) - 1) < paid <= 0.0):
         paid, larger = max((freed(some) for some in groups.values()), key=lambda x: x[0])
     return larger if paid > 0.0 else found
+
+
+def with_further(found: Fit, causes: Sequence[Cause]) -> Fit | None:
+    """Return a fit with further parameters of a cause free, of the first that has some which pay, else none.
+
+    A payload whose centre of mass is not in the tool's frame leaves what another link's inertia would; freed
+    when it was found, its place may not have paid for itself.
+    """
+    for cause in causes:
+        more = unfitted_parameters(found, cause.score.candidate)
+        try:
+            if not more:
+                continue
+            promised = 2.0 * (within_reach(found) - within_reach(found.with_unfitted(more)))
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("%s: nothing further: %s", cause.score.candidate.key, error)
+            continue
+        if CURVED * promised > float(np.log(found.run.samples)):
+            larger = _with_more(found, cause.score.candidate)
+            if larger is not found:
+                return larger
+    return None
 
 
 def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:

@@ -24,7 +24,7 @@ LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 MOSTLY = THRESHOLDS.mostly
-HALF = 0.5  # share of the squared error that a component has to have to be left out for a trial
+HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
@@ -35,7 +35,7 @@ class Fitted:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
-    ``alone`` where a component was not fitted, as it strays by itself.
+    ``alone`` where a component or a channel was not fitted, as it strays by itself.
     """
 
     fit: Fit
@@ -82,10 +82,10 @@ def with_levels(found: Fitted) -> Fitted:
 
 
 def but_for_one(found: Fitted) -> Fitted | None:
-    """Return the fit of all components but the one that strays most, where the rest is followed, or nine
-    tenths of the squared error are that one's; else nothing.
+    """Return the fit of all components but the one that strays most, or all but its channel, where the rest
+    is followed, or nine tenths of the squared error are left out; else nothing.
 
-    That one is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
+    That is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
     bend to it, and noise raised to its errors would hide what explains them. The rest has its own levels,
     perhaps but for another one; what was left out is back, with its noise as stated.
     """
@@ -93,24 +93,27 @@ def but_for_one(found: Fitted) -> Fitted | None:
     squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
     means = squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)
     worst = int(np.argmax(means))
-    if squares[:, worst].sum() < HALF * squares.sum():
+    channel = next(b for b in whole.data.blocks if b.rows.start <= worst < b.rows.stop)
+    choices = (slice(worst, worst + 1), channel.rows)
+    rows = next((r for r in choices if squares[:, r].sum() > HALF * squares.sum()), None)
+    if rows is None:
         return None
     left_out = np.zeros(whole.data.values.shape, dtype=bool)
-    left_out[:, worst] = True
-    left_out[list(found.fit.run.begins), worst] = False  # where the filter begins is read from there
+    left_out[:, rows] = True
+    left_out[list(found.fit.run.begins), rows] = False  # where the filter begins is read from there
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
         size = float(((rest.run.normalised**2)[rest.run.used]).sum())
         if normalised_rmse(rest.run) > FOLLOWED and size > (1.0 - MOSTLY) * squares.sum():
             return None
-        LOGGER.info("%s strays by itself", whole.data.names[worst])
+        LOGGER.info("%s strays by itself", ", ".join(whole.data.names[rows]))
         levels = with_levels(Fitted(rest, found.factors))
         data = whole.data.scaled(levels.factors / found.factors)
         again = evaluate(levels.fit.point, found.fit.unknowns, replace(whole, data=data))
         return replace(levels, fit=again, alone=True)
     except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("not without %s either: %s", whole.data.names[worst], error)
+        LOGGER.info("not without %s either: %s", whole.data.names[rows], error)
         return None
 
 

@@ -79,6 +79,10 @@ class Shape:
     label: Any
 
 
+Settled = tuple[Resolved, np.ndarray, np.ndarray, bool]
+"""What a shape stands for, see `Searched.resolved`."""
+
+
 @dataclass(frozen=True)
 class Searched(Candidate):
     """A candidate whose columns are those of several shapes."""
@@ -87,9 +91,7 @@ class Searched(Candidate):
         """Return the shapes, in the order of their columns."""
         raise NotImplementedError
 
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
         """Return the candidate that coefficients (k,) of a shape's columns stand for.
 
         With it the derivatives (k, d) of the coefficients by its free parameters, per step; the estimate (d,)
@@ -172,9 +174,7 @@ class Imbalance(Searched):
         """Return the one shape there is."""
         return (Shape((0, 1), None),)
 
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
         """Return size and phase of two components."""
         assert self.effect is not None
         size, phase = float(np.hypot(*coefficients)), float(np.arctan2(coefficients[1], coefficients[0]))

@@ -11,8 +11,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.diagnose.forward_step import State
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds
-from smsid.diagnose.nested_parameters import free_nested
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_further
 from smsid.diagnose.noise_covariance import Fitted, but_for_one, first_fit, normalised_rmse, with_levels
 from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
@@ -158,7 +157,7 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTe
     """
     blocks = (*state.held, *adequacy(state.current))
     if not state.fitted.misfit and _unexplained(state, blocks, coarse):
-        larger = free_nested(state.current, state.causes, state.levels.alias)
+        larger = with_further(state.current, state.causes)
         again = () if larger is None else (*state.held, *adequacy(larger))
         if larger is not None and not _unexplained(state, again, coarse):
             state.enlarge(larger)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from smsid.diagnose.profiled_hypothesis import Resolved, Searched, Shape, best_shape, resolved_as
+from smsid.diagnose.profiled_hypothesis import Searched, Settled, Shape, best_shape, resolved_as
 from smsid.diagnose.score_test import Score
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
@@ -48,9 +48,7 @@ class ThresholdHypothesis(Searched):
         shapes = [Shape((k,), t) for k, t in enumerate(self._thresholds(found.changes))]
         return best_shape(self, found, own, shapes)
 
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
         """Return the strength at the threshold that is the shape's label, known no better than that."""
         assert self.effect is not None
         prior = {**self.effect.prior, self.field: shape.label}

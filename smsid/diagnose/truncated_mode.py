@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, reaction_forces, unit_response
-from smsid.diagnose.profiled_hypothesis import Resolved, Searched, Shape, best_shape, resolved_as
+from smsid.diagnose.profiled_hypothesis import Searched, Settled, Shape, best_shape, resolved_as
 from smsid.diagnose.score_test import Score
 from smsid.effects.appendage import BeamAppendage, Mode
 from smsid.effects.beam_mode import BeamMode
@@ -114,9 +114,7 @@ class HigherMode(Searched):
         """Return every frequency of the first grid."""
         return tuple(Shape((i,), (float(f), self._coarse)) for i, f in enumerate(OFF))
 
-    def resolved(
-        self, shape: Shape, coefficients: np.ndarray
-    ) -> tuple[Resolved, np.ndarray, np.ndarray, bool]:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
         """Return the mode with the label's frequency and damping, and how much of it there is."""
         off, zeta = shape.label
         effect = BeamMode(

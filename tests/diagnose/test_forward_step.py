@@ -12,6 +12,7 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
 from smsid.diagnose.noise_covariance import Fitted
 from smsid.diagnose.score_test import Score
+from smsid.errors import SmsidError
 
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
 
@@ -103,8 +104,7 @@ def world(monkeypatch):
         "with_onset": lambda fit, score, alias: score,
         "in_one_recording": lambda fit, scores, *_: scores,
         "drop_onset": lambda causes, fit, levels: (list(causes), fit),
-        "reprofile_selected": lambda causes, fit, *_: (list(causes), fit),
-        "free_nested_before_adding": lambda *_: None,
+        "with_further": lambda *_: None,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
     fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
@@ -191,6 +191,22 @@ def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, m
     state.close()
     assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
     assert asked.scored[-1][0] == "exchanged"
+
+
+def test_a_step_that_fails_is_undone_and_its_signatures_are_not_used_again(world):
+    """They are those of the fit that the step went to."""
+    state, _ = world
+    fitted, scores = state.fitted, state.scores
+
+    def step():
+        state.causes.append("another")
+        state.fitted = state.scores = None
+        raise SmsidError("The step is lost.")
+
+    assert state._columns and not state.guarded("a step", step)
+    assert state.fitted is fitted and state.scores is scores and state.causes == []
+    assert not state._columns
+    assert state.failed == ["a step failed numerically and was left out: The step is lost."]
 
 
 def test_causes_that_share_an_effect_begin_together(known, plain):

@@ -1,0 +1,43 @@
+"""What a cause has further is freed before another cause is named for what it does."""
+
+import pytest
+
+from smsid.diagnose import model_comparison
+from smsid.diagnose.model_comparison import with_further
+from smsid.effects import Payload
+from tests.diagnose.test_exchange_step import paired, with_causes
+
+LOAD, LINK = ("payload", "tool", "payload"), ("body_error", "link3", "inertia")
+PLACE = (0.1, 0.3, -0.2)  # [m]
+
+
+@pytest.fixture(scope="module")
+def loaded(description, known):
+    """A payload beside the tool's frame, found as one in it; and its place."""
+
+    def found(place):
+        truth = Payload(kind="payload", name="load", frame="tool", mass=4.0, com=place)
+        nominal, candidates = paired(known, description.with_effects(truth), ("payload", "body_error"))
+        return with_causes(nominal, candidates, [LOAD])
+
+    return found
+
+
+def test_the_place_of_a_payload_is_freed(loaded, monkeypatch):
+    freed = model_comparison._with_more
+    monkeypatch.setattr(model_comparison, "_with_more", lambda found, candidate: found)
+    causes, current = loaded(PLACE)
+    monkeypatch.setattr(model_comparison, "_with_more", freed)
+    larger = with_further(current, causes)
+    assert larger is not None and larger.objective < current.objective - 0.5 * 3 * 7.0
+    names = {u.name for u in larger.unknowns} - {u.name for u in current.unknowns}
+    assert names == {f"payload_tool.com.{axis}" for axis in "xyz"}
+    assert with_further(larger, causes) is None, "nothing is left to free"
+
+
+def test_nothing_is_freed_that_does_not_pay(loaded, monkeypatch):
+    tried = []
+    monkeypatch.setattr(model_comparison, "_with_more", lambda found, candidate: tried.append(1) or found)
+    causes, current = loaded((0.0, 0.0, 0.0))
+    tried.clear()
+    assert with_further(current, causes) is None and not tried
