@@ -39,6 +39,7 @@ from smsid.recording import Recording
 from smsid.sensing import observe
 from smsid.simulate import Sampled, simulate, truth_of
 from smsid.tracking import ChangeDetector, Sample, Setting, Tracker, track_recordings
+from smsid.tracking.change_detection import SETTLING
 
 sys.path.insert(0, str(ROOT))
 
@@ -129,11 +130,13 @@ def steady(flights: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     out = np.empty((3, flights, n, 3))
     for k in range(n):
         torque = 0.02 * np.sin(2 * np.pi * k * step / period + phase)
-        out[:, :, k] = w, h, torque
+        out[0, :, k], out[1, :, k] = w, h
         after = h + step * torque
         given = np.broadcast_to(-torque, (3, flights, 3))
-        w = turned(w, h, after, given, step, INERTIA, inverse, np.zeros(3))
-        h = after
+        now = turned(w, h, after, given, step, INERTIA, inverse, np.zeros(3))
+        # of the motor, that turns its wheel against what the body does
+        out[2, :, k] = torque + WHEEL * RATE * (now - w)
+        w, h = now, after
     return out[0], out[1], out[2]
 
 
@@ -205,11 +208,12 @@ def grasp(draw: int) -> list[dict]:
             "key": f"draw {draw}",
             "mass": mass,
             "after": round(told[0].alarm - at, 2) if told else None,
+            "told": round(told[0].alarm + SETTLING - at, 2) if told else None,
             "group": told[0].group if told else None,
             "before_it": len(detector.changes) - len(told),
-            "error": round(float(gained - mass), 3),
+            "error": round(float(gained - mass), 4),
             "z": round(float((gained - mass) / sigma), 2),
-            "sigma": round(float(sigma), 3),
+            "sigma": round(float(sigma), 4),
         }
     ]
 
@@ -229,11 +233,16 @@ def end(draw: int) -> list[dict]:
     )
     inverse, w, h = np.linalg.inv(INERTIA), np.zeros(3), np.zeros(3)
     rate, momentum = np.empty((n, 3)), np.empty((n, 3))
-    for k in range(n):
+    command = np.empty((n, 3))
+    for k in range(n):  # torques go straight from sample to sample
         rate[k], momentum[k] = w, h
-        after = h + torque[k] / RATE
-        w = turned(w, h, after, np.broadcast_to(-torque[k], (3, 3)), 1 / RATE, INERTIA, inverse, np.zeros(3))
-        h = after
+        # of the motor, that turns its wheel against what the body does
+        command[k] = torque[k] + WHEEL * inverse @ (-torque[k] - np.cross(w, INERTIA @ w + h))
+        ahead = torque[min(k + 1, n - 1)]
+        middle = 0.5 * (torque[k] + ahead)
+        after = h + middle / RATE
+        given = -np.array([torque[k], middle, ahead])
+        w, h = turned(w, h, after, given, 1 / RATE, INERTIA, inverse, np.zeros(3)), after
     with tempfile.TemporaryDirectory() as folder:
         d = described(Path(folder), "wheels")
         recording = Recording.from_arrays(
@@ -241,7 +250,7 @@ def end(draw: int) -> list[dict]:
             {
                 "gyro.angular_rate": rate + GYRO * rng.standard_normal((n, 3)),
                 "tacho.wheel_rate": momentum / WHEEL + TACHOMETER * rng.standard_normal((n, 3)),
-                "command.wheel_torque": torque,
+                "command.wheel_torque": command,
             },
             labels={"wheel": ("rw0", "rw1", "rw2")},
             name="minute",

@@ -33,8 +33,8 @@ CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: 
 LOOKS = 3.0  # tests of a group in the time between two starts: 1 + 1 + 1/2 + 1/4 + ...
 SEEN = 1e-9  # share of the largest eigenvalue below which a direction of a jump is not seen
 MEMORY = 60.0  # [s] over which the size of innovations is averaged
-SETTLING = 4.0  # [s] after an alarm, before the filter takes the jump in
-TOLD = 16.0  # [s] after that, when it is measured again and told
+SETTLING = 4.0  # [s] after an alarm, when the filter takes the jump in and it is told
+AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
 ITERATIONS = 4  # of the point about which a run is linear
 LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
@@ -113,7 +113,7 @@ class _Rerun:
 
 @dataclass(eq=False)
 class _Found:
-    """A change that is in the filter, how it was alarmed, from where it is run, when it is to be told [s]."""
+    """A change that is in the filter, from where it is run, and when it is due to be measured again [s]."""
 
     change: Change
     start: _Start
@@ -127,7 +127,7 @@ class ChangeDetector:
     """Listens to a tracker and tells what changed; set as its ``listener`` by `watch`.
 
     ``every`` [s] lies between possible starts, ``horizon`` [s] is how far back is looked, ``false_alarms``
-    how many are allowed per hour. ``changes`` are those found.
+    how many are allowed per hour. ``changes`` are those found; the last is measured once more later.
     """
 
     tracker: Tracker
@@ -168,10 +168,10 @@ class ChangeDetector:
             self._next = update.time + WARM
         self._last = update.time
         self._passes.append(self.tracker.filter.last)
-        while self._passes[0][0][-1] < update.time - self.horizon - SETTLING - TOLD - self.every:
+        while self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every:
             self._passes.popleft()
         if self._found is not None:
-            return self._tell(update.time, self._found)
+            return self._measure_again(update.time, self._found)
         for transition in found.transition:
             for start in self._starts:
                 start.delta = transition @ start.delta
@@ -191,6 +191,8 @@ class ChangeDetector:
         if self._alarm is not None:
             if update.time >= self._alarm + SETTLING:
                 self._found = self._taken_in(update.time, self._alarm, scale)
+                self.changes.append(self._with_size(self._found))
+                return self.changes[-1]
             return None
         self._judge(update.time, scale)
         if self._alarm is None and update.time >= self._next:
@@ -248,7 +250,7 @@ class ChangeDetector:
         return float(chi2.logsf(ratio, int(seen.sum()))), ratio, int(seen.sum())
 
     def _taken_in(self, now: float, alarm: float, scale: float) -> _Found:
-        """Take the likeliest jump into the filter and return what is to be told once it is measured.
+        """Take the likeliest jump into the filter and return it.
 
         Groups are tried in the order of their ratios until one explains what is read: of a large jump, which
         group it was of is no linear question.
@@ -262,7 +264,7 @@ class ChangeDetector:
         tried: list[_Found] = []
         for group in order[:MOST]:
             worth, start, log_p = found[group]
-            tried.append(self._tried(group, start, alarm, scale, log_p, now + TOLD))
+            tried.append(self._tried(group, start, alarm, scale, log_p, now + AGAIN))
             if tried[-1].run.left <= UNEXPLAINED:
                 break
         best = max(tried, key=lambda x: x.run.likely)
@@ -306,20 +308,22 @@ class ChangeDetector:
             best = _Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
         return _Found(change, base, index, best, due)
 
-    def _tell(self, now: float, found: _Found) -> Change | None:
-        """Measure a change by all there is since it began, when it is time, and tell it."""
+    def _measure_again(self, now: float, found: _Found) -> None:
+        """Measure a change once more by all there is since it began, when it is time; then watch again."""
         if now < found.due:
-            return None
-        before, index = found.start.before, found.index
-        guess = found.run.filter.values[index] - before.values[index]
-        run = self._iterated(found.start, index, guess, found.run.onset) or found.run
-        self._take(run := self._at_onset(found.start, index, run, self.every))
-        jumps = run.filter.values[index] - before.values[index]
-        sigmas = np.hypot(run.filter.sigmas()[index], before.sigmas()[index])
-        change = replace(found.change, jumps=jumps, sigmas=sigmas)
-        self.changes.append(change)
+            return
+        guess = found.run.filter.values[found.index] - found.start.before.values[found.index]
+        run = self._iterated(found.start, found.index, guess, found.run.onset)
+        if run is not None:
+            self._take(self._at_onset(found.start, found.index, run, self.every))
+        self.changes[-1] = self._with_size(found)
         self._starts, self._next, self._alarm, self._found = [], now + self.every, None, None
-        return change
+
+    def _with_size(self, found: _Found) -> Change:
+        """Return a change as the filter measures it now."""
+        f, before, index = self.tracker.filter, found.start.before, found.index
+        sigmas = np.hypot(f.sigmas()[index], before.sigmas()[index])
+        return replace(found.change, jumps=f.values[index] - before.values[index], sigmas=sigmas)
 
     def _take(self, run: _Rerun) -> None:
         """Let the tracker's filter go on from a run; what that leaves unexplained may be in any of it."""
@@ -329,7 +333,7 @@ class ChangeDetector:
         f.known_at = f.sigmas()
 
     def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
-        """Return the likeliest run with a jump within ``grid`` [s] of a run's, where that does not explain."""
+        """Return the likeliest run with a jump within ``grid`` [s] of a run's that does not explain."""
         step = 0.5 * grid
         while EXPLAINED < best.left < np.inf and step > FINEST * self.every:
             guess, middle = best.filter.values[index] - start.before.values[index], best.onset

@@ -324,9 +324,12 @@ class Tracker:
         for entry, k in zip(entries, at, strict=True):
             f.time = float(times[done])
             here = slice(done, k + 1)
-            record = f.go_on(times[here], drive.part(done, k), values[here], attitudes[here])
+            read = values[here].copy()
+            if k > done:  # where this pass begins was read by the one before
+                read[0] = np.nan
+            record = f.go_on(times[here], drive.part(done, k), read, attitudes[here])
             f.time = entry.time
-            out.append(self._told(record, float(times[k] - times[done]), np.isfinite(values[k])))
+            out.append(self._told(record, float(times[k] - times[done]), np.isfinite(read[-1])))
             done = k
             self.samples += 1
             self.watch.hear(out[-1])
