@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.identify.exp2_result import kind_of
+from smsid.identify.paper.exp2_result import kind_of
 from smsid.identify.momentum_rows import Split, carried_matrix, first_moments
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
