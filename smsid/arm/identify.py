@@ -294,7 +294,7 @@ def _parameters(
 
 
 def padded_covariance(covariance: np.ndarray, size: int) -> np.ndarray:
-    """Return the covariance with rows and columns that are not known for the parameters no motion shows."""
+    """Return a covariance (n, n) with rows and columns (size, size) of NaN for parameters no motion shows."""
     out = np.full((size, size), np.nan)
     out[: len(covariance), : len(covariance)] = covariance
     return out

@@ -127,14 +127,17 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
         return np.concatenate([getattr(m, name) for m in motions])
 
     return SmoothMotion(
-        *(stacked(name) for name in ("time", "q", "v", "a", "torque")),
-        np.concatenate([m.stretch + k for m, k in zip(motions, offsets, strict=True)]),
-        tuple(
-            max(same, key=lambda j: float(j.sigma[1]))
-            for same in zip(*(m.joints for m in motions), strict=True)
+        time=stacked("time"),
+        q=stacked("q"),
+        v=stacked("v"),
+        a=stacked("a"),
+        torque=stacked("torque"),
+        stretch=np.concatenate([m.stretch + k for m, k in zip(motions, offsets, strict=True)]),
+        joints=tuple(
+            max(js, key=lambda j: j.sigma[1]) for js in zip(*(m.joints for m in motions), strict=True)
         ),
-        first.readings,
-        None if any(m.temperature is None for m in motions) else stacked("temperature"),
+        readings=first.readings,
+        temperature=None if any(m.temperature is None for m in motions) else stacked("temperature"),
     )
 
 

@@ -57,9 +57,8 @@ def oscillator(
         )
     if u is None:
         modes = free_decay(y, rate).modes
-        near = max(modes, key=lambda m: m.amplitude)
-        if frequency is not None:
-            near = min(modes, key=lambda m: abs(m.frequency / frequency - 1.0))
+        guess = frequency or max(modes, key=lambda m: m.amplitude).frequency
+        near = min(modes, key=lambda m: abs(m.frequency / guess - 1.0))
         frequency, damping, pieces = near.frequency, near.damping, 1
     elif frequency is None:
         raise RecordingError("A driven oscillator takes a first guess.", advice="Give --frequency.")

@@ -131,9 +131,13 @@ class JointFriction(JointEffect, Starting):
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return the terms that are `asked`. Raises `DescriptionError` where one needs what is not known."""
         s, laws = of(self.joint), {BY_FIELD[f].law for f in self.asked()}
-        needs = (("position", "angle"), ("load", "load"), ("temperature", "temperature"))
-        given = {what: s.known(what, self.name) for law, what in needs if law in laws}
-        at = sliding_state(self, s.rate, **given)
+        at = sliding_state(
+            self,
+            s.rate,
+            angle=s.known("angle", self.name) if "position" in laws else 0.0,
+            load=s.known("load", self.name) if "load" in laws else 0.0,
+            temperature=s.known("temperature", self.name) if "temperature" in laws else None,
+        )
         return {f: {self.joint: x} for f, x in friction_columns(self, self.asked(), at).items()}
 
     def torque_shapes(self) -> tuple[str, ...]:

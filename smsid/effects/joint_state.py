@@ -27,7 +27,7 @@ class JointState:
     temperature: np.ndarray | None = None
 
     def known(self, what: str, effect: str) -> np.ndarray:
-        """Return ``angle``, ``load`` or ``temperature``; raises `DescriptionError` where it is not known."""
+        """Return ``angle``, ``load`` or ``temperature`` (N,); raises `DescriptionError` if not known."""
         if (value := getattr(self, what)) is None:
             raise DescriptionError(
                 f"'{effect}' needs the {what} of its joint.",

@@ -138,7 +138,12 @@ def fit_oscillator(
     lower = np.full(x.size, -np.inf)
     lower[:2] = 1e-9  # of frequency and damping
     done = least_squares(
-        lambda x: at(x)[0], x, lambda x: -at(x)[1], (lower, np.inf), x_scale="jac", max_nfev=MOST_ROUNDS
+        lambda x: at(x)[0],
+        x,
+        lambda x: -at(x)[1],  # type: ignore[arg-type]
+        (lower, np.inf),
+        x_scale="jac",
+        max_nfev=MOST_ROUNDS,
     )
     if not done.success:
         raise NotIdentifiableError(

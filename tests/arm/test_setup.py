@@ -103,6 +103,10 @@ def test_a_robot_by_its_name(tmp_path, rng):
         pytest.skip(str(error))
     names = rigid_arm(description).arm_joints.names
     assert description.root == "fixed" and len(names) == 2
+    save_recording(log(rng), tmp_path / "log.nc")
+    arguments = ["identify", "--robot", "double_pendulum", str(tmp_path / "log.nc")]
+    other = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "e.json")])
+    assert "do not fit the model" in str(other.exception)  # the recording was read, and is of another arm
 
 
 def test_logs_of_spacecraft_are_not_taken_for_arms(rng):
