@@ -40,7 +40,8 @@ def wrong_columns(description: Description, recordings: Sequence[Recording]) -> 
 def _wrong_column(point: Point, recording: Recording, share: float) -> str:
     as_recorded = _errors(point, recording, share)
     likely = [
-        (_errors(point, _mended(recording, *mend), share), words) for words, *mend in _hypotheses(point.base)
+        (_errors(point, _mended(recording, quantities, mend), share), words)
+        for words, quantities, mend in _hypotheses(point.base)
     ]
     left, words = min(likely, default=(np.inf, ""), key=lambda x: x[0])
     if not left < CLEAR * as_recorded:
