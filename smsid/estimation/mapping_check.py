@@ -33,8 +33,8 @@ Mended = Callable[[np.ndarray], np.ndarray]
 def wrong_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
     """Return which joints or wheels seem to have a wrong sign or column, in sentences that say the mend."""
     point = Point.of(description)
-    found = (_wrong_column(point, r, share) for r in recordings for share in LOOSENED)
-    return list(dict.fromkeys(words for words in found if words))
+    found = (_wrong_column(point, r, LOOSENED[0]) or _wrong_column(point, r, LOOSENED[1]) for r in recordings)
+    return [words for words in found if words]
 
 
 def _wrong_column(point: Point, recording: Recording, share: float) -> str:
