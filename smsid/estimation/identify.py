@@ -100,7 +100,13 @@ def identify_spacecraft(
                 raise
     if tell is not None:
         tell(f"taken as flights: {reason}")
-    found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
+    try:
+        found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
+    except NotIdentifiableError as error:
+        wrong = wrong_columns(description, recordings)
+        raise NotIdentifiableError(
+            error.message, advice=". ".join([*wrong, error.advice]), **error.evidence
+        ) from error
     first = found.estimate.notes[0], *_wrong_columns(found.quality, description, recordings)
     notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)

@@ -33,14 +33,15 @@ Mended = Callable[[np.ndarray], np.ndarray]
 def wrong_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
     """Return which joints or wheels seem to have a wrong sign or column, in sentences that say the mend."""
     point = Point.of(description)
-    found = (_wrong_column(point, r, share) for r in recordings for share in LOOSENED)
-    return list(dict.fromkeys(words for words in found if words))
+    found = (_wrong_column(point, r, LOOSENED[0]) or _wrong_column(point, r, LOOSENED[1]) for r in recordings)
+    return [words for words in found if words]
 
 
 def _wrong_column(point: Point, recording: Recording, share: float) -> str:
     as_recorded = _errors(point, recording, share)
     likely = [
-        (_errors(point, _mended(recording, *mend), share), words) for words, *mend in _hypotheses(point.base)
+        (_errors(point, _mended(recording, quantities, mend), share), words)
+        for words, quantities, mend in _hypotheses(point.base)
     ]
     left, words = min(likely, default=(np.inf, ""), key=lambda x: x[0])
     if not left < CLEAR * as_recorded:

@@ -11,6 +11,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.identify_flights import _restless, identify_flights
 from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.mapping_check import wrong_columns
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -189,8 +190,16 @@ def test_a_wheel_that_is_wired_the_wrong_way_round_is_not_explained(tmp_path):
     wrong = type(recording).from_arrays(
         recording.time("gyro.angular_rate"), moved, labels={"wheel": ("rw1", "rw2", "rw3")}, name="reversed"
     )
+    description = guess(tmp_path, RIGID, tank=False, panel=False)
+    assert not wrong_columns(description, [recording])
+    assert re.fullmatch(
+        r"in 'reversed' 'rw2' seems to have the other sign: .*", *wrong_columns(description, [wrong])
+    )
+    order = [0, 2, 1]
+    exchanged = recording.with_channels({"tacho.wheel_rate": recording["tacho.wheel_rate"][:, order]})
+    assert re.search(r"'rw2' and 'rw3' seem to be exchanged", *wrong_columns(description, [exchanged]))
     try:
-        found = identify_flights(guess(tmp_path, RIGID, tank=False, panel=False), [wrong])
+        found = identify_flights(description, [wrong])
     except NotIdentifiableError:
         return
     assert found.quality.judgement == "not explained"
