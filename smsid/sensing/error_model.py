@@ -157,7 +157,8 @@ class ErrorModel(BaseModel):
             RecordingError: ``rate`` is not positive and finite.
         """
         if not (math.isfinite(rate) and rate > 0.0):
-            raise RecordingError(f"The sampling rate is {rate} Hz.", advice="It must be positive.", rate=rate)
+            told = "cannot be told: too few samples" if math.isnan(rate) else f"is {rate} Hz"
+            raise RecordingError(f"The sampling rate {told}.", advice="It must be positive.", rate=rate)
         if self.noise_density is not None:
             return np.asarray(self.noise_density, dtype=float) * math.sqrt(rate)
         return np.asarray(self.noise_sigma if self.noise_sigma is not None else 0.0, dtype=float)
