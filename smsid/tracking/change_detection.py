@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -212,7 +211,7 @@ class ChangeDetector:
                 np.zeros(m),
                 np.zeros(m),
                 np.zeros((m, m)),
-                copy(f),  # what it holds is replaced, not changed
+                f.snapshot(),
             )
         )
         self._number += 1
@@ -331,6 +330,7 @@ class ChangeDetector:
         f.q, f.v, f.unknown, f.values, f.at = g.q, g.v, g.unknown, g.values, g.at
         f.covariance = max(1.0, run.left) * g.covariance if np.isfinite(run.left) else g.covariance
         f.known_at = f.sigmas()
+        f.forget_beginning()
 
     def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
         """Return the likeliest run with a jump within ``grid`` [s] of a run's that does not explain."""
@@ -362,7 +362,7 @@ class ChangeDetector:
 
         ``None`` where no such spacecraft can be, or the motion is lost.
         """
-        g, opened, likely, squares, count = copy(start.before), False, 0.0, 0.0, 0
+        g, opened, likely, squares, count = start.before.snapshot(), False, 0.0, 0.0, 0
         try:
             for edges, drive, values, attitudes in self._passes:
                 if edges[-1] <= g.time + CLOCK:

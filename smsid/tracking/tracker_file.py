@@ -39,6 +39,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
     Raises `OutputError` when the file cannot be written.
     """
     f = tracker.filter
+    f.forget_beginning()  # what is restored does not know it
     arrays: dict[str, np.ndarray] = {
         "q": f.q,
         "v": f.v,
@@ -121,7 +122,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
     f.covariance, f.time, f.rebuilt = arrays["covariance"], document["time"], document["rebuilt"]
     renewed = Linearisation(f.origin, followed, arrays["renewed"], f.layout, f.locked)
-    f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, before=renewed)
+    f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, renewed, np.inf)
     f.known_at = arrays["known_at"]
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}

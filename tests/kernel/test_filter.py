@@ -1,4 +1,4 @@
-"""The compiled pass of the filter: what the plain one over Pinocchio gives, for every craft and kind of sensor."""
+"""The compiled pass of the filter gives what the plain one over Pinocchio does, on every craft and sensor."""
 
 from __future__ import annotations
 
