@@ -345,16 +345,20 @@ class Tracker:
         """Write the readings of a moment (rows,), and its attitudes (a, 4); what is not there stays."""
         for block in self.filter.layout.blocks:
             value = entry.channels.get(block.channel)
-            if value is None or not np.isfinite(value).all():
+            if value is None:
                 continue
-            if block.quantity == "attitude":
-                norm = float(np.linalg.norm(value))
-                if norm < 0.5:
-                    self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
-                    continue
-                attitudes[self._attitudes.index(block.channel)], values[block.rows] = value / norm, 0.0
-            else:
+            if block.quantity != "attitude":
                 values[block.rows] = value
+                continue
+            norm = float(np.sqrt(value @ value))
+            if norm < 0.5:
+                self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
+            elif np.isfinite(norm):
+                attitudes[self._attitudes.index(block.channel)], values[block.rows] = value / norm, 0.0
+        if not np.isfinite(values).all():  # a channel counts as a whole
+            for block in self.filter.layout.blocks:
+                if not np.isfinite(values[block.rows]).all():
+                    values[block.rows] = np.nan
 
     def _told(self, record: Record, passed: float, there: np.ndarray) -> Update:
         f, names = self.filter, self._row_names
