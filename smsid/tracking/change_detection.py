@@ -167,7 +167,10 @@ class ChangeDetector:
             self._next = update.time + WARM
         self._last = update.time
         self._passes.append(self.tracker.filter.last)
-        while self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every:
+        while (
+            self._passes
+            and self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every
+        ):
             self._passes.popleft()
         if self._found is not None:
             return self._measure_again(update.time, self._found)
