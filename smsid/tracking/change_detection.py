@@ -166,14 +166,17 @@ class ChangeDetector:
             self._passes.clear()
             self._next = update.time + WARM
         self._last = update.time
-        self._passes.append(self.tracker.filter.last)
+        f = self.tracker.filter
+        ends = update.time >= f.time - CLOCK  # of a pass: the filter is where this update is
+        if ends:
+            self._passes.append(f.last)
         while (
             self._passes
             and self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every
         ):
             self._passes.popleft()
         if self._found is not None:
-            return self._measure_again(update.time, self._found)
+            return self._measure_again(update.time, self._found) if ends else None
         for transition in found.transition:
             for start in self._starts:
                 start.delta = transition @ start.delta
@@ -191,13 +194,13 @@ class ChangeDetector:
             start.information += signature.T @ signature
             start.delta = start.delta - found.gain[-1] @ seen
         if self._alarm is not None:
-            if update.time >= self._alarm + SETTLING:
+            if ends and update.time >= self._alarm + SETTLING:
                 self._found = self._taken_in(update.time, self._alarm, scale)
                 self.changes.append(self._with_size(self._found))
                 return self.changes[-1]
             return None
         self._judge(update.time, scale)
-        if self._alarm is None and update.time >= self._next:
+        if ends and self._alarm is None and update.time >= self._next:
             self._begin(update.time)
         return None
 
@@ -379,7 +382,7 @@ class ChangeDetector:
                     g.covariance = p
                     g.linearise_at(point, np.sqrt(p.diagonal())[g.parameters] * g.scales)
                 record = g.go_on(edges, drive, values, attitudes)
-                likely += float(record.log_likelihood[0])
+                likely += float(record.log_likelihood.sum())
                 if opened:
                     squares += float((record.innovations**2).sum())
                     count += int(np.isfinite(values).sum())

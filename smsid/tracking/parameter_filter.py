@@ -55,7 +55,7 @@ class ParameterFilter:
         self.scales = np.array([u.scale for u in self._unknowns])
         self._rates = np.array([f.rate for f in self.followed]) / self.scales
         walk = np.array([u.walk**2 for u in self.unknown_inputs])
-        self._inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
+        self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
         self._variance = self.layout.sigma**2
         self._bends = np.array([u.kind != "bias" for u in self._unknowns])
         self.at = Linearisation(self.origin, self.followed, self.values, self.layout, self.locked)
@@ -86,7 +86,7 @@ class ParameterFilter:
         self.q, self.v, self.unknown = belief.q.copy(), belief.v.copy(), np.zeros(k)
         self.covariance, self.time = p, time
         self.forget_beginning()
-        self._begun = copy(self)
+        self.begun = copy(self)
 
     def linearise_at(self, values: np.ndarray, sigmas: np.ndarray) -> None:
         """Take models at values (m,) known within ``sigmas`` (m,), whatever is believed yet.
@@ -121,8 +121,8 @@ class ParameterFilter:
                 if np.array_equal(found.values, self.at.values):
                     return False
                 self.at, self.rebuilt, self.known_at = found, self.rebuilt + 1, sigma
-                self._moved = not found.drives
-                if len(self._since) >= GROWN * self._again:
+                self.moved = not found.drives
+                if len(self.since) >= GROWN * self.again:
                     self._begin_again()
                 return True
             share *= 0.5
@@ -130,13 +130,13 @@ class ParameterFilter:
 
     def _begin_again(self) -> None:
         """Filter the beginning once more, linear about where the models are now, if they have moved."""
-        if self._begun is None or not self._moved:
+        if self.begun is None or not self.moved:
             return
-        again = copy(self._begun)
+        again = copy(self.begun)
         again.at = self.at
-        self._again, self._moved = len(self._since), False
+        self.again, self.moved = len(self.since), False
         try:
-            for given in self._since:
+            for given in self.since:
                 again.go_on(*given)
         except SmsidError:
             return  # lost about this point: the filter goes on as it is
@@ -144,9 +144,9 @@ class ParameterFilter:
 
     def forget_beginning(self) -> None:
         """Go on without filtering the beginning again."""
-        self._begun: ParameterFilter | None = None  # as the motion began, and what it was given since
-        self._since: list[tuple] = []
-        self._again, self._moved = 0, False
+        self.begun: ParameterFilter | None = None  # as the motion began, and what it was given since
+        self.since: list[tuple] = []
+        self.again, self.moved = 0, False
 
     def snapshot(self) -> ParameterFilter:
         """Return the filter as it is now, to go its own way."""
@@ -158,7 +158,7 @@ class ParameterFilter:
         self, inputs: Inputs, edges: np.ndarray, substep: float, before: np.ndarray | None = None
     ) -> Drive:
         """Return what drives the motion between edges (n + 1,) [s]; ``before`` (nv,) are forces earlier."""
-        return self.at.drive(inputs, edges, substep, before, self._inputs)
+        return self.at.drive(inputs, edges, substep, before, self.inputs)
 
     def go_on(self, edges: np.ndarray, drive: Drive, values: np.ndarray, attitudes: np.ndarray) -> Record:
         """Go from one time to the next (n,) [s], from where it is, and take in what was read at them.
@@ -171,16 +171,16 @@ class ParameterFilter:
         record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
         self._take(now)
         self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes)
-        if self._begun is not None:
-            self._since.append(self.last)
-            if self.time > self._begun.time + BEGINNING:
+        if self.begun is not None:
+            self.since.append(self.last)
+            if self.time > self.begun.time + BEGINNING:
                 self._begin_again()
                 self.forget_beginning()
         return record
 
     def reference_offset(self) -> np.ndarray:
         """Return how far what is believed is from where the filter is linear (x,)."""
-        return reference(self.at.base.plant, self.at, self._state(), self._inputs[0])[0]
+        return reference(self.at.base.plant, self.at, self._state(), self.inputs[0])[0]
 
     def _state(self) -> State:
         """Return what is believed, to be changed."""
