@@ -115,6 +115,7 @@ class Tracker:
         self.samples = 0
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
+        self.commanded: Inputs | None = None  # in the last pass
         self._unknown_channels: set[str] = set()
         self._row_names = layout.names
         self._attitudes = [b.channel for b in layout.blocks if b.quantity == "attitude"]
@@ -332,6 +333,7 @@ class Tracker:
                 read[0] = np.nan
             record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
             f.time = float(times[last])  # of the entry, not summed up
+            self.commanded = known
             before = done
             for k in reached:
                 there = np.isfinite(read[k - done])
