@@ -32,14 +32,15 @@ CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: 
 LOOKS = 3.0  # tests of a group in the time between two starts: 1 + 1 + 1/2 + 1/4 + ...
 SEEN = 1e-9  # share of the largest eigenvalue below which a direction of a jump is not seen
 MEMORY = 60.0  # [s] over which the size of innovations is averaged
-SETTLING = 4.0  # [s] after an alarm, when the filter takes the jump in and it is told
+SETTLING = 2.0  # [s] after an alarm, when the filter takes the jump in and it is told
 AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
-ITERATIONS = 4  # of the point about which a run is linear
+ROUNDS = 3  # of times and sizes, in turn
+ITERATIONS = 6  # of the point about which a run is linear
 LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
 BACK = 4.0  # [s] by which a jump may have begun before it is seen best: what grows since, as a phase does
 WORTH = 2.0  # of the log-likelihood that another time must gain
-FINEST = 0.05  # of the time between two starts, to which the time of a jump is sought
+FINEST = 0.02  # of the time between two starts, to which the time of a jump is sought
 EXPLAINED, UNEXPLAINED = 1.1, 1.5  # mean square of the innovations after a jump: other times, larger jumps
 CONVERGED = 0.3  # standard deviations by which a jump may still move
 CLOCK = 1e-6  # [s] by which times may differ that are the same
@@ -278,7 +279,7 @@ class ChangeDetector:
             if tried[-1].run.left <= UNEXPLAINED:
                 break
         best = max(tried, key=lambda x: x.run.likely)
-        best.run = self._at_onset(best.start, best.index, best.run, max(best.change.grid, BACK))
+        best.run = self._refined(best.start, best.index, best.run, max(best.change.grid, BACK))
         worth = found[best.change.group][0]
         others = tuple((g, 0.5 * (worth - found[g][0])) for g in order if g != best.change.group)
         best.change = replace(best.change, others=others[:3])
@@ -323,7 +324,7 @@ class ChangeDetector:
         guess = found.run.filter.values[found.index] - found.start.before.values[found.index]
         run = self._iterated(found.start, found.index, guess, found.run.onset)
         if run is not None:
-            found.run = self._at_onset(found.start, found.index, run, 2.0 * self.every)
+            found.run = self._refined(found.start, found.index, run, 2.0 * self.every)
             self._take(found.run)
         self.changes[-1] = self._with_size(found)
         self._starts, self._next, self._alarm, self._found = [], now + self.every, None, None
@@ -342,6 +343,20 @@ class ChangeDetector:
         f.covariance = max(1.0, run.left) * g.covariance if np.isfinite(run.left) else g.covariance
         f.known_at = f.sigmas()
         f.forget_beginning()
+
+    def _refined(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
+        """Return the likeliest run within ``grid`` [s] of a run's onset: times and sizes in turn, till they
+        explain what is read.
+        """
+        for _ in range(ROUNDS):
+            before, best = best, self._at_onset(start, index, best, grid)
+            stayed = best.likely <= before.likely + WORTH
+            if best.left <= EXPLAINED or stayed or not np.isfinite(best.likely):
+                break
+            guess = best.filter.values[index] - start.before.values[index]
+            better = _likelier(best, self._iterated(start, index, guess, best.onset)) or best
+            best = replace(better, grid=best.grid)
+        return best
 
     def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
         """Return the likeliest run with a jump within ``grid`` [s] of a run's, and how well it is known.
@@ -398,6 +413,13 @@ class ChangeDetector:
                 if g.at.drives and opened and commanded is not None:  # commands act otherwise after the jump
                     substep = self.tracker.setting.substep
                     drive = g.drive(commanded, edges, substep, drive.before[0])
+                if opened and not count:  # at any time in this pass: the motion is uncertain by that
+                    moved = np.zeros(len(g.covariance))
+                    moved[g.parameters.start + index] = jump / g.scales[index]
+                    for change in g.snapshot().go_on(edges, drive, values, attitudes).transition:
+                        moved = change @ moved
+                    moved[2 * g.nv :] = 0.0
+                    g.covariance = g.covariance + np.outer(moved, moved)
                 record = g.go_on(edges, drive, values, attitudes)
                 likely += float(record.log_likelihood.sum())
                 if opened:
