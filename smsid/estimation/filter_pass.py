@@ -197,7 +197,8 @@ def filter_samples(
     covariance is no longer finite.
     """
     n, rows = samples.values.shape
-    record = _empty_record(len(samples.edges) - 1, n, rows, len(state.covariance), base.model)
+    shape = n, rows, len(state.covariance), len(state.values)
+    record = _empty_record(len(samples.edges) - 1, *shape, base.model)
     if compiled is not None and _compiled_pays():
         lost = kernel.run(*compiled, drive, state, samples, record, WILD)
     else:
@@ -218,7 +219,7 @@ def _compiled_pays() -> bool:
     return asked or compiled_already(kernel.run)
 
 
-def _empty_record(moves: int, n: int, rows: int, width: int, model: SpacecraftModel) -> Record:
+def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: SpacecraftModel) -> Record:
     def moments(count: int) -> tuple[np.ndarray, ...]:
         shapes = ((model.nq,), (model.nv,), (model.nv,), (model.nv,), (model.nv, model.nv))
         return tuple(np.zeros((count, *shape)) for shape in shapes)
@@ -232,7 +233,8 @@ def _empty_record(moves: int, n: int, rows: int, width: int, model: SpacecraftMo
         np.zeros((moves, width, width)),
         np.zeros((moves, width, model.nv)),
         *np.zeros((3, n, rows)),
-        np.zeros(1),
+        np.zeros(n),
+        *np.zeros((2, n, m)),
         moments(n),
         moments(moves),
     )
@@ -289,10 +291,14 @@ def run_plain(
                 record.normalised[k, there] = rest / deviation
                 record.whitening[k][np.ix_(there, there)] = inverse
                 record.gain[k][:, there] = root @ inverse
-                record.log_likelihood[0] += likely
+                record.log_likelihood[k] = likely
                 p -= root @ root.T
                 p[:] = 0.5 * (p + p.T)
                 shift(plant.pin, parameters, state, root @ white)
+        if parameters is not None:
+            record.values[k] = state.values
+            variances = np.maximum(p.diagonal()[first:], 0.0)
+            record.sigmas[k] = parameters.scales * np.sqrt(variances)
         if k == len(edges) - 1:
             break
         off, q, v, driving = reference(plant, parameters, state, acts)

@@ -119,7 +119,7 @@ class KalmanFilter:
         (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle
         middle_times = 0.5 * (edges[1:] + edges[:-1])
         return FilterRun(
-            found.innovations, float(found.log_likelihood[0]), found.whitening, found.gain,
+            found.innovations, float(found.log_likelihood.sum()), found.whitening, found.gain,
             found.sensitivity, found.by_a, found.transition, found.forcing,
             States(times, q, v, a, tau, np.zeros_like(tau)),
             States(middle_times, mid_q, mid_v, mid_a, mid_tau, np.zeros_like(mid_tau)),

@@ -78,10 +78,18 @@ def correct(p, there, variance, off, errors, sensitivity, innovations, normalise
             errors[row] -= h[i, j] * off[j]
         if not np.isfinite(errors[row]):
             return np.nan
-    multiply(h, p, across)  # p is symmetric
-    transposed_into(h, turned)
-    multiply(across, turned, s)
+    across[:], s[:] = 0.0, 0.0
+    for i in range(n):  # most sensors read a few coordinates only; p is symmetric
+        for j in range(width):
+            if h[i, j] != 0.0:
+                for k in range(width):
+                    across[i, k] += h[i, j] * p[j, k]
+    transposed_into(across, turned)
     for i in range(n):
+        for j in range(width):
+            if h[i, j] != 0.0:
+                for k in range(n):
+                    s[i, k] += h[i, j] * turned[j, k]
         s[i, i] += variance[rows[i]]
     if not inverse_of_root(s, low, inverse):
         return np.nan

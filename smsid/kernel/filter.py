@@ -276,7 +276,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                 )  # fmt: skip
                 if not np.isfinite(likely):
                     return k
-                record.log_likelihood[0] += likely
+                record.log_likelihood[k] = likely
                 move(tree, root, state.q, step[:nv], moved)
                 state.q[:] = moved
                 for c in range(nv):
@@ -285,6 +285,9 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                     state.unknown[c] += step[2 * nv + c]
                 for c in range(m):
                     state.values[c] += scales[c] * step[first + c]
+        for c in range(m):
+            record.values[k, c] = state.values[c]
+            record.sigmas[k, c] = scales[c] * sqrt(max(p[first + c, first + c], 0.0))
         if k == len(edges) - 1:
             break
         reference(tree, root, state, point, scales, close, regular, acts, off, q, v, driving)

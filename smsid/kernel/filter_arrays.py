@@ -110,7 +110,8 @@ class Samples(NamedTuple):
 class Record(NamedTuple):
     """What came out, as in `smsid.estimation.filter_run.FilterRun`.
 
-    ``at`` samples and in the ``middle`` between them are q, v, a, tau and M^-1.
+    ``values`` and ``sigmas`` (n, m) are of the parameters after each sample, ``log_likelihood`` (n,) by
+    sample; ``at`` samples and in the ``middle`` between them are q, v, a, tau and M^-1.
     """
 
     innovations: np.ndarray
@@ -124,5 +125,15 @@ class Record(NamedTuple):
     errors: np.ndarray
     normalised: np.ndarray
     log_likelihood: np.ndarray
+    values: np.ndarray
+    sigmas: np.ndarray
     at: tuple[np.ndarray, ...]
     middle: tuple[np.ndarray, ...]
+
+    def part(self, first: int, last: int) -> Record:
+        """Return what came out from the way to sample ``first`` on to sample ``last``."""
+        at, between = slice(first, last + 1), slice(max(0, first - 1), last)
+        moves = {name: getattr(self, name)[between] for name in ("transition", "forcing")}
+        moments = {"at": tuple(x[at] for x in self.at), "middle": tuple(x[between] for x in self.middle)}
+        rest = {name: getattr(self, name)[at] for name in self._fields if name not in moves | moments}
+        return Record(**rest, **moves, **moments)

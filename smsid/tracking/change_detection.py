@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,12 +32,15 @@ CLIPPED = 5.0  # standard deviations beyond which an innovation counts no more: 
 LOOKS = 3.0  # tests of a group in the time between two starts: 1 + 1 + 1/2 + 1/4 + ...
 SEEN = 1e-9  # share of the largest eigenvalue below which a direction of a jump is not seen
 MEMORY = 60.0  # [s] over which the size of innovations is averaged
-SETTLING = 4.0  # [s] after an alarm, when the filter takes the jump in and it is told
+SETTLING = 2.0  # [s] after an alarm, when the filter takes the jump in and it is told
 AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
-ITERATIONS = 4  # of the point about which a run is linear
+ROUNDS = 3  # of times and sizes, in turn
+ITERATIONS = 6  # of the point about which a run is linear
 LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
-FINEST = 0.05  # of the time between two starts, to which the time of a jump is sought
+BACK = 4.0  # [s] by which a jump may have begun before it is seen best: what grows since, as a phase does
+WORTH = 2.0  # of the log-likelihood that another time must gain
+FINEST = 0.02  # of the time between two starts, to which the time of a jump is sought
 EXPLAINED, UNEXPLAINED = 1.1, 1.5  # mean square of the innovations after a jump: other times, larger jumps
 CONVERGED = 0.3  # standard deviations by which a jump may still move
 CLOCK = 1e-6  # [s] by which times may differ that are the same
@@ -103,12 +105,15 @@ class _Start:
 
 @dataclass(eq=False)
 class _Rerun:
-    """A filter that was run again with a jump at ``onset`` [s]: how likely, and the mean square it left."""
+    """A filter that was run again with a jump at ``onset``, known to ``grid`` [s]: how likely it is, and the
+    mean square of the innovations that it left.
+    """
 
     filter: ParameterFilter
     onset: float
     likely: float
     left: float
+    grid: float = np.inf
 
 
 @dataclass(eq=False)
@@ -167,11 +172,17 @@ class ChangeDetector:
             self._passes.clear()
             self._next = update.time + WARM
         self._last = update.time
-        self._passes.append(self.tracker.filter.last)
-        while self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every:
+        f = self.tracker.filter
+        ends = update.time >= f.time - CLOCK  # of a pass: the filter is where this update is
+        if ends:
+            self._passes.append((*f.last, self.tracker.commanded))
+        while (
+            self._passes
+            and self._passes[0][0][-1] < update.time - self.horizon - SETTLING - AGAIN - self.every
+        ):
             self._passes.popleft()
         if self._found is not None:
-            return self._measure_again(update.time, self._found)
+            return self._measure_again(update.time, self._found) if ends else None
         for transition in found.transition:
             for start in self._starts:
                 start.delta = transition @ start.delta
@@ -189,13 +200,13 @@ class ChangeDetector:
             start.information += signature.T @ signature
             start.delta = start.delta - found.gain[-1] @ seen
         if self._alarm is not None:
-            if update.time >= self._alarm + SETTLING:
+            if ends and update.time >= self._alarm + SETTLING:
                 self._found = self._taken_in(update.time, self._alarm, scale)
                 self.changes.append(self._with_size(self._found))
                 return self.changes[-1]
             return None
         self._judge(update.time, scale)
-        if self._alarm is None and update.time >= self._next:
+        if ends and self._alarm is None and update.time >= self._next:
             self._begin(update.time)
         return None
 
@@ -212,7 +223,7 @@ class ChangeDetector:
                 np.zeros(m),
                 np.zeros(m),
                 np.zeros((m, m)),
-                copy(f),  # what it holds is replaced, not changed
+                f.snapshot(),
             )
         )
         self._number += 1
@@ -268,9 +279,7 @@ class ChangeDetector:
             if tried[-1].run.left <= UNEXPLAINED:
                 break
         best = max(tried, key=lambda x: x.run.likely)
-        best.run = self._at_onset(best.start, best.index, best.run, best.change.grid)
-        if best.run.onset != best.change.began:  # it was sought
-            best.change = replace(best.change, began=best.run.onset, grid=FINEST * self.every)
+        best.run = self._refined(best.start, best.index, best.run, max(best.change.grid, BACK))
         worth = found[best.change.group][0]
         others = tuple((g, 0.5 * (worth - found[g][0])) for g in order if g != best.change.group)
         best.change = replace(best.change, others=others[:3])
@@ -292,7 +301,7 @@ class ChangeDetector:
         sigmas = np.sqrt(np.diag(covariance)) * scales
         change = Change(alarm, start.time, grid, group, names, units, jump, sigmas, log_p, ())
         begun = self._passes[0][0][0]  # from before the change, as far as that is remembered
-        earlier = [s for s in self._starts if begun - CLOCK <= s.time <= start.time - grid]
+        earlier = [s for s in self._starts if begun - CLOCK <= s.time <= start.time - max(grid, BACK)]
         base = max(earlier, key=lambda s: s.time, default=start)
         best, values = self._iterated(base, index, jump, start.time), base.before.values[index]
         if best is None or best.left > UNEXPLAINED:
@@ -315,7 +324,8 @@ class ChangeDetector:
         guess = found.run.filter.values[found.index] - found.start.before.values[found.index]
         run = self._iterated(found.start, found.index, guess, found.run.onset)
         if run is not None:
-            self._take(self._at_onset(found.start, found.index, run, self.every))
+            found.run = self._refined(found.start, found.index, run, 2.0 * self.every)
+            self._take(found.run)
         self.changes[-1] = self._with_size(found)
         self._starts, self._next, self._alarm, self._found = [], now + self.every, None, None
 
@@ -323,7 +333,8 @@ class ChangeDetector:
         """Return a change as the filter measures it now."""
         f, before, index = self.tracker.filter, found.start.before, found.index
         sigmas = np.hypot(f.sigmas()[index], before.sigmas()[index])
-        return replace(found.change, jumps=f.values[index] - before.values[index], sigmas=sigmas)
+        jumps, run = f.values[index] - before.values[index], found.run
+        return replace(found.change, began=run.onset, grid=run.grid, jumps=jumps, sigmas=sigmas)
 
     def _take(self, run: _Rerun) -> None:
         """Let the tracker's filter go on from a run; what that leaves unexplained may be in any of it."""
@@ -331,16 +342,40 @@ class ChangeDetector:
         f.q, f.v, f.unknown, f.values, f.at = g.q, g.v, g.unknown, g.values, g.at
         f.covariance = max(1.0, run.left) * g.covariance if np.isfinite(run.left) else g.covariance
         f.known_at = f.sigmas()
+        f.forget_beginning()
+
+    def _refined(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
+        """Return the likeliest run within ``grid`` [s] of a run's onset: times and sizes in turn, till they
+        explain what is read.
+        """
+        for _ in range(ROUNDS):
+            before, best = best, self._at_onset(start, index, best, grid)
+            stayed = best.likely <= before.likely + WORTH
+            if best.left <= EXPLAINED or stayed or not np.isfinite(best.likely):
+                break
+            guess = best.filter.values[index] - start.before.values[index]
+            better = _likelier(best, self._iterated(start, index, guess, best.onset)) or best
+            best = replace(better, grid=best.grid)
+        return best
 
     def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
-        """Return the likeliest run with a jump within ``grid`` [s] of a run's that does not explain."""
-        step = 0.5 * grid
-        while EXPLAINED < best.left < np.inf and step > FINEST * self.every:
-            guess, middle = best.filter.values[index] - start.before.values[index], best.onset
-            for at in (middle - step, middle + step):
-                best = _likelier(best, self._iterated(start, index, guess, at, 2)) or best
+        """Return the likeliest run with a jump within ``grid`` [s] of a run's, and how well it is known.
+
+        Where that explains what is read, the search ends when it has found nothing better twice.
+        """
+        step, missed, known = 0.5 * grid, 0, grid
+        while np.isfinite(best.likely) and step > FINEST * self.every:
+            if missed >= 2 and best.left <= EXPLAINED:
+                break
+            guess, middle = best.filter.values[index] - start.before.values[index], best
+            sides = [self._iterated(start, index, guess, middle.onset + x, 1) for x in (-step, step)]
+            best = _likelier(middle, *sides) or middle
+            others = [x.likely for x in (middle, *sides) if x is not None and x is not best]
+            if best.likely > max(others, default=-np.inf) + WORTH:
+                known = step
+            missed = 0 if best.likely > middle.likely + WORTH else missed + 1
             step *= 0.5
-        return best
+        return replace(best, grid=known)
 
     def _iterated(
         self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float, times: int = ITERATIONS
@@ -362,9 +397,9 @@ class ChangeDetector:
 
         ``None`` where no such spacecraft can be, or the motion is lost.
         """
-        g, opened, likely, squares, count = copy(start.before), False, 0.0, 0.0, 0
+        g, opened, likely, squares, count = start.before.snapshot(), False, 0.0, 0.0, 0
         try:
-            for edges, drive, values, attitudes in self._passes:
+            for edges, drive, values, attitudes, commanded in self._passes:
                 if edges[-1] <= g.time + CLOCK:
                     continue
                 if not opened and edges[-1] > onset + CLOCK:
@@ -375,8 +410,18 @@ class ChangeDetector:
                     point[index] += jump
                     g.covariance = p
                     g.linearise_at(point, np.sqrt(p.diagonal())[g.parameters] * g.scales)
+                if g.at.drives and opened and commanded is not None:  # commands act otherwise after the jump
+                    substep = self.tracker.setting.substep
+                    drive = g.drive(commanded, edges, substep, drive.before[0])
+                if opened and not count:  # at any time in this pass: the motion is uncertain by that
+                    moved = np.zeros(len(g.covariance))
+                    moved[g.parameters.start + index] = jump / g.scales[index]
+                    for change in g.snapshot().go_on(edges, drive, values, attitudes).transition:
+                        moved = change @ moved
+                    moved[2 * g.nv :] = 0.0
+                    g.covariance = g.covariance + np.outer(moved, moved)
                 record = g.go_on(edges, drive, values, attitudes)
-                likely += float(record.log_likelihood[0])
+                likely += float(record.log_likelihood.sum())
                 if opened:
                     squares += float((record.innovations**2).sum())
                     count += int(np.isfinite(values).sum())

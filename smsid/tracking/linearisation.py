@@ -43,6 +43,7 @@ class Linearisation:
         layout: Measured,
         locked: np.ndarray,
         before: Linearisation | None = None,
+        sigmas: np.ndarray | float = 0.0,
     ) -> None:
         self.unknowns = unknowns = tuple(f.unknown for f in followed)
         self.values = np.array([_buildable(u, x) for u, x in zip(unknowns, values, strict=True)])
@@ -55,7 +56,7 @@ class Linearisation:
         self._columns = np.array([unknowns[i].column for i in inertial], dtype=int)
         self._data = self.base.model.pin.createData()
         inverse = _inverse_mass(self.base)
-        if before is not None and self._like(before, inverse):
+        if before is not None and self._like(before, inverse, sigmas):
             self.differences, self._biases, self.renewed = before.differences, before._biases, before.renewed
             self._inverse, self._tables = before._inverse, before._tables
         else:
@@ -78,18 +79,17 @@ class Linearisation:
                 self.base, self._tables, self.scales, self.values, self.rates, self._biases, pushed
             )
 
-    def _like(self, before: Linearisation, inverse: np.ndarray) -> bool:
+    def _like(self, before: Linearisation, inverse: np.ndarray, sigmas: np.ndarray | float) -> bool:
         """Whether derivatives by differences are still those of ``before``: what a force does has hardly
-        changed, nor has any effect, whatever bodies and biases are called.
+        changed, nor has any effect by more than is known of it, whatever bodies and biases are called.
         """
         size = np.sqrt(before._inverse.diagonal())
         if (np.abs(inverse - before._inverse) > MOVED * np.outer(size, size)).any():
             return False
-        return all(
-            abs(now - then) <= MOVED * max(abs(u.nominal), u.scale, u.sigma if np.isfinite(u.sigma) else 0.0)
-            for u, now, then in zip(self.unknowns, self.values, before.renewed, strict=True)
-            if u.kind == "effect"
-        )
+        size = [max(abs(u.nominal), u.scale, u.sigma if np.isfinite(u.sigma) else 0.0) for u in self.unknowns]
+        off = np.abs(self.values - before.renewed)
+        effects = np.array([u.kind == "effect" for u in self.unknowns])
+        return bool((off <= np.maximum(MOVED * np.array(size), sigmas))[effects].all())
 
     @property
     def drives(self) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from smsid.errors import SmsidError
-from smsid.estimation.filter_pass import filter_samples, reference, shift
+from smsid.estimation.filter_pass import filter_samples, reference
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, UnknownInput
@@ -20,6 +21,8 @@ from smsid.tracking.linearisation import Linearisation, can_exist
 RELINEARISE = 0.3  # standard deviations by which parameters may move before models are built anew
 BETTER = 0.7  # of how well the point of the models is known: what is believed is then a better one
 FAR = 4.0  # standard deviations by which the models are too far, however well their point was known
+BEGINNING = 30.0  # [s] that are filtered again, as the models move
+GROWN = 1.3  # times as much as was filtered again before, from which that is done once more
 NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 
 
@@ -52,12 +55,13 @@ class ParameterFilter:
         self.scales = np.array([u.scale for u in self._unknowns])
         self._rates = np.array([f.rate for f in self.followed]) / self.scales
         walk = np.array([u.walk**2 for u in self.unknown_inputs])
-        self._inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
+        self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
         self._variance = self.layout.sigma**2
         self._bends = np.array([u.kind != "bias" for u in self._unknowns])
         self.at = Linearisation(self.origin, self.followed, self.values, self.layout, self.locked)
         self.known_at = self.sigmas()
         self.rebuilt = 0
+        self.forget_beginning()
 
     @property
     def nv(self) -> int:
@@ -81,6 +85,8 @@ class ParameterFilter:
         p[2 * nv + k :, 2 * nv + k :] = own
         self.q, self.v, self.unknown = belief.q.copy(), belief.v.copy(), np.zeros(k)
         self.covariance, self.time = p, time
+        self.forget_beginning()
+        self.begun = copy(self)
 
     def linearise_at(self, values: np.ndarray, sigmas: np.ndarray) -> None:
         """Take models at values (m,) known within ``sigmas`` (m,), whatever is believed yet.
@@ -106,7 +112,7 @@ class ParameterFilter:
             values = self.at.values + share * (self.values - self.at.values)
             try:
                 found = Linearisation(
-                    self.origin, self.followed, values, self.layout, self.locked, before=self.at
+                    self.origin, self.followed, values, self.layout, self.locked, self.at, sigma
                 )
             except SmsidError:
                 share *= 0.5
@@ -115,15 +121,44 @@ class ParameterFilter:
                 if np.array_equal(found.values, self.at.values):
                     return False
                 self.at, self.rebuilt, self.known_at = found, self.rebuilt + 1, sigma
+                self.moved = not found.drives
+                if len(self.since) >= GROWN * self.again:
+                    self._begin_again()
                 return True
             share *= 0.5
         return False
+
+    def _begin_again(self) -> None:
+        """Filter the beginning once more, linear about where the models are now, if they have moved."""
+        if self.begun is None or not self.moved:
+            return
+        again = copy(self.begun)
+        again.at = self.at
+        self.again, self.moved = len(self.since), False
+        try:
+            for given in self.since:
+                again.go_on(*given)
+        except SmsidError:
+            return  # lost about this point: the filter goes on as it is
+        self._take(again._state())
+
+    def forget_beginning(self) -> None:
+        """Go on without filtering the beginning again."""
+        self.begun: ParameterFilter | None = None  # as the motion began, and what it was given since
+        self.since: list[tuple] = []
+        self.again, self.moved = 0, False
+
+    def snapshot(self) -> ParameterFilter:
+        """Return the filter as it is now, to go its own way."""
+        other = copy(self)  # arrays are replaced, not changed
+        other.forget_beginning()
+        return other
 
     def drive(
         self, inputs: Inputs, edges: np.ndarray, substep: float, before: np.ndarray | None = None
     ) -> Drive:
         """Return what drives the motion between edges (n + 1,) [s]; ``before`` (nv,) are forces earlier."""
-        return self.at.drive(inputs, edges, substep, before, self._inputs)
+        return self.at.drive(inputs, edges, substep, before, self.inputs)
 
     def go_on(self, edges: np.ndarray, drive: Drive, values: np.ndarray, attitudes: np.ndarray) -> Record:
         """Go from one time to the next (n,) [s], from where it is, and take in what was read at them.
@@ -136,17 +171,16 @@ class ParameterFilter:
         record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
         self._take(now)
         self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes)
+        if self.begun is not None:
+            self.since.append(self.last)
+            if self.time > self.begun.time + BEGINNING:
+                self._begin_again()
+                self.forget_beginning()
         return record
-
-    def move(self, step: np.ndarray) -> None:
-        """Add a step (x,) to what is believed."""
-        now = self._state()
-        shift(self.at.base.plant.pin, self.at, now, step)
-        self._take(now)
 
     def reference_offset(self) -> np.ndarray:
         """Return how far what is believed is from where the filter is linear (x,)."""
-        return reference(self.at.base.plant, self.at, self._state(), self._inputs[0])[0]
+        return reference(self.at.base.plant, self.at, self._state(), self.inputs[0])[0]
 
     def _state(self) -> State:
         """Return what is believed, to be changed."""

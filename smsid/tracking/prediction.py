@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -33,7 +32,7 @@ class Prediction:
 
 def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: float) -> Prediction:
     """Return state and readings ``horizon`` [s] ahead under ``inputs``; the filter is not changed."""
-    ahead = copy.copy(now)
+    ahead = now.snapshot()
     edges = filled(ahead.time, ahead.time + horizon, setting.longest)
     count = sum(b.quantity == "attitude" for b in ahead.layout.blocks)
     nothing = np.full((len(edges), ahead.layout.rows), np.nan), np.zeros((len(edges), count, 4))

@@ -198,7 +198,8 @@ def _fly(
 
     def listen(update: Update) -> None:
         rows.hear(update)
-        rows.add(tracker, number, shift)
+        if update.time >= tracker.time:  # of a pass, where the filter is
+            rows.add(tracker, number, shift)
         if hear is not None:
             hear(update)
 

@@ -33,6 +33,7 @@ from smsid.tracking.update import TrackedState, Update
 
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
 CHUNK = 25  # samples whose commands are looked up at once
+PASS = 0.1  # [s] of samples that are filtered at once, before models are built anew
 QUATERNION = 4
 
 
@@ -114,6 +115,7 @@ class Tracker:
         self.samples = 0
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
+        self.commanded: Inputs | None = None  # in the last pass
         self._unknown_channels: set[str] = set()
         self._row_names = layout.names
         self._attitudes = [b.channel for b in layout.blocks if b.quantity == "attitude"]
@@ -321,20 +323,29 @@ class Tracker:
             self._stack(entry, values[k], attitudes[k])
         out: list[Update] = []
         done = 0
-        for entry, k in zip(entries, at, strict=True):
-            f.time = float(times[done])
-            here = slice(done, k + 1)
+        while at:
+            count = max(1, int(np.searchsorted(times[at], times[done] + PASS, side="right")))
+            reached, at = at[:count], at[count:]
+            f.time, last = float(times[done]), reached[-1]
+            here = slice(done, last + 1)
             read = values[here].copy()
-            if k > done:  # where this pass begins was read by the one before
+            if reached[0] > done:  # where this pass begins was read by the one before
                 read[0] = np.nan
-            record = f.go_on(times[here], drive.part(done, k), read, attitudes[here])
-            f.time = entry.time
-            out.append(self._told(record, float(times[k] - times[done]), np.isfinite(read[-1])))
-            done = k
-            self.samples += 1
-            self.watch.hear(out[-1])
-            if self.listener is not None:
-                self.listener(out[-1])
+            record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
+            f.time = float(times[last])  # of the entry, not summed up
+            self.commanded = known
+            before = done
+            for k in reached:
+                there = np.isfinite(read[k - done])
+                part = record if count == 1 else record.part(min(before + 1, k) - done, k - done)
+                update = self._told(part, float(times[k]), float(times[k] - times[before]), there)
+                before = k
+                out.append(update)
+                self.samples += 1
+                self.watch.hear(update)
+                if self.listener is not None:
+                    self.listener(update)
+            done = last
             if f.relinearise() and f.at.drives:
                 drive = f.drive(known, times, setting.substep, self._before)
         if len(times) > 1:
@@ -345,28 +356,31 @@ class Tracker:
         """Write the readings of a moment (rows,), and its attitudes (a, 4); what is not there stays."""
         for block in self.filter.layout.blocks:
             value = entry.channels.get(block.channel)
-            if value is None or not np.isfinite(value).all():
+            if value is None:
                 continue
-            if block.quantity == "attitude":
-                norm = float(np.linalg.norm(value))
-                if norm < 0.5:
-                    self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
-                    continue
-                attitudes[self._attitudes.index(block.channel)], values[block.rows] = value / norm, 0.0
-            else:
+            if block.quantity != "attitude":
                 values[block.rows] = value
+                continue
+            norm = float(np.sqrt(value @ value))
+            if norm < 0.5:
+                self.log.add(entry.time, "not finite", block.channel, "is no quaternion; left out")
+            elif np.isfinite(norm):
+                attitudes[self._attitudes.index(block.channel)], values[block.rows] = value / norm, 0.0
+        if not np.isfinite(values).all():  # a channel counts as a whole
+            for block in self.filter.layout.blocks:
+                if not np.isfinite(values[block.rows]).all():
+                    values[block.rows] = np.nan
 
-    def _told(self, record: Record, passed: float, there: np.ndarray) -> Update:
-        f, names = self.filter, self._row_names
-        every = bool(there.all())
+    def _told(self, record: Record, time: float, passed: float, there: np.ndarray) -> Update:
+        names, every = self._row_names, bool(there.all())
         return Update(
-            f.time,
-            f.values.copy(),
-            f.sigmas(),
+            time,
+            record.values[-1],
+            record.sigmas[-1],
             names if every else tuple(names[i] for i in np.flatnonzero(there)),
             record.innovations[-1] if every else record.innovations[-1, there],
             record.normalised[-1] if every else record.normalised[-1, there],
-            float(record.log_likelihood[0]),
+            float(record.log_likelihood[-1]),
             passed,
             record,
         )

@@ -21,15 +21,19 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, UnknownInput
+from smsid.kernel.filter_arrays import Drive
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
 from smsid.tracking.linearisation import Linearisation
+from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.sample_buffer import Entry, Event
 from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 2
+VERSION = 3
+STATE = ("q", "v", "unknown", "values", "covariance")
+PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
 
 
@@ -74,6 +78,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "waiting": _entries(tracker.buffer.waiting, "waiting", arrays),
         "settling": _entries(tracker._settling, "settling", arrays),
         "commands": {},
+        "beginning": _beginning(f, arrays),
     }
     for channel, own in tracker.commands.memory.items():
         document["commands"][channel] = [t for t, _ in own]
@@ -121,8 +126,10 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
     f.covariance, f.time, f.rebuilt = arrays["covariance"], document["time"], document["rebuilt"]
     renewed = Linearisation(f.origin, followed, arrays["renewed"], f.layout, f.locked)
-    f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, before=renewed)
+    f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, renewed, np.inf)
     f.known_at = arrays["known_at"]
+    if document["beginning"] is not None:
+        _restore_beginning(f, document["beginning"], arrays)
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}
     tracker.watch = FitWatch(watch["widening"], watch["component"], squares)
@@ -145,6 +152,34 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
                 zip(times, list(arrays[f"command:{channel}"]), strict=True)
             )
     return tracker
+
+
+def _beginning(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, Any] | None:
+    """Return what there is to say of a beginning that may be filtered again; its arrays are added."""
+    begun, passes = f.begun, f.since
+    if begun is None:
+        return None
+    for name in STATE:
+        arrays[f"begun:{name}"] = getattr(begun, name)
+    rows = [(edges, values, attitudes, *drive[:8]) for edges, drive, values, attitudes in passes]
+    for k, name in enumerate(PASSED):
+        arrays[f"since:{name}"] = np.concatenate([np.zeros(0), *(row[k].ravel() for row in rows)])
+    shapes = [[x.shape for x in row] for row in rows]
+    return {"time": begun.time, "shapes": shapes, "again": f.again, "moved": f.moved}
+
+
+def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    f.begun = f.snapshot()
+    for name in STATE:
+        setattr(f.begun, name, arrays[f"begun:{name}"])
+    f.begun.time, f.again, f.moved = told["time"], told["again"], told["moved"]
+    own = []
+    for k, name in enumerate(PASSED):
+        sizes = [int(np.prod(shapes[k])) for shapes in told["shapes"]]
+        parts = np.split(arrays[f"since:{name}"], np.cumsum(sizes)[:-1]) if sizes else []
+        own.append([x.reshape(shapes[k]) for x, shapes in zip(parts, told["shapes"], strict=True)])
+    for edges, values, attitudes, *drive in zip(*own, strict=True):
+        f.since.append((edges, Drive(*drive, *f.inputs), values, attitudes))
 
 
 def description_digest(description: Description) -> str:

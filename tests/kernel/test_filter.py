@@ -1,4 +1,4 @@
-"""The compiled pass of the filter: what the plain one over Pinocchio gives, for every craft and kind of sensor."""
+"""The compiled pass of the filter gives what the plain one over Pinocchio does, on every craft and sensor."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed):
     f = tracker.filter
     q, v = moving(f.at.base.model, rng)
     own, inputs = forces(f.at.base.model, N - 1, rng)
-    f.q, f.v, f.time, f._inputs = q, v, 0.0, inputs
+    f.q, f.v, f.time, f.inputs = q, v, 0.0, inputs
     f.unknown, f.input_noise = np.array([0.1, -0.2]), inputs[2]
     m = len(f.values)
     f.covariance = covariance(2 * len(v) + 2 + m, rng)

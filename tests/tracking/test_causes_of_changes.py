@@ -166,3 +166,29 @@ def test_a_cause_is_named_in_time_with_its_size(description, truth, before, caus
         for name, true in size.items():
             jump, sigma = jumps[name]
             assert abs(jump - true) < 4.0 * sigma, (name, jump, true, sigma)
+
+
+@pytest.mark.parametrize("share", (0.7, 1.3))
+def test_a_large_jump_of_a_frequency_is_measured(tmp_path, share):
+    """A linear filter sees another group in it and takes it for a jump of the bus."""
+    description = guess(tmp_path, GUESS, off=0.0, tank=False)
+    truth = rigid(description)
+    jumped = flown(
+        truth,
+        truth.fly(AT, drive(0.0), step=STEP),
+        after=lambda t: replace(t, panel=(share * t.panel[0], *t.panel[1:])),
+    )
+    follow = dict.fromkeys(("bus.I*", "panel.mode1.frequency", "gyro.angular_rate.bias.*"), 0.0)
+    plain = Tracker(description, follow=follow, cad=0.005)
+    setting = Setting.of(plain.description, plain.origin.base, hold="linear")
+    tracker = Tracker(description, follow=follow, cad=0.005, setting=setting)
+    detector = ChangeDetector.watch(tracker)
+    tracker.update_all(samples_of(jumped))
+    (change,) = detector.changes
+    assert change.group == "panel" and change.alarm - AT < 4.0
+    assert abs(change.began - AT) <= change.grid <= 2.0
+    off = tracker.values - tracker.start.mean
+    k = tracker.names.index("panel.mode1.frequency")
+    off[k] -= (share - 1.0) * GUESS.panel[0]
+    assert tracker.sigmas[k] < 1e-3 * GUESS.panel[0]
+    assert np.abs(off / tracker.sigmas).max() < 4.0

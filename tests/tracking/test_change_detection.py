@@ -107,12 +107,10 @@ def test_the_size_of_the_sequential_test_under_the_null(description):
     rng, alarms, time, every = np.random.default_rng(4), 0, 0.0, 0.1
     for k in range(round(600.0 / every)):
         own = pattern[k % len(pattern)]
-        drawn = rng.standard_normal(len(own.correction.innovations))
+        drawn = rng.standard_normal(own.record.innovations.shape)
         time += every
-        passages = tuple(replace(p, seconds=every / len(own.passages)) for p in own.passages)
-        detector.hear(
-            replace(own, time=time, passages=passages, correction=replace(own.correction, innovations=drawn))
-        )
+        record = own.record._replace(innovations=drawn)
+        detector.hear(replace(own, time=time, passed=every, innovations=drawn[-1], record=record))
         if detector._alarm is not None:  # heard; on it goes
             alarms += 1
             detector._alarm, detector._starts = None, []

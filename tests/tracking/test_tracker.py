@@ -133,8 +133,8 @@ def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, sam
     path = save_tracker(tracker, tmp_path / "state.npz")
     with pytest.raises(RecordingError, match="another description"):
         load_tracker(path, craft(tmp_path / "other", off=0.2))
-    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 3)
-    with pytest.raises(RecordingError, match="version 2; this smsid reads 3"):
+    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 4)
+    with pytest.raises(RecordingError, match="version 3; this smsid reads 4"):
         load_tracker(path, description)
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="no saved tracker"):
@@ -193,3 +193,19 @@ def test_commands_of_slow_telemetry_are_not_forgotten_before_they_act(descriptio
     single.flush()
     np.testing.assert_allclose(together.state.v, single.state.v, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(together.filter.values, single.filter.values, rtol=1e-9)
+
+
+def test_what_is_missing_widens_bands_and_moves_nothing(description, samples):
+    whole, thinned = streaming(description), streaming(description)
+    rng = np.random.default_rng(8)
+    whole.update_all(samples)
+    for sample in samples:
+        there = {c: x for c, x in sample.channels.items() if c.startswith("command") or rng.random() < 0.6}
+        thinned.update(Sample(sample.time, there))
+    thinned.flush()
+    assert not thinned.log.counts.get("late") and not thinned.log.counts.get("silence")
+    more = thinned.sigmas / whole.sigmas
+    assert (more > 1.1).all() and (more < 2.0).all()
+    assert np.abs((thinned.values - whole.values) / thinned.sigmas).max() < 3.0
+    for tracker in (whole, thinned):  # begun 5 % off: filtered again about better and better values
+        assert np.abs((tracker.values - true_inertia()) / tracker.sigmas).max() < 4.0
