@@ -18,8 +18,8 @@ from scipy.linalg import qr
 
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.identify.paper.exp2_result import kind_of
 from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.paper.exp2_result import kind_of
 from smsid.likelihood.combinations import Combination
 from smsid.model.regressor import Regressor, body_names
 from smsid.model.spacecraft import SpacecraftModel

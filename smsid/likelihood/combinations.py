@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.identify.paper.exp2_result import kind_of
 from smsid.identify.momentum_rows import Split, carried_matrix, first_moments
+from smsid.identify.paper.exp2_result import kind_of
 from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
