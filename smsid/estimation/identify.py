@@ -69,6 +69,7 @@ def identify_spacecraft(
 
     Raises:
         RecordingError: single thrusters fire, and the paper's method is asked for.
+        NotIdentifiableError: the search does not come to rest; columns that may be wrong are in the advice.
         SmsidError: there is no such method, or what `identify_flights` raises.
     """
     if method not in ("ml", "filter", "paper"):
@@ -97,16 +98,13 @@ def identify_spacecraft(
             elif error.evidence.get("other_flight"):
                 reason = f"the recordings are not the paper's experiments: {error.message}"
             else:  # they are bad, not of another kind
-                raise
+                raise _with_wrong_columns(error, description, recordings) from None
     if tell is not None:
         tell(f"taken as flights: {reason}")
     try:
         found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
     except NotIdentifiableError as error:
-        wrong = wrong_columns(description, recordings)
-        raise NotIdentifiableError(
-            error.message, advice=". ".join([*wrong, error.advice]), **error.evidence
-        ) from error
+        raise _with_wrong_columns(error, description, recordings) from None
     first = found.estimate.notes[0], *_wrong_columns(found.quality, description, recordings)
     notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
@@ -117,6 +115,15 @@ def _wrong_columns(
     quality: FitQuality, description: Description, recordings: Sequence[Recording]
 ) -> list[str]:
     return wrong_columns(description, recordings) if quality.judgement == "not explained" else []
+
+
+def _with_wrong_columns(
+    error: SmsidError, description: Description, recordings: Sequence[Recording]
+) -> SmsidError:
+    """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
+    wrong = wrong_columns(description, recordings) if isinstance(error, NotIdentifiableError) else []
+    advice = ". ".join([*wrong, error.advice])
+    return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
 
 
 def _single_thrusters(recording: Recording) -> bool:
