@@ -278,7 +278,7 @@ class ChangeDetector:
             tried.append(self._tried(group, start, alarm, scale, log_p, now + AGAIN))
             if tried[-1].run.left <= UNEXPLAINED:
                 break
-        best = max(tried, key=lambda x: x.run.likely)
+        best = min(tried, key=lambda x: x.run.left)  # runs may begin at different times
         best.run = self._refined(best.start, best.index, best.run, max(best.change.grid, BACK))
         worth = found[best.change.group][0]
         others = tuple((g, 0.5 * (worth - found[g][0])) for g in order if g != best.change.group)
