@@ -79,8 +79,10 @@ def compiled_model(base: Instance) -> Model | None:
 def inertial_tables(
     base: Instance, columns: np.ndarray, indices: np.ndarray, scales: np.ndarray
 ) -> Tables | None:
-    """Return the tables of inertial parameters ``columns`` (k,), ten a body in Pinocchio's order, per scale
-    (k,); they stand at ``indices`` (k,) of the parameters. ``None`` where they go the plain way.
+    """Return the tables of inertial parameters ``columns`` (k,), ten a body in Pinocchio's order.
+
+    They are per ``scales`` (k,) and stand at ``indices`` (k,) of the parameters. ``None`` where they go the
+    plain way.
     """
     own, free, m = base.plant.kernel(balanced=False), base.model.free, base.model.pin
     if own is None:
@@ -135,7 +137,11 @@ def with_parameters(
     columns: np.ndarray,
     pushed: Sequence[int],
 ) -> Model | None:
-    """Return a spacecraft with parameters, or ``None`` where one of it goes the plain way."""
+    """Return a spacecraft with parameters, or ``None`` where one of it goes the plain way.
+
+    ``scales``, values ``at`` and ``rates`` (m,) are the parameters', ``columns`` (rows, m) how readings
+    change with them at any motion; applied forces change with those ``pushed``.
+    """
     own, senses = base.plant.kernel(balanced=False), senses_of(base.outputs)
     if own is None or senses is None:
         return None

@@ -58,7 +58,8 @@ class Applied:
         push_middle: np.ndarray | None = None,
     ) -> Drive:
         """Return what a pass takes: with unknown inputs that act on ``acts`` (k,), their ``walk`` (k,) and
-        the ``noise`` (nv,) of what is held, all variances, and how forces change with parameters (n, d, nv).
+        the ``noise`` (nv,) of what is held, all variances; forces change with parameters by ``push_at``
+        (n, d, nv) at samples and by ``push_middle`` (N, d, nv) between them.
         """
         n, nv = self.at.shape
         before, after = self.at.copy(), self.at.copy()
@@ -112,7 +113,10 @@ class Instance:
 
     @classmethod
     def at(cls, point: Point, layout: Measured, locked: np.ndarray) -> Instance:
-        """Return the spacecraft at a point. Raises `DescriptionError` where there can be none."""
+        """Return the spacecraft at a point, degrees of freedom ``locked`` (k,) held still.
+
+        Raises `DescriptionError` where there can be none.
+        """
         return cls.of(point.model(), layout.with_blocks(point.sensors()), locked)
 
     def predict(
@@ -337,10 +341,11 @@ def run_plain(
 def correction(
     p: np.ndarray, h: np.ndarray, rest: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Return what errors (n,) of readings tell of a state of covariance p (x, x), by h (n, x).
+    """Return what errors ``rest`` (n,) of readings of a ``variance`` (n,) tell of a state, by h (n, x).
 
-    The errors, these whitened (n,), the whitening (n, n), the square root (x, n) of what the covariance
-    loses, standard deviations (n,) and the log-likelihood; ``None`` where there is none.
+    ``p`` (x, x) is its covariance. Returns the errors, these whitened (n,), the whitening (n, n), the square
+    root (x, n) of what the covariance loses, standard deviations (n,) and the log-likelihood; ``None`` where
+    there is none.
     """
     across = p @ h.T
     s = h @ across

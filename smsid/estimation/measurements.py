@@ -156,10 +156,10 @@ def reading_errors(
     predicted: np.ndarray,
     rotation: np.ndarray | None,
 ) -> np.ndarray:
-    """Return measured minus predicted (rows,) at a time [s]; an attitude's as rotation vector, body axes.
+    """Return measured ``values`` minus ``predicted`` (rows,) at a time [s].
 
-    ``attitudes`` (a, 4) are the measured quaternions in the order of their blocks, zero where there is none;
-    ``rotation`` is the predicted attitude (3, 3).
+    An attitude's is a rotation vector, body axes. ``attitudes`` (a, 4) are the measured quaternions in the
+    order of their blocks, zero where there is none; ``rotation`` is the predicted attitude (3, 3).
     """
     out, place = values - predicted, 0
     for block in blocks:

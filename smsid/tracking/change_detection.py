@@ -278,7 +278,7 @@ class ChangeDetector:
             tried.append(self._tried(group, start, alarm, scale, log_p, now + AGAIN))
             if tried[-1].run.left <= UNEXPLAINED:
                 break
-        best = max(tried, key=lambda x: x.run.likely)
+        best = min(tried, key=lambda x: x.run.left)  # runs may begin at different times
         best.run = self._refined(best.start, best.index, best.run, max(best.change.grid, BACK))
         worth = found[best.change.group][0]
         others = tuple((g, 0.5 * (worth - found[g][0])) for g in order if g != best.change.group)
@@ -350,12 +350,12 @@ class ChangeDetector:
         """
         for _ in range(ROUNDS):
             before, best = best, self._at_onset(start, index, best, grid)
-            stayed = best.likely <= before.likely + WORTH
-            if best.left <= EXPLAINED or stayed or not np.isfinite(best.likely):
+            if best.onset != before.onset:
+                guess = best.filter.values[index] - start.before.values[index]
+                settled = self._iterated(start, index, guess, best.onset) or best
+                best = replace(settled, grid=best.grid)
+            if best.left <= EXPLAINED or not best.likely > before.likely + WORTH:
                 break
-            guess = best.filter.values[index] - start.before.values[index]
-            better = _likelier(best, self._iterated(start, index, guess, best.onset)) or best
-            best = replace(better, grid=best.grid)
         return best
 
     def _at_onset(self, start: _Start, index: np.ndarray, best: _Rerun, grid: float) -> _Rerun:
@@ -386,7 +386,10 @@ class ChangeDetector:
             found = self._run(start, index, jump, onset)
             if found is None:
                 break
-            best, g = _likelier(best, found), found.filter
+            # where they are as likely, the later one is linear about better values
+            if best is None or found.likely > best.likely - WORTH:
+                best = found
+            g = found.filter
             before, jump = jump, g.values[index] - start.before.values[index]
             if (np.abs(jump - before) <= CONVERGED * g.sigmas()[index]).all():
                 break

@@ -161,7 +161,7 @@ class ParameterFilter:
         return self.at.drive(inputs, edges, substep, before, self.inputs)
 
     def go_on(self, edges: np.ndarray, drive: Drive, values: np.ndarray, attitudes: np.ndarray) -> Record:
-        """Go from one time to the next (n,) [s], from where it is, and take in what was read at them.
+        """Go through ``edges`` (n,) [s], from where it is, and take in what was read at them.
 
         ``values`` (n, rows) are NaN where there is nothing, ``attitudes`` (n, a, 4) zero; rows of an attitude
         that is there are zero. Raises `SimulationError` when the motion is lost, and nothing is changed then.
