@@ -89,7 +89,7 @@ def judged(name: str) -> dict[str, Any]:
         try:
             shown = build_model(model.description.model_copy(update={"meshes": "required"}))
         except DescriptionError as error:
-            row["without meshes"] = str(error)
+            row["without meshes"] = str(error).replace(f"{robot_files()[name].parent}/", "")
             shown = model
         page = export_html(build_scene(shown), Path(folder) / "page.html")
         row["page [kB]"] = page.stat().st_size // 1000
@@ -211,6 +211,7 @@ def summary(rows: dict[str, Any]) -> dict[str, Any]:
         "environment": environment("pin", "mujoco", "example-robot-data"),
         "seed": SEED,
         "states": STATES,
+        "not run": sorted(set(robot_files()) - set(rows)),
         "flown": len(found),
         "refused": {name: row["refused"] for name, row in sorted(rows.items()) if "refused" in row},
         "viewed": sum("page [kB]" in r for r in found.values()),
