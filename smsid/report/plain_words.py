@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
+from smsid.effects import catalogue
 from smsid.report.numbers import number, unit, with_half
 
 WORDS = {
@@ -54,7 +55,7 @@ WORDS = {
     "outliers": "{place} has outliers",
     "quantisation": "{place} is read in coarse steps",
 }
-"""What a cause of a kind is, in words; a kind that is not here is named as it is."""
+"""What a cause of a kind is, in words; one that is not here, of a new law say, by its own summary."""
 
 
 def plain_words(d: Diagnosis) -> str:
@@ -65,8 +66,9 @@ def plain_words(d: Diagnosis) -> str:
 def cause_in_words(cause: FoundCause) -> str:
     """Return a cause in words with its strength, when it began, and what it is not told from."""
     shape = cause.shape.replace("_", " ") if cause.shape else ""
-    template = WORDS.get(cause.effect, "{place} has an effect that the description lacks ({kind})")
-    kind = f"{cause.effect.replace('_', ' ')}{f', {shape}' if shape else ''}"
+    template = WORDS.get(cause.effect, "{place} has what the description lacks: {kind}")
+    known = catalogue().get(cause.effect)
+    kind = (known.summary if known is not None else "") or cause.effect.replace("_", " ")
     what = " ".join(template.format(place=cause.location, shape=shape, kind=kind).split())
     value = strength(cause)
     if value is not None:
