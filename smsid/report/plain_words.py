@@ -18,8 +18,9 @@ def plain_words(d: Diagnosis) -> str:
 def cause_in_words(cause: FoundCause) -> str:
     """Return a cause in words with its strength, when it began, and what it is not told from."""
     shape = cause.shape.replace("_", " ") if cause.shape else ""
-    template = (known_effect(cause.effect) or Effect).in_words
-    kind = f"{cause.effect.replace('_', ' ')}{f', {shape}' if shape else ''}"
+    effect = known_effect(cause.effect) or Effect
+    template = effect.in_words
+    kind = effect.summary or f"{cause.effect.replace('_', ' ')}{f', {shape}' if shape else ''}"
     what = " ".join(template.format(place=cause.location, shape=shape, kind=kind).split())
     value = strength(cause)
     if value is not None:

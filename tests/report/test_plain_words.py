@@ -35,6 +35,13 @@ def test_what_is_not_told_apart_is_said():
     assert "joint2 has friction" in told and "from 30 s on" in told and "coulomb at joint2" in told
 
 
+def test_a_kind_without_words_of_its_own_is_told_by_its_summary(monkeypatch):
+    cable = catalogue()["joint_cable"]
+    monkeypatch.setattr(cable, "in_words", Effect.in_words)
+    told = cause_in_words(cause("joint_cable", "joint2", None))
+    assert told.startswith(f"joint2 has an effect that the description lacks ({cable.summary})")
+
+
 @pytest.mark.parametrize("kind", sorted(catalogue()))
 def test_every_kind_of_the_catalogue_has_words(kind):
     assert catalogue()[kind].in_words != Effect.in_words
