@@ -107,8 +107,10 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
     bodies, roots, terms, senses, read_terms = [], [], [], [], []
     for change in changes:
         low, high = (x.plant.kernel(balanced=False) for x in (change.low, change.high))
-        seen = [senses_of(x.outputs) for x in (change.low, change.high)]
-        if low is None or high is None or None in seen or not np.array_equal(low.tree, high.tree):
+        seen, then = (senses_of(x.outputs) for x in (change.low, change.high))
+        if low is None or high is None or seen is None or then is None:
+            return None
+        if not np.array_equal(low.tree, high.tree):
             return None
         if np.array_equal(low.bodies[:, GEOMETRY], high.bodies[:, GEOMETRY]):  # the rest enters linearly
             root = low.root.copy()
@@ -122,8 +124,8 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
             bodies += [low.bodies, high.bodies]
             roots += [low.root, high.root]
             terms += [(change.index, -change.factor), (change.index, change.factor)]
-        if not _same(*seen):
-            senses += seen
+        if not _same(seen, then):
+            senses += [seen, then]
             read_terms += [(change.index, -change.factor), (change.index, change.factor)]
     return Tables(tuple(bodies), tuple(roots), tuple(terms), tuple(senses), tuple(read_terms))
 

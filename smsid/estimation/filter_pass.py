@@ -229,18 +229,21 @@ def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: Spac
         return tuple(np.zeros((count, *shape)) for shape in shapes)
 
     return Record(
-        np.zeros((n, rows)),
-        np.zeros((n, rows, rows)),
-        np.zeros((n, width, rows)),
-        np.zeros((n, rows, width)),
-        np.zeros((n, rows, model.nv)),
-        np.zeros((moves, width, width)),
-        np.zeros((moves, width, model.nv)),
-        *np.zeros((3, n, rows)),
-        np.zeros(n),
-        *np.zeros((2, n, m)),
-        moments(n),
-        moments(moves),
+        innovations=np.zeros((n, rows)),
+        whitening=np.zeros((n, rows, rows)),
+        gain=np.zeros((n, width, rows)),
+        sensitivity=np.zeros((n, rows, width)),
+        by_a=np.zeros((n, rows, model.nv)),
+        transition=np.zeros((moves, width, width)),
+        forcing=np.zeros((moves, width, model.nv)),
+        predicted=np.zeros((n, rows)),
+        errors=np.zeros((n, rows)),
+        normalised=np.zeros((n, rows)),
+        log_likelihood=np.zeros(n),
+        values=np.zeros((n, m)),
+        sigmas=np.zeros((n, m)),
+        at=moments(n),
+        middle=moments(moves),
     )
 
 

@@ -136,4 +136,4 @@ class Record(NamedTuple):
         moves = {name: getattr(self, name)[between] for name in ("transition", "forcing")}
         moments = {"at": tuple(x[at] for x in self.at), "middle": tuple(x[between] for x in self.middle)}
         rest = {name: getattr(self, name)[at] for name in self._fields if name not in moves | moments}
-        return Record(**rest, **moves, **moments)
+        return self._replace(**rest, **moves, **moments)

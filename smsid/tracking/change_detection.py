@@ -167,6 +167,8 @@ class ChangeDetector:
     def hear(self, update: Update) -> Change | None:
         """Take in an update; return a change if there is enough to say so."""
         found, passed = update.record, update.passed
+        if found is None:  # not of a filter
+            return None
         if abs(update.time - self._last - passed) > CLOCK:
             self._starts, self._alarm, self._found = [], None, None
             self._passes.clear()

@@ -67,11 +67,9 @@ class Linearisation:
                 if u.kind == "effect"
             )
             self._biases = self._bias_columns(layout)
-            found = (
-                inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial]),
-                effect_tables(self.differences),
-            )
-            self._tables = None if None in found else found
+            bodies = inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial])
+            effects = effect_tables(self.differences)
+            self._tables = None if bodies is None or effects is None else (bodies, effects)
         self.compiled = None
         if self._tables is not None:
             pushed = [d.index for d in self.differences if d.drives]

@@ -274,7 +274,7 @@ class MomentumTracker:
         self._time, self.samples = float(motion.time[-1]), self.samples + len(motion)
         fit = np.sqrt(np.mean(((rhs - rows @ x) * errors.weights) ** 2, axis=0))
         before = np.sqrt(np.mean(left**2, axis=0))
-        return Update(self._time, self.values, self.sigmas, EQUATIONS, before, fit, float("nan"), None, ())
+        return Update(self._time, self.values, self.sigmas, EQUATIONS, before, fit, float("nan"))
 
     def _widened(
         self, covariance: np.ndarray, errors: RowErrors, rows: np.ndarray, left: np.ndarray

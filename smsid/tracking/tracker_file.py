@@ -179,7 +179,7 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
         parts = np.split(arrays[f"since:{name}"], np.cumsum(sizes)[:-1]) if sizes else []
         own.append([x.reshape(shapes[k]) for x, shapes in zip(parts, told["shapes"], strict=True)])
     for edges, values, attitudes, *drive in zip(*own, strict=True):
-        f.since.append((edges, Drive(*drive, *f.inputs), values, attitudes))
+        f.since.append((edges, Drive._make((*drive, *f.inputs)), values, attitudes))
 
 
 def description_digest(description: Description) -> str:

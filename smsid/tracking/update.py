@@ -18,7 +18,8 @@ class Update:
 
     ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
     ``innovations`` the same decorrelated; both are white with variance one while the model is right.
-    ``record`` is the filter's pass over the ``passed`` seconds since the moment before, which ends with it.
+    ``record`` is the filter's pass over the ``passed`` seconds since the moment before, which ends with it;
+    total least squares have none.
     """
 
     time: float
@@ -28,8 +29,8 @@ class Update:
     innovations: np.ndarray
     normalised: np.ndarray
     log_likelihood: float
-    passed: float
-    record: Record
+    passed: float = 0.0
+    record: Record | None = None
 
 
 @short_repr
