@@ -14,11 +14,7 @@ import smsid.effects
 from smsid.effects import Effect, catalogue
 
 SOURCES = Path(smsid.__file__).parent
-STILL = {  # rooms in which some are left; to be emptied
-    "arm",
-    "diagnose",
-    "identify",
-}
+STILL = {"diagnose"}  # rooms in which some are left; to be emptied
 
 
 def _subclasses(cls: type) -> Iterator[type]:

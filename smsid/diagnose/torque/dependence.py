@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 from scipy.stats import chi2
@@ -12,7 +11,7 @@ from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
-from smsid.effects import Gear
+from smsid.effects.gear import gears_of
 
 TIME_TERMS = 6
 RIPPLE = range(3, 9)
@@ -110,7 +109,7 @@ def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
     yield "angle", [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
     yield "ripple over the angle", [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
     yield DELAY, [np.gradient(load, motion.time)]
-    for gear in (cast(Gear, e) for e in found.equations.description.effect if e.kind == "gear"):
+    for gear in gears_of(found.equations.description.effect):
         if gear.joint == names[j]:
             turned = gear.ratio * angle + sum(
                 ratio * found.equations.angles[:, names.index(n)]

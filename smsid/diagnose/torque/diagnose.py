@@ -22,6 +22,7 @@ from smsid.diagnose.torque.known import described_values, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
+from smsid.effects.friction import frictions_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
@@ -264,7 +265,7 @@ def predict_torques(fit: TorqueFit, equations: TorqueEquations, x: np.ndarray) -
 def _urdf_friction(equations: TorqueEquations) -> tuple[str, ...]:
     """Return a note where the URDF states a friction: here that is sought from nothing."""
     source = equations.model.source
-    listed = {getattr(e, "joint", None) for e in equations.description.effect if e.kind == "joint_friction"}
+    listed = frictions_of(equations.description.effect)
     stated = [j for j in equations.names if source is not None and j in source.losses and j not in listed]
     if not stated:
         return ()
