@@ -11,7 +11,7 @@ from smsid.estimation.filter_pass import CLOSE, ROUND, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import tree as c
 from smsid.kernel.arrays import Kernel
-from smsid.kernel.filter_arrays import Craft, Model, Parameters
+from smsid.kernel.filter_arrays import Model, Parameters, TreeTables
 from smsid.kernel.readings import (
     ANGLE,
     ANGULAR_RATE,
@@ -73,7 +73,7 @@ def compiled_model(base: Instance) -> Model | None:
         senses = senses_of(base.outputs)
     if bodies is None or senses is None:
         return None
-    return Model(Craft(bodies.tree, bodies.bodies[None], bodies.root[None]), senses, NOTHING)
+    return Model(TreeTables(bodies.tree, bodies.bodies[None], bodies.root[None]), senses, NOTHING)
 
 
 def inertial_tables(
@@ -174,7 +174,9 @@ def with_parameters(
     stacked = {name: np.concatenate([getattr(x, name) for x in every]) for name in _NUMBERS}
     for name in ("mixed", "late"):  # of any of them
         stacked[name] = np.unique(np.concatenate([getattr(x, name) for x in every]), axis=0)
-    return Model(Craft(own.tree, np.array(bodies), np.array(roots)), senses._replace(**stacked), parameters)
+    return Model(
+        TreeTables(own.tree, np.array(bodies), np.array(roots)), senses._replace(**stacked), parameters
+    )
 
 
 _NUMBERS = ("places", "rest", "shapes", "drawn", "axes", "gain", "bias", "delay")

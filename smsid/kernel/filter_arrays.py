@@ -9,7 +9,7 @@ import numpy as np
 from smsid.kernel.readings import Readings
 
 
-class Craft(NamedTuple):
+class TreeTables(NamedTuple):
     """A ``tree`` (n, 4); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 16), the model's own first."""
 
     tree: np.ndarray
@@ -42,7 +42,7 @@ class Parameters(NamedTuple):
 class Model(NamedTuple):
     """What stays the same from sample to sample: bodies, sensors, parameters."""
 
-    craft: Craft
+    craft: TreeTables
     senses: Readings
     parameters: Parameters
 
