@@ -15,7 +15,7 @@ from pathlib import Path
 
 import matplotlib
 
-from smsid.arm import identify_arm, joint_motion, with_joint_effects
+from smsid.arm import identify_arm, with_joint_effects
 from smsid.datasets import tx40
 from smsid.effects import MotorCoupling
 
@@ -35,9 +35,8 @@ def main(folder: Path) -> None:
     for label, description in (("rigid links", bare), ("friction and rotors", friction), ("wrist", wrist)):
         found = identify_arm(description, train)
         print(f"{label:20s} held-out relative torque RMSE {found.judge(held).relative:.3f}")
-        motion = joint_motion(found.model, held, found.motion.cutoff)
-        left = motion.torque - found.predict(motion)
-        axes.plot(motion.time, left[:, 1], linewidth=0.7, label=label)
+        both = found.compare(held)
+        axes.plot(both.time, (both.measured - both.predicted)[:, 1], linewidth=0.7, label=label)
     axes.set_xlabel("time [s], not used in the fit")
     axes.set_ylabel("joint 2, measured minus predicted [N m]")
     axes.legend()
