@@ -15,6 +15,7 @@ from smsid.diagnose.score_test import Candidate, Score, correlation, least_squar
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction
+from smsid.estimation.map_estimate import Fit
 from smsid.estimation.sensitivities import Sensitivity
 
 from .test_backward_elimination import cause, fitted
@@ -117,7 +118,7 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     columns = rng.standard_normal((rows, tests * each))
     fit = stub(rng, rows, 2, np.ones(2))
     fit.residual[rows:] = rng.standard_normal(2)
-    fit.run, fit.left = None, lambda c: fit._parted(c)[0]
+    fit.run, fit.left = None, lambda c: Fit.left(fit, c)
     named = [("torque of joint", "rate", [Sensitivity()] * each)] * tests
     for part in ("_bus", "_hidden", "_channels", "whiteness"):
         monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])
