@@ -6,6 +6,7 @@ import hashlib
 import logging
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -33,28 +34,34 @@ def compiled_and_cached(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls, or take it from the disk.
 
     numba would ask whether the file of the function has changed, and not whether those of what it calls
-    have: what it finds is taken only where the text of this whole folder is the same.
+    have: what it finds is read only where the text of this whole folder is the same.
     """
     if numba is None:
         return function
     try:
         found = numba.njit(function, cache=True, **OPTIONS)
-        found._cache._cache_file._source_stamp = _digest()
-        found._cache.save_overload = _forgiving(found._cache.save_overload)
+        kept = found._cache
+        # as a version, for numba looks at it before it unpickles what may name classes that are gone
+        kept._cache_file._version = f"{numba.__version__} {_digest()}"
+        kept.load_overload = _forgiving(kept.load_overload, kept.flush)
+        kept.save_overload = _forgiving(kept.save_overload)
     except (RuntimeError, AttributeError, OSError) as error:
         _reasons.append(f"numba keeps no cache ({error}); NUMBA_CACHE_DIR may name a folder for it")
         return function
     return found
 
 
-def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
-    """Return a function that saves, or says why it could not: what is compiled can be used all the same."""
+def _forgiving(act: Callable[..., Any], afterwards: Callable[[], None] = lambda: None) -> Callable[..., Any]:
+    """Return a function that loads or saves, or says why it could not: nothing is lost without a cache."""
 
-    def attempt(*given: Any) -> None:
+    def attempt(*given: Any) -> Any:
         try:
-            save(*given)
-        except OSError as error:
-            logger.warning("what numba has compiled is not kept for the next time: %s", error)
+            return act(*given)
+        except Exception as error:  # of a damaged file pickle raises anything
+            logger.warning("the cache of what numba has compiled cannot be used: %s", error)
+            with suppress(OSError):
+                afterwards()
+        return None
 
     return attempt
 
@@ -74,7 +81,7 @@ def compiled_already(function: Any) -> bool:
 def _on_disk(function: Any) -> bool:
     try:
         return bool(function._cache._cache_file._load_index())
-    except (AttributeError, OSError, EOFError, ValueError):
+    except Exception:  # there is no cache, or a damaged one, of which pickle raises anything
         return False
 
 
