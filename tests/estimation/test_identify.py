@@ -19,7 +19,9 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
         raise NotIdentifiableError(message, **({evidence: True} if evidence else {}))
 
     estimate = Estimate("x", "ml", (), notes=("first", "last"))
-    flights = SimpleNamespace(estimate=estimate, quality=None, contradictions=())
+    quality = SimpleNamespace(judgement="explained")
+    flights = SimpleNamespace(estimate=estimate, quality=quality, contradictions=())
+    monkeypatch.setattr(identify, "wrong_columns", lambda *_: [])
     monkeypatch.setattr(identify, "by_the_paper", raises)
     monkeypatch.setattr(identify, "identify_flights", lambda *_, **__: flights)
     description = SimpleNamespace(effect=())
