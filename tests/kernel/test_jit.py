@@ -118,6 +118,34 @@ def test_a_cache_of_another_text_is_never_used(pack):
 
 
 @needs_numba
+def test_a_cache_that_names_a_class_that_is_gone_is_not_read(pack):
+    """Its index holds the types of arguments: unpickling them would end the process."""
+    folder, call = pack
+    own = "from typing import NamedTuple\nclass Old(NamedTuple):\n    x: float\n"
+    (folder / "inner.py").write_text(INNER + own)
+    (folder / "outer.py").write_text(OUTER.replace("inner(x) + 1.0", "inner(x.x) + 1.0"))
+    hits = """import pack.inner, pack.outer
+pack.outer.outer(pack.inner.{}(3.0))
+print(sum(pack.outer.outer.stats.cache_hits.values()))
+raise SystemExit"""
+    assert [call(hits.format("Old"))[0] for _ in range(2)] == ["0", "1"]
+    (folder / "inner.py").write_text(INNER + own.replace("Old", "New"))
+    assert [call(hits.format("New"))[0] for _ in range(2)] == ["0", "1"]
+
+
+@needs_numba
+def test_a_damaged_cache_is_made_anew(pack):
+    folder, call = pack
+    call()
+    (index,) = (folder / "__pycache__").glob("*.nbi")
+    whole = index.read_bytes()
+    index.write_bytes(whole[: len(whole) // 2])
+    value, hits, log = call()
+    assert (value, hits) == ("7.0", "0") and "cannot be used" in log
+    assert call()[:2] == ["7.0", "1"]
+
+
+@needs_numba
 def test_a_full_disk_costs_the_cache_and_not_the_result(pack):
     _, call = pack
     full = "import numba.core.caching as n\ndef save(*a): raise OSError(28, 'No space left on device')"
