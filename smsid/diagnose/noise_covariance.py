@@ -23,7 +23,6 @@ SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-MOSTLY = THRESHOLDS.mostly
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -83,7 +82,7 @@ def with_levels(found: Fitted) -> Fitted:
 
 def but_for_one(found: Fitted) -> Fitted | None:
     """Return the fit of all components but the one that strays most, or all but its channel, where the rest
-    is followed, or nine tenths of the squared error are left out; else nothing.
+    is followed; else nothing: what takes most of the error may be a cause of the motion.
 
     That is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
     bend to it, and noise raised to its errors would hide what explains them. The rest has its own levels,
@@ -104,8 +103,7 @@ def but_for_one(found: Fitted) -> Fitted | None:
     problem = replace(whole, data=whole.data.without(left_out))
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
-        size = float(((rest.run.normalised**2)[rest.run.used]).sum())
-        if normalised_rmse(rest.run) > FOLLOWED and size > (1.0 - MOSTLY) * squares.sum():
+        if normalised_rmse(rest.run) > FOLLOWED:
             return None
         LOGGER.info("%s strays by itself", ", ".join(whole.data.names[rows]))
         levels = with_levels(Fitted(rest, found.factors))

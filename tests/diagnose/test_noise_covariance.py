@@ -83,19 +83,6 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
         assert abs(off) < 0.5 * sound.fit.sigma(u.name)
 
 
-def test_a_sensor_that_strays_by_itself_keeps_its_noise_beside_a_model_that_is_wrong(known, problem):
-    """Raised to its errors, its noise would hide what explains them; the others' holds their misfit."""
-    wrong = problem.data.scaled(np.full(problem.data.rows, 0.03))
-    row = wrong.names.index("tachometer.wheel_rate[wheel_y]")
-    values = wrong.values.copy()
-    values[wrong.times > 3.0, row] += 3e4 * wrong.sigma[row]
-    jumps = replace(problem, data=replace(wrong, values=values))
-    found = with_levels(first_fit(known.point, jumps, known.unknowns[:3]))
-    assert found.misfit and found.alone
-    assert found.factors[row] == 1.0 and found.fit.run.used[:, row].all()
-    assert np.median(np.delete(found.factors, row)) > 10.0
-
-
 def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
     assert with_levels(first_fit(known.point, wrong, known.unknowns[:1])).misfit
