@@ -21,8 +21,9 @@ from smsid.estimation.sensitivities import Sensitivity, propagate
 LOGGER = logging.getLogger(__name__)
 GRID, ONSETS, FINER = 16, 9, 4  # times an effect may begin at: at first, and of finer grids about the best
 WEAK = 2  # finer grids for one too weak to show the very sample
-DENSE = 160  # times of a strong one: where its torque changes sign, the ratio has many maxima
+DENSE = 160  # times where a first grid shows something: where a torque changes sign, the ratio has many maxima
 STRONG = THRESHOLDS.beginning_strong
+SHOWN = THRESHOLDS.beginnings_sought
 POOR = THRESHOLDS.beginning_poor
 COARSE = 5  # times at which all candidates are tried
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
@@ -36,12 +37,12 @@ def price(alias: float, tried: int = GRID + FINER * ONSETS) -> float:
 
 
 def best_start(
-    current: Fit, ratios: Callable[[list[float]], Iterable[float]], about: Sequence[float] = ()
+    current: Fit, ratios: Callable[[list[float]], Iterable[float]], about: Sequence[float], cheap: bool
 ) -> tuple[float, float, int]:
     """Return the beginning [s] of largest likelihood ratio, that ratio, and how many were tried.
 
-    ``ratios`` are those of beginnings: on a grid and at the times ``about``, then on finer grids about the
-    best one; of a strong one the first grid is dense.
+    ``ratios`` are those of beginnings: on a grid and at the times ``about``, on a dense one where these show
+    something and are ``cheap``, then on finer grids about the best one, to the sample where it is strong.
     """
     times, found = current.run.states.time, {}
     first, last = float(times[0]), float(times[-1])
@@ -52,11 +53,11 @@ def best_start(
         return max(found, key=found.__getitem__)
 
     best = look([*about, *_within(first, last, GRID)])
-    strong = found[best] > STRONG
-    if strong:
+    dense = cheap and found[best] > SHOWN
+    if dense:
         best = look(_within(first, last, DENSE))
-    width = (last - first) / ((DENSE if strong else GRID) + 1)
-    for _ in range(FINER if strong else WEAK):
+    width = (last - first) / ((DENSE if dense else GRID) + 1)
+    for _ in range(FINER if found[best] > STRONG else WEAK):
         width *= 2.0 / ONSETS
         best = look(best + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0))
     return best, found[best], len(found)
@@ -91,7 +92,7 @@ def with_onset(current: Fit, s: Score, alias: float) -> Score:
         known.update((_start(x.candidate), x) for x in scores)
         return (known[t].ratio if t in known else -np.inf for t in starts)
 
-    start, ratio, tried = best_start(current, ratios, [largest_innovation_time(current.run)])
+    start, ratio, tried = best_start(current, ratios, [largest_innovation_time(current.run)], own is not None)
     if not ratio - s.ratio > price(alias, tried + 1):
         return s
     best = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
@@ -233,7 +234,7 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
     """
     starts = Starts(current, mine)
     before = float(starts.ratios([starts.start])[0])
-    start, ratio, _ = best_start(current, starts.ratios, [starts.start])
+    start, ratio, _ = best_start(current, starts.ratios, [starts.start], cheap=True)
     return (start, ratio - before) if ratio > before else (starts.start, 0.0)
 
 

@@ -157,9 +157,9 @@ def test_a_cause_that_holds_another_takes_its_place(description, known, monkeypa
     assert not stribeck.candidate.holds(stribeck.candidate)
     ratios = []
 
-    def in_turn(now, best, scores, *rest):
+    def in_turn(now, best, scores, *rest, **order):
         first = next((s for s in scores if s.candidate.key == coulomb.key), best)
-        cause, found = accept(now, best if ratios else first, [best if ratios else first], *rest)
+        cause, found = accept(now, best if ratios else first, [best if ratios else first], *rest, **order)
         ratios.append(cause.ratio)
         return cause, found
 
