@@ -21,7 +21,7 @@ from smsid.estimation.sensitivities import Sensitivity, propagate
 LOGGER = logging.getLogger(__name__)
 GRID, ONSETS, FINER = 16, 9, 4  # times an effect may begin at: at first, and of finer grids about the best
 WEAK = 2  # finer grids for one too weak to show the very sample
-DENSE = 160  # times where a first grid shows something: where a torque changes sign, the ratio has many maxima
+DENSE = 160  # times where the first show something: where a torque changes sign, there are many maxima
 STRONG = THRESHOLDS.beginning_strong
 SHOWN = THRESHOLDS.beginnings_sought
 POOR = THRESHOLDS.beginning_poor
