@@ -129,9 +129,8 @@ WORDS: list[str] = [
     "[b]",
     "1,",
 ]
-KINDS = (
-    "description", "urdf", "recording", "csv", "experiment", "estimate", "mapping", "samples", "plan", "arguments",
-)  # fmt: skip
+FILES = ("description", "urdf", "recording", "csv", "experiment", "estimate", "mapping", "samples", "plan")
+KINDS = (*FILES, "arguments")
 
 
 @dataclass(frozen=True)
