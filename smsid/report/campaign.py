@@ -125,10 +125,8 @@ def _errors(known: Sequence[ParameterSummary]) -> Figure:
 def _table(known: Sequence[ParameterSummary]) -> Table:
     rows = []
     for p in known:
-        known_ = ((_finite(x), 5) for x in (p.truth, p.mean_error, p.spread, p.mean_sigma))
-        held = cells(
-            (_finite(p.ratio), 3, _tone(p.ratio_holds)), (_finite(p.coverage), 4, _tone(p.coverage_holds))
-        )
+        known_ = ((x, 5) for x in (p.truth, p.mean_error, p.spread, p.mean_sigma))
+        held = (p.ratio, 3, _tone(p.ratio_holds)), (p.coverage, 4, _tone(p.coverage_holds))
         lost = p.missing + p.not_finite
         runs = Cell(f"{p.runs}−{lost}" if lost else str(p.runs), float(p.runs))
         rows.append(cells(p.name, unit(p.unit), *known_, *held, runs))
@@ -139,17 +137,13 @@ def _table(known: Sequence[ParameterSummary]) -> Table:
 
 
 def _figures(found: Sequence[ParameterSummary]) -> Table:
-    rows = [cells(p.name, unit(p.unit), (_finite(p.mean), 6), (_finite(p.spread), 3), p.runs) for p in found]
+    rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in found]
     return Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
 
 
 def _failures(summary: Summary) -> Table:
     rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
     return Table("Errors", ("error", "#runs", "#first", "its message"), rows)
-
-
-def _finite(x: float | None) -> float | None:
-    return x if x is not None and math.isfinite(x) else None
 
 
 def _tone(holds: bool | None) -> Tone:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
@@ -19,17 +17,17 @@ from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
 from smsid.report.innovations import innovation_traces, torque_sections, whitened_groups
-from smsid.report.model import Figure, Part, Provenance, Report, Section, Table, Text, Tone, notes_section
+from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
 from smsid.report.plain_words import plain_words
-from smsid.report.residuals import residual_table
+from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace, Traces
 
-BUDGET = 250_000
 MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
+EXPECTED = {"band": "± 2 σ expected", "scale": "expected", "note": NOTE}
+BELOW = "Below: what is left, with the band of two standard deviations expected of it."
 TONES: dict[str, Tone] = {
     "adequate": "good",
     "explained": "good",
@@ -175,7 +173,7 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     grid, gist = spectrum_grid("spectrum", groups, labels=labels), "before and after" if changed else ""
     out.append(Section("spectra", "Spectra of the innovations", (grid,), gist, open=False))
     named = ("measured", "predicted", "error", "error before any cause")
-    parts = _explored("traces", traces, "Measured, and predicted one sample ahead", named)
+    parts = explored(traces, "Measured, and predicted one sample ahead", BELOW, named, **EXPECTED)
     recordings = ", ".join(r.name for r in asked.recordings)
     out.append(Section("residuals", "Measured against predicted", parts, recordings, open=not changed))
     return out
@@ -189,24 +187,9 @@ def _gain_section(found: Diagnosed, asked: ReportInputs, loop: OpenLoop | None) 
     parts: list[Part] = list(gain_parts(d.gain))
     if loop is not None and {GIVEN, EXTENDED} <= set(loop.models):
         labels = ("measured", "simulated, extended", "error, extended", "error, as given")
-        shown = f"Simulated open loop on {loop.recording}"
-        parts += _explored("open-loop", loop.traces(GIVEN, EXTENDED), shown, labels, table=False)
+        title_, traces = f"Simulated open loop on {loop.recording}", loop.traces(GIVEN, EXTENDED)
+        parts += explored(traces, title_, BELOW, labels, name="open-loop", **EXPECTED)[:1]
     return Section("gain", title, parts, f"on {d.gain.recording}", open=False)
-
-
-def _explored(
-    name: str, traces: Sequence[Trace], title: str, labels: tuple[str, str, str, str], table: bool = True
-) -> tuple[Figure | Table, ...]:
-    worst = max(range(len(traces)), key=lambda k: _off(traces[k]))
-    body = Traces(traces, title, worst, labels, "± 2 σ expected", BUDGET)
-    caption = "Below: what is left, with the band of two standard deviations expected of it."
-    figure = Figure(name, title, body, caption)
-    return (figure, residual_table(name, traces, "expected", NOTE)) if table else (figure,)
-
-
-def _off(t: Trace) -> float:
-    was = t if t.before is None else replace(t, residual=t.before)
-    return np.nan_to_num(was.whitened_rms)
 
 
 def _glance(d: Diagnosis) -> list[tuple[str, str]]:

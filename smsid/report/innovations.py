@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.recording import Recording
-from smsid.report.model import Figure, Section
-from smsid.report.residuals import residual_table
+from smsid.report.model import Section
+from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace, Traces
+from smsid.report.traces import Trace, rotation_vectors
 
 
 def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Trace, ...]]:
@@ -20,7 +19,7 @@ def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Tr
     out: dict[str, tuple[Trace, ...]] = {}
     for block in data.blocks:
         attitude = block.quantity == "attitude"
-        turned = _rotation_vectors(data.attitude[block.channel]) if attitude else np.zeros((0, 0))
+        turned = rotation_vectors(data.attitude[block.channel]) if attitude else np.zeros((0, 0))
         unit = "rad" if attitude else recording.units.get(block.channel, "")
         own = []
         for k, row in enumerate(range(block.rows.start, block.rows.stop)):
@@ -33,15 +32,6 @@ def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Tr
             name = data.names[row].replace(".", " ", 1).replace("_", " ")
             own.append(Trace(name, unit, data.times, *values, error, sigma, before.errors[:, row]))
         out[block.channel] = tuple(own)
-    return out
-
-
-def _rotation_vectors(samples: np.ndarray) -> np.ndarray:
-    """Return attitudes (N, 4) as rotation vectors (N, 3) from the first sample."""
-    there = np.isfinite(samples).all(axis=1)
-    turned = Rotation.from_quat(samples[there])
-    out = np.full((len(samples), 3), np.nan)
-    out[there] = (turned[0].inv() * turned).as_rotvec()
     return out
 
 
@@ -59,22 +49,19 @@ def whitened_groups(found: Search) -> dict[str, tuple[Trace, ...]]:
     }
 
 
-BUDGET = 200_000
 NOTE = "Noise: the torque's white noise within the band that is compared."
 
 
 def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:
     """Return measured against predicted torques, and the spectra of what is left."""
     traces = torque_traces(found)
-    worst = int(np.nanargmax([t.whitened_rms if t.sigma else 0.0 for t in traces]))
     labels = ("measured", "predicted", "residual", "residual before any cause")
-    body = Traces(traces, "measured and predicted torques", worst, labels, budget=BUDGET)
-    figure = Figure("traces", "Measured and predicted torque", body, "Low-passed alike on both sides.")
-    table = residual_table("traces", traces, note=NOTE)
+    caption = "Low-passed alike on both sides."
+    parts = explored(traces, "Measured and predicted torque", caption, labels, note=NOTE)
     groups = {t.name: (t,) for t in traces}
     grid = spectrum_grid("spectrum", groups, labels=("before any cause", "with the causes"))
     return [
-        Section("residuals", "Measured against predicted", (figure, table), recording),
+        Section("residuals", "Measured against predicted", parts, recording),
         Section("spectra", "Spectra of the residuals, before and after", (grid,)),
     ]
 
