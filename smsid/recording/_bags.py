@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from smsid.errors import RecordingError, require
+from smsid.errors import require
 from smsid.recording._protobuf import is_protobuf, read_protobuf
 from smsid.recording._topics import Topic, columns_of
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, unreadable
+
+DAMAGED_BAG = (
+    "It is cut short or damaged (try `rosbag reindex` or `ros2 bag reindex`), or its messages are of a type "
+    "it does not define."
+)
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -53,17 +58,8 @@ def read_bag(path: Path) -> Columns:
                     values: dict[str, Any] = {}
                     _walk("", message, values)
                     topic.add((when - start) * 1e-9, _stamp(message, start), values, _names(message))
-    except (
-        Exception
-    ) as error:  # rosbags raises its own errors, struct.error, KeyError, ... depending on the place
-        size = path.stat().st_size if path.is_file() else 0
-        raise RecordingError(
-            f"{path} ({size} bytes) cannot be read as a bag: {error}.",
-            advice="It is cut short or damaged (try `rosbag reindex` or `ros2 bag reindex`), or its "
-            "messages are of "
-            "a type it does not define.",
-            path=str(path),
-        ) from error
+    except Exception as error:  # rosbags raises its own, struct.error, KeyError, ... depending on the place
+        raise unreadable(path, "a bag", error, DAMAGED_BAG) from error
     return columns_of(topics.values(), path)
 
 

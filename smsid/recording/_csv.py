@@ -21,12 +21,12 @@ from smsid.recording._csv_header import (
     units_row,
     without_repeats,
 )
-from smsid.recording._csv_text import read_lines, unreadable
+from smsid.recording._csv_text import read_lines
 from smsid.recording._names import unit_word
 from smsid.recording._times import is_time
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, without_samples
 
-__all__ = ["CsvFormat", "parse_number", "read_csv", "unreadable"]
+__all__ = ["CsvFormat", "parse_number", "read_csv"]
 
 logger = logging.getLogger(__name__)
 
@@ -131,7 +131,7 @@ def _table(path: Path, rows: Any, names: list[str], delimiter: str, first: int) 
         if any(cell.strip() for cell in row):  # a row of delimiters only, as spreadsheets leave at the end
             table.append(row)
     if not table:
-        raise RecordingError(f"{path} has no samples.", advice="Is it the right file?", path=str(path))
+        raise without_samples(path, "samples")
     return table
 
 

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from smsid.errors import RecordingError
+from smsid.recording.columns import unreadable, without_samples
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +38,7 @@ def read_lines(path: Path, skip_rows: int) -> tuple[list[str], str, int]:
     while lines and not lines[-1].strip():
         lines.pop()
     if len(lines) <= skipped:
-        raise RecordingError(f"{path} has no lines to read.", advice="Is it the right file?", path=str(path))
+        raise without_samples(path, "lines to read")
     return [f"{line}\n" for line in lines[skipped:]], comment, skipped + 1
 
 
@@ -64,14 +65,4 @@ def _decoded(path: Path, data: bytes) -> str:
         f"{path} is no text in UTF-8, UTF-16 or Windows-1252.",
         advice="Is it the right file? If so, save it as UTF-8.",
         path=str(path),
-    )
-
-
-def unreadable(path: Path, kind: str, error: Exception) -> RecordingError:
-    """Word the error of a file that a reader gave up on."""
-    return RecordingError(
-        f"{path} ({path.stat().st_size} bytes) cannot be read as {kind}: {error}.",
-        advice="It is cut short, damaged, or of another format: copy it again, or correct its suffix.",
-        path=str(path),
-        size=path.stat().st_size,
     )

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.errors import RecordingError
 from smsid.recording._matlab_objects import BUILT_IN, MatlabObject
-from smsid.recording.storage import check_hdf5, damaged, refuse_other_files
+from smsid.recording.storage import check_hdf5, open_hdf5
 
 
 def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
@@ -34,17 +33,9 @@ def read_matlab_hdf5(path: Path) -> dict[str, Any]:
     Raises:
         RecordingError: cut short or damaged.
     """
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            refuse_other_files(file, path)
-            tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
-            return {name: value for name, value in tree.items() if value is not None}
-    except RecordingError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise damaged(path, error) from error
+    with open_hdf5(path) as file:
+        tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
+        return {name: value for name, value in tree.items() if value is not None}
 
 
 def _matlab(node: Any, file: Any) -> Any:
@@ -82,14 +73,8 @@ def _datasets(path: Path) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
         if isinstance(node, h5py.Dataset) and node.dtype.kind in "fiub":
             found.append((name, np.asarray(node[()]), dict(node.attrs)))
 
-    try:
-        with h5py.File(path, "r") as file:
-            refuse_other_files(file, path)
-            file.visititems(visit)
-    except RecordingError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise damaged(path, error) from error
+    with open_hdf5(path) as file:
+        file.visititems(visit)
     return found
 
 

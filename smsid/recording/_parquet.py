@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.errors import RecordingError, require
-from smsid.recording.columns import Columns
+from smsid.errors import require
+from smsid.recording.columns import Columns, unreadable, without_samples
 
 
 def read_parquet(path: Path) -> Columns:
@@ -28,13 +28,9 @@ def read_parquet(path: Path) -> Columns:
         while any(str(field.type).startswith("struct") for field in table.schema):
             table = table.flatten()
     except Exception as error:  # pyarrow raises ArrowInvalid, OSError, ...
-        raise RecordingError(
-            f"{path} ({path.stat().st_size} bytes) cannot be read as Parquet: {error}.",
-            advice="It is cut short, damaged, or of another format: copy it again, or correct its suffix.",
-            path=str(path),
-        ) from error
+        raise unreadable(path, "Parquet", error) from error
     if table.num_rows == 0:
-        raise RecordingError(f"{path} has no rows.", advice="Is it the right file?", path=str(path))
+        raise without_samples(path, "rows")
     columns = Columns({name: _array(table.column(name)) for name in table.column_names})
     for name in table.column_names:
         missing = np.asarray(table.column(name).is_null().to_numpy(zero_copy_only=False), dtype=bool)
@@ -56,9 +52,7 @@ def _array(column: Any) -> NDArray[Any]:
             return np.array(rows, dtype=np.float64)
         return np.array([str(row) for row in rows])
     values = column.to_numpy()
-    if values.dtype.kind in "fiu":
-        return values.astype(np.float64)
-    if values.dtype.kind == "b":
+    if values.dtype.kind in "fiub":
         return values.astype(np.float64)
     numbers = [np.nan if v is None else v for v in values.tolist()]
     if all(isinstance(v, bool | int | float) for v in numbers):

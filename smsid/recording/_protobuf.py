@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from smsid.errors import RecordingError, require
+from smsid.errors import require
 from smsid.recording._topics import Topic, columns_of
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, unreadable
 
 TAIL = 1 << 16
 """Bytes at either end of a file in which the encodings of its schemas stand."""
@@ -53,11 +53,7 @@ def read_protobuf(path: Path) -> Columns:
                     own = None if stamp is None else (stamp - begin) * 1e-9
                     topic.add((message.log_time - begin) * 1e-9, own, values, names)
     except Exception as error:  # mcap raises its own errors, struct.error, DecodeError, ...
-        raise RecordingError(
-            f"{path} ({path.stat().st_size} bytes) cannot be read as MCAP: {error}.",
-            advice="It is cut short or damaged (try `mcap recover`).",
-            path=str(path),
-        ) from error
+        raise unreadable(path, "MCAP", error, "It is cut short or damaged (try `mcap recover`).") from error
     return columns_of(topics.values(), path)
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.errors import RecordingError
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, without_samples
 
 CLOCKS = (".time", ".stamp")
 LARGEST_MESSAGE = 4096
@@ -23,9 +22,7 @@ def columns_of(topics: Iterable[Topic], path: Path) -> Columns:
     for topic in topics:
         columns.update(topic.columns())
     if not columns:
-        raise RecordingError(
-            f"{path} has no messages with numbers.", advice="Is it the right bag?", path=str(path)
-        )
+        raise without_samples(path, "messages with numbers", "Is it the right bag?")
     columns.units.update({name: "s" for name in columns if name.endswith(CLOCKS)})
     return columns
 
@@ -66,9 +63,13 @@ class Topic:
         if self.skipped or not self.times:
             return {}
         found: dict[str, NDArray[Any]] = {}
-        stamped = _stamps_count(self.stamps, len(self.times))
-        sets = list(dict.fromkeys(names for rows in self.by_name.values() for _, _, names, _ in rows))
-        groups = _sets_of_names(sets)
+        # the headers' stamps are times where every message has one and they are not left at zero
+        messages = len(self.times)
+        stamped = len(self.stamps) == messages and (messages < 2 or len(set(self.stamps)) > 1)
+        sets: dict[frozenset[str], tuple[str, ...]] = {}  # one order of each, the first
+        for _, _, names, _ in (row for rows in self.by_name.values() for row in rows):
+            sets.setdefault(frozenset(names), names)
+        groups = list(sets.values())
         if len(groups) < 2:
             found[f"{self.name}.time"] = np.array(self.times)
             if stamped:
@@ -103,16 +104,3 @@ class Topic:
             found[f"{where}.{key}"] = array
             found |= {f"{where}.{key}.{name}": array[:, k] for k, name in enumerate(members)}
         return found
-
-
-def _stamps_count(stamps: list[float], messages: int) -> bool:
-    """Tell whether the headers' stamps are times: one for every message, and not left at zero."""
-    return len(stamps) == messages and (messages < 2 or len(set(stamps)) > 1)
-
-
-def _sets_of_names(listed: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Keep one order of each set of names, the first."""
-    found: dict[frozenset[str], tuple[str, ...]] = {}
-    for names in listed:
-        found.setdefault(frozenset(names), names)
-    return list(found.values())

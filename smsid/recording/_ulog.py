@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from smsid.errors import RecordingError, require
-from smsid.recording.columns import Columns
+from smsid.errors import require
+from smsid.recording.columns import Columns, unreadable, without_samples
 
 
 def read_ulog(path: Path) -> Columns:
@@ -25,11 +25,7 @@ def read_ulog(path: Path) -> Columns:
     try:
         log = pyulog.ULog(str(path))
     except Exception as error:  # pyulog raises TypeError, struct.error, KeyError, ... depending on the place
-        raise RecordingError(
-            f"{path} ({path.stat().st_size} bytes) cannot be read as ULog: {error}.",
-            advice="It is cut short, damaged, or of another format: copy it again, or correct its suffix.",
-            path=str(path),
-        ) from error
+        raise unreadable(path, "ULog", error) from error
     columns = Columns()
     for topic in sorted(log.data_list, key=lambda d: (d.name, d.multi_id)):
         where = topic.name if topic.multi_id == 0 else f"{topic.name}.{topic.multi_id}"
@@ -47,5 +43,5 @@ def read_ulog(path: Path) -> Columns:
             array = np.stack(arrays, axis=1) if members != [name] else arrays[0]
             columns[f"{where}.{name}"] = array
     if not columns:
-        raise RecordingError(f"{path} has no data.", advice="Was anything logged?", path=str(path))
+        raise without_samples(path, "data", "Was anything logged?")
     return columns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from pathlib import Path
@@ -12,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from smsid._files import atomic_path
-from smsid._signature import signed
 from smsid.errors import require
-from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.recording import Recording
+from smsid.recording.tables import labels_of, mapping_text
 
 JOINTS = MappingProxyType(
     {
@@ -67,25 +65,13 @@ def save_mcap(recording: Recording, path: str | os.PathLike[str]) -> Path:
 
 def mcap_mapping(recording: Recording) -> str:
     """Write the mapping (TOML) with which `import_recording` reads what `save_mcap` writes."""
-    lines = ["[recording]", f"name = {_quoted(recording.name)}", f'role = "{recording.role}"', ""]
-    sources: dict[str, str] = {}
+    columns = {}
+    clocks: dict[str, dict[str, str]] = {}
     for channel in recording.channels:
-        sources.setdefault(channel.partition(".")[0], channel)
-    for source, channel in sources.items():
-        lines += [f"[clock.{source}]", f'column = "{_topic(channel)}.time"', 'unit = "s"', ""]
-    for channel in recording.channels:
-        quantity = quantity_of(channel, unit=recording.unit(channel))
-        field = JOINTS.get(channel.partition(".")[2], "data")
-        lines += [f"[channel.{_quoted(channel)}]", f'columns = ["{_topic(channel)}.{field}"]']
-        if quantity.is_quaternion:
-            lines += ['quaternion = "xyzw"', 'direction = "body_to_inertial"']
-        else:
-            lines.append(f"unit = {_quoted(recording.unit(channel))}")
-        names = _names(recording, channel)
-        if names:
-            lines.append(f"labels = [{', '.join(map(_quoted, names))}]")
-        lines.append("")
-    return signed("\n".join(lines))
+        source, _, quantity = channel.partition(".")
+        columns[channel] = [f"{_topic(channel)}.{JOINTS.get(quantity, 'data')}"]
+        clocks.setdefault(source, {"column": f"{_topic(channel)}.time", "unit": "s"})
+    return mapping_text(recording, columns, {"clock": clocks})
 
 
 def _kind(channel: str) -> str:
@@ -95,15 +81,6 @@ def _kind(channel: str) -> str:
 
 def _topic(channel: str) -> str:
     return f"/{channel.replace('.', '/')}"
-
-
-def _names(recording: Recording, channel: str) -> list[str]:
-    """Return the labels of a channel's first dimension, if it has such."""
-    array = recording.channel(channel)
-    dims = [str(dim) for dim in array.dims[1:]]
-    if channel.startswith(f"{EXTRA}.") or not dims or dims[0] not in array.coords:
-        return []
-    return [str(x) for x in array.coords[dims[0]].values] if dims[0].split(".")[-1] in LABELLED_DIMS else []
 
 
 def _messages(store: Any, recording: Recording, channel: str) -> Any:
@@ -120,14 +97,10 @@ def _messages(store: Any, recording: Recording, channel: str) -> Any:
     )
     empty = dict.fromkeys(("position", "velocity", "effort"), np.zeros(0))
     size = int(np.prod(recording[channel].shape[1:]))
-    names = _names(recording, channel) or [str(k) for k in range(size)]
+    names = labels_of(recording, channel) or [str(k) for k in range(size)]
 
     def message(stamp: int, row: np.ndarray) -> Any:
         at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
         return joint(header=at, name=names, **{**empty, field: row})
 
     return message
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

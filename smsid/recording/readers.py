@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from smsid._listing import some_of
 from smsid.errors import RecordingError
 from smsid.recording._bags import is_bag_folder, read_bag
-from smsid.recording._csv import CsvFormat, parse_number, read_csv, unreadable
+from smsid.recording._csv import CsvFormat, parse_number, read_csv
 from smsid.recording._hdf5 import read_hdf5, read_matlab_hdf5
 from smsid.recording._matlab_objects import MatlabObject, mend, opaque_class
 from smsid.recording._parquet import read_parquet
 from smsid.recording._times import read_times
 from smsid.recording._ulog import read_ulog
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, unreadable
 
 __all__ = [
     "READERS",
@@ -35,6 +35,7 @@ __all__ = [
     "parse_number",
     "read_columns",
     "read_csv",
+    "read_joined",
     "read_mat",
     "read_npz",
 ]
@@ -69,6 +70,37 @@ def read_columns(path: str | os.PathLike[str], csv_format: CsvFormat | None = No
         path=str(path),
         known=tuple(READERS),
     )
+
+
+def read_joined(
+    file: str | os.PathLike[str], also: Sequence[str | os.PathLike[str]], csv_format: CsvFormat | None = None
+) -> Columns:
+    """Return the columns of a file and of others that go on with it.
+
+    A column that several files have, such as their clock, must hold the same in all of them.
+
+    Raises:
+        RecordingError: as `read_columns`, or a column of the same name differs.
+    """
+    joined = read_columns(file, csv_format)
+    for other in also:
+        more = read_columns(other, csv_format)
+        for name in sorted(set(joined) & set(more)):
+            a, b = joined[name], more[name]
+            if a.dtype.kind != b.dtype.kind or not np.array_equal(a, b, equal_nan=a.dtype.kind == "f"):
+                raise RecordingError(
+                    f"'{name}' of {other} is not that of {file}: {a.shape} and {b.shape} samples, or other "
+                    "values.",
+                    advice="Files are joined that share their clock; import the others by themselves.",
+                    column=name,
+                )
+        blank, units = {**more.blank, **joined.blank}, {**more.units, **joined.units}
+        times = joined.times | more.times
+        joined = Columns(
+            {**joined, **{n: x for n, x in more.items() if n not in joined}}, blank=blank, units=units
+        )
+        joined.times |= times
+    return joined
 
 
 def read_npz(path: Path, csv_format: CsvFormat) -> Columns:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import tomli_w
 
 from smsid._files import atomic_path
 from smsid._signature import signed
 from smsid.errors import RecordingError, require
-from smsid.recording.channels import EXTRA, quantity_of
+from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.columns import Columns
 from smsid.recording.recording import Recording
 
@@ -47,25 +48,33 @@ def table_columns(recording: Recording) -> Columns:
 
 def table_mapping(recording: Recording) -> str:
     """Write the mapping (TOML) with which `import_recording` reads the table of `table_columns`."""
-    lines = ["[recording]", f"name = {_quoted(recording.name)}", f'role = "{recording.role}"', ""]
-    lines += ["[time]", f'column = "{TIME}"', 'unit = "s"', ""]
-    labels = recording.labels
-    for channel in recording.channels:
-        names = ", ".join(map(_quoted, _names(recording, channel)))
-        lines += [f"[channel.{_quoted(channel)}]", f"columns = [{names}]"]
-        source = channel.partition(".")[0]
-        quantity = quantity_of(channel, unit=recording.unit(channel))
-        if quantity.is_quaternion:
-            lines += ['quaternion = "xyzw"', 'direction = "body_to_inertial"']
-        else:
-            lines.append(f"unit = {_quoted(recording.unit(channel))}")
-        dims = [dim.rpartition(".")[2] for dim in map(str, recording.channel(channel).dims[1:])]
-        for dim in dims if source != EXTRA else []:
-            known = labels.get(f"{source}.{dim}", labels.get(dim))
-            if known:
-                lines.append(f"labels = [{', '.join(map(_quoted, known))}]")
-        lines.append("")
-    return signed("\n".join(lines))
+    columns = {channel: _names(recording, channel) for channel in recording.channels}
+    return mapping_text(recording, columns, {"time": {"column": TIME, "unit": "s"}})
+
+
+def mapping_text(
+    recording: Recording, columns: Mapping[str, Sequence[str]], clocks: Mapping[str, Any]
+) -> str:
+    """Write the mapping (TOML) of a recording whose channels stand in ``columns``, by ``clocks``' tables."""
+    channels = {}
+    for channel, names in columns.items():
+        unit = recording.unit(channel)
+        quaternion = quantity_of(channel, unit=unit).is_quaternion
+        table: dict[str, Any] = {"columns": list(names)}
+        table |= {"quaternion": "xyzw", "direction": "body_to_inertial"} if quaternion else {"unit": unit}
+        if known := labels_of(recording, channel):
+            table["labels"] = known
+        channels[channel] = table
+    head = {"name": recording.name, "role": recording.role}
+    return signed(tomli_w.dumps({"recording": head, **clocks, "channel": channels}))
+
+
+def labels_of(recording: Recording, channel: str) -> list[str]:
+    """Return the labels of a channel's joints, wheels, modes or stations; none where it has none."""
+    array = recording.channel(channel)
+    dim = str(array.dims[1]) if array.ndim > 1 and not channel.startswith(f"{EXTRA}.") else ""
+    labelled = dim.rpartition(".")[2] in LABELLED_DIMS and dim in array.coords
+    return [str(x) for x in array.coords[dim].values] if labelled else []
 
 
 def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
@@ -85,7 +94,15 @@ def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
     columns = table_columns(recording)
     with atomic_path(file) as temporary:
         if file.suffix.lower() == ".csv":
-            _write_csv(columns, Path(temporary))
+            cells = [
+                [
+                    "" if empty else repr(x)
+                    for x, empty in zip(values.tolist(), columns.missing(name), strict=True)
+                ]
+                for name, values in columns.items()
+            ]
+            with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream).writerows([list(columns), *zip(*cells, strict=True)])
         else:
             pyarrow, parquet = require("pyarrow", "parquet"), require("pyarrow.parquet", "parquet")
             arrays = {
@@ -93,18 +110,6 @@ def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
             }
             parquet.write_table(pyarrow.table(arrays), temporary)
     return file
-
-
-def _write_csv(columns: Columns, path: Path) -> None:
-    cells = [_cells(values, columns.missing(name)) for name, values in columns.items()]
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
-
-
-def _cells(values: NDArray[np.float64], blank: NDArray[np.bool_]) -> list[str]:
-    return ["" if empty else repr(float(value)) for value, empty in zip(values, blank, strict=True)]
 
 
 def _names(recording: Recording, channel: str) -> list[str]:
@@ -119,7 +124,3 @@ def _names(recording: Recording, channel: str) -> list[str]:
     for choices in labels:
         names = [f"{name}.{choice}" for name in names for choice in choices]
     return [f"{name} [{recording.unit(channel)}]" for name in names]
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
