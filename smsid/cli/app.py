@@ -9,8 +9,9 @@ from typing import Annotated
 
 import typer
 
+from smsid._version import __version__
 from smsid._xacro_arguments import xacro_arguments
-from smsid.cli.errors import error_document, print_json
+from smsid.cli.errors import Outcome, error_document, print_json
 from smsid.cli.lazy import Entry, lazy_group, register
 from smsid.cli.output import WIDTH, error_console, wrapped
 from smsid.errors import SmsidError
@@ -47,7 +48,7 @@ COMMANDS = {
     "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
     "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
     "plot": Entry("smsid.cli.plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
-    "version": Entry("smsid.cli.version:version_command", "Print the version."),
+    "version": Entry("smsid.cli.app:version_command", "Print the version."),
 }
 
 app = typer.Typer(
@@ -69,11 +70,15 @@ ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
 """An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 
 
+def version_command() -> Outcome:
+    """Print the version."""
+    print(__version__)
+    return Outcome({"version": __version__})
+
+
 def _version(asked: bool) -> None:
     if asked:
-        from smsid._version import __version__
-
-        print(__version__)
+        version_command()
         raise typer.Exit
 
 

@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ def compare_command(
     made = write_page(report, lambda o: compare_report(found, o), [description, estimate, second], described)
     print_parts(comparison_parts(found, everything=show_all))
     written = [output, *made]
-    say_written(written)
     return Outcome(json.loads(found.to_json()), written)
 
 

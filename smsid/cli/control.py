@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 from smsid.errors import ControlError
 
@@ -83,7 +83,6 @@ def control_command(
         page = write_page(
             report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
         )
-        say_written([output, *page])
         return Outcome({"study": flown}, [output, *page])
     if found is None and uncertainty is None:
         raise ControlError(
@@ -107,7 +106,6 @@ def control_command(
     page = write_page(report, lambda o: control_report(made, o), files, described, seed=seed)
     document = controller_document(made)
     print_parts(document_parts(document, everything=show_all))
-    say_written([output, *page])
     return Outcome({"controller": document}, [output, *page])
 
 

@@ -49,7 +49,6 @@ def cut_command(
             save_recording(piece, file)
     for piece in found[:3]:
         out.print(recording_table(piece))
-    say(f"wrote {', '.join(map(str, files))}")
     spans = [[float(p.time(p.channels[0])[0]), float(p.time(p.channels[0])[-1])] for p in found]
     return Outcome({"pieces": spans}, files)
 
@@ -68,7 +67,6 @@ def resample_command(
         made = load_recording(recording).resampled(rate)
         save_recording(made, output)
     console().print(recording_table(made))
-    say(f"wrote {output}")
     return Outcome({"recording": recording_document(made)}, [output])
 
 
@@ -110,5 +108,4 @@ def convert_command(
         else:
             save_table(log, output)
             atomic_write(mapping, table_mapping(log))
-    say(f"wrote {output}, {mapping}")
     return Outcome({}, [output, mapping])

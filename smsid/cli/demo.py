@@ -95,7 +95,7 @@ def demo_command(
         "diagnosis": json.loads(found.diagnosis.to_json()),
         "paper_estimate": json.loads(done.estimate.to_json()),
     }
-    return Outcome(document, written)
+    return Outcome(document, written, untold=True)
 
 
 def _silent() -> None:

@@ -119,7 +119,7 @@ def design_command(
     print_parts(_tables(found, show_all))
     for line in told(found.notes, everything=show_all):
         say(line)
-    say(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
+    say(f"{found.evaluations} experiments tried")
     return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
 

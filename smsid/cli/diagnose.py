@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -89,7 +89,6 @@ def diagnose_command(
 
     written += write_page(report, page, [description, *recordings, *(validate or ()), estimate], described)
     print_parts(diagnosis_parts(found.diagnosis, everything=show_all))
-    say_written(written)
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
     return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 

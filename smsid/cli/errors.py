@@ -18,7 +18,7 @@ import typer
 from smsid._files import json_ready
 from smsid._guard import protect_inputs
 from smsid.cli.kinds import check_kinds
-from smsid.cli.output import Manners, behaving
+from smsid.cli.output import Manners, behaving, say
 from smsid.cli.places import check_numbers, check_places
 from smsid.errors import SmsidError
 
@@ -28,11 +28,15 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but er
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with."""
+    """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with.
+
+    The files are named on stdout after what the command printed, unless ``untold``.
+    """
 
     document: Mapping[str, Any] = field(default_factory=dict)
     written: Sequence[Path | str] = ()
     exit_code: int = 0
+    untold: bool = False
 
     def table(self) -> dict[str, Any]:
         """Return the document as printed."""
@@ -83,6 +87,8 @@ def _run(command: Callable[[], Any], manners: Manners) -> None:
     try:
         with behaving(manners), hush:
             result = command()
+            if isinstance(result, Outcome) and result.written and not result.untold:
+                say(f"wrote {', '.join(map(str, result.written))}")
     except typer.Exit as left:
         result = Outcome(exit_code=left.exit_code)
     except SmsidError as error:

@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.inputs import read_recordings, write_page
+from smsid.cli.inputs import print_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import console, print_parts, say, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
-
-if TYPE_CHECKING:
-    from smsid.estimation.identify_flights import FlightEstimate
 
 if TYPE_CHECKING:
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
     from smsid.estimation.identify import Identified, Method
+    from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
 
@@ -153,8 +151,6 @@ def identify_command(
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.arm.servo import is_of_servos
     from smsid.arm.setup import arm_description, is_of_an_arm
-    from smsid.cli.notes import told
-    from smsid.cli.tables import estimate_parts
     from smsid.description import load_description
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
@@ -193,7 +189,7 @@ def identify_command(
 
         inputs = files if robot else (description, *files)
         judged = identify_and_judge(
-            described, loaded, output, cutoff, console(), gains=("*",) if gains else gain or (),
+            described, loaded, output, cutoff, gains=("*",) if gains else gain or (),
             hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level,
             passive=passive or (), report=report,
             inputs=inputs, everything=show_all,
@@ -231,12 +227,9 @@ def identify_command(
     if states is not None and found.flights is not None:
         write_states(found.flights, states)
     other = linear.estimate if linear is not None and found.refined is not None else None
-    print_parts(estimate_parts(estimate, other=other, everything=show_all))
-    beside = linear.estimate.notes if linear is not None else ()
-    for line in told((*estimate.notes, *beside), everything=show_all):
-        say(line)
+    print_estimate(estimate, other, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
-    say(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}")
+    say(f"identified in {seconds:.1f} s")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
 
 
@@ -318,7 +311,6 @@ def check_states(method: str, root: str) -> str:
 
 def write_states(found: FlightEstimate, path: Path) -> None:
     """Write the smoothed hidden states of flights as a recording."""
-    from smsid.cli.output import working
     from smsid.estimation.hidden_states import hidden_states
     from smsid.recording import save_recording
 

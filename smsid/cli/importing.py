@@ -47,5 +47,4 @@ def import_command(
     if not unchecked:
         for sentence in recording.suspicious():
             say(f"suspicious: {sentence}", style="yellow")
-    say(f"wrote {output}")
     return Outcome({"recording": recording_document(recording)}, [output])

@@ -94,5 +94,4 @@ def inspect_command(
             say(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
         return Outcome(document)
     atomic_write(output, signed(report.mapping))
-    say(f"wrote {output}")
     return Outcome(document, [output])

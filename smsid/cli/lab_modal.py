@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.lab_options import RecordingPath, print_estimate
-from smsid.cli.options import EstimateOutput, ReportPath
-from smsid.cli.output import console, say, working
+from smsid.cli.inputs import print_estimate, write_page
+from smsid.cli.options import EstimateOutput, LabRecording, ReportPath
+from smsid.cli.output import say, working
 from smsid.errors import NotIdentifiableError, RecordingError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from smsid.recording import Recording
+    from smsid.report import Provenance, Report
 
 
 def modal(
-    recording: RecordingPath,
+    recording: LabRecording,
     highest: Annotated[float, typer.Option(min=1e-9, help="highest frequency sought [Hz]")],
     channel: Annotated[
         list[str] | None, typer.Option(help="channel of the outputs, several times; default: all, if alike")
@@ -70,17 +71,15 @@ def modal(
         return _free_decay(decay, rate, highest, log.name, output, "" if free else why)
     estimate = found.estimate(log.name)
     save_estimate(estimate, output)
-    out, written = console(), [output]
-    if report is not None:
-        from smsid.report import provenance, write_report
+
+    def page(origin: Provenance) -> Report:
         from smsid.report.modal import modal_report
 
-        with working("writing the report"):
-            origin = provenance([recording], seed=seed)
-            longest = max(_finite_runs(outputs), key=len)
-            made = modal_report(log.name, ", ".join(names), longest, rate, highest, found, origin)
-            written.append(write_report(made, report))
-    print_estimate(out, estimate)
+        longest = max(_finite_runs(outputs), key=len)
+        return modal_report(log.name, ", ".join(names), longest, rate, highest, found, origin)
+
+    written = [output, *write_page(report, page, [recording], seed=seed)]
+    print_estimate(estimate)
     for k, mode in enumerate(found.modes, start=1):
         if mode.impulsive:
             say(f"mode{k}: kurtosis {mode.kurtosis:.0f}: a few impacts carry the record")
@@ -98,7 +97,6 @@ def modal(
     gaps = len(_finite_runs(outputs)) - 1
     if gaps:
         say(f"{gaps} {'gap' if gaps == 1 else 'gaps'} left out; no correlation reaches across")
-    say(f"wrote {', '.join(map(str, written))}")
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
     told = {"harmonics": harmonics, "faint": faint, "drift": found.drift, "gaps": gaps}
@@ -119,11 +117,9 @@ def _free_decay(
         raise NotIdentifiableError(reason, advice=error.advice) from error
     estimate = found.estimate(name)
     save_estimate(estimate, output)
-    out = console()
-    print_estimate(out, estimate)
+    print_estimate(estimate)
     amplitudes = ", ".join(f"{m.amplitude:.3g}" for m in found.modes)
     say(f"free decay; noise {found.noise:.3g}, amplitude {amplitudes}")
-    say(f"wrote {output}")
     return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
 
 

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
-from smsid.cli.options import EstimateOutput
-from smsid.cli.output import console, say, working
+from smsid.cli.inputs import print_estimate, write_diagnosis
+from smsid.cli.options import EstimateOutput, LabDiagnosis, LabRecording
+from smsid.cli.output import say, working
 from smsid.errors import RecordingError
 
 
 def oscillator(
-    recording: RecordingPath,
+    recording: LabRecording,
     frequency: Annotated[
         float | None, typer.Option(min=1e-9, help="first guess [Hz]; of a free decay the largest if left out")
     ] = None,
@@ -27,7 +27,7 @@ def oscillator(
     terms: Annotated[str, typer.Option(help="beyond linear: quadratic,cubic,quintic,damping_growth")] = "",
     damping: Annotated[float, typer.Option(help="first guess")] = 0.05,
     validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
-    diagnose: Diagnose = None,
+    diagnose: LabDiagnosis = None,
     output: EstimateOutput = Path("oscillator.json"),
 ) -> Outcome:
     """Oscillator, driven or let go, with a spring that need not be linear, by the error of its simulation."""
@@ -77,14 +77,13 @@ def oscillator(
                 held = judge.name, judge[drive], judge[answer]
             told = diagnose_oscillator(u, y, rate, start, unit=unit, pieces=pieces, validation=held)
             found = told.best
-            written.append(diagnosed(told.diagnosis, diagnose))
+            written.append(write_diagnosis(told.diagnosis, diagnose))
         else:
             found = fit_oscillator(u, y, rate, start, unit=unit, pieces=pieces)
         if chosen and diagnose is None:
             found = fit_oscillator(u, y, rate, found.oscillator, terms=chosen, unit=unit, pieces=pieces)
     save_estimate(found.estimate, output)
-    out = console()
-    print_estimate(out, found.estimate)
+    print_estimate(found.estimate)
     say(f"simulation error {found.rmse:.5g} {unit} on '{log.name}'")
     errors = {"simulation": {"recording": log.name, "value": found.rmse, "unit": unit}}
     if validate is not None:
@@ -93,5 +92,4 @@ def oscillator(
         free = float(np.sqrt(np.mean(error**2)))
         say(f"free-running error {free:.5g} {unit} on '{other.name}'")
         errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
-    say(f"wrote {', '.join(map(str, written))}")
     return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.lab_options import Diagnose, RecordingPath, diagnosed, print_estimate
-from smsid.cli.options import EstimateOutput, ReportPath
-from smsid.cli.output import console, say, working
+from smsid.cli.inputs import print_estimate, write_diagnosis, write_page
+from smsid.cli.options import EstimateOutput, LabDiagnosis, LabRecording, ReportPath
+from smsid.cli.output import say, working
 from smsid.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def tank(
-    recording: RecordingPath,
+    recording: LabRecording,
     force: Annotated[
         str, typer.Option(help="channel of the force on the container, with axis: hand.force.y")
     ],
@@ -38,7 +38,7 @@ def tank(
     models: Annotated[
         str, typer.Option(help="models to compare, simplest first")
     ] = "rigid,slosh,softening spring,softening inertia",
-    diagnose: Diagnose = None,
+    diagnose: LabDiagnosis = None,
     output: EstimateOutput = Path("tank.json"),
     report: ReportPath = None,
 ) -> Outcome:
@@ -47,6 +47,7 @@ def tank(
     from smsid.lab.tank import tank_test
     from smsid.lab.tank_models import MODELS, compare_tank_models
     from smsid.recording import load_recording
+    from smsid.report.tank import tank_report
 
     asked = models.split(",")
     unknown = [m for m in asked if m not in MODELS]
@@ -68,8 +69,7 @@ def tank(
         found = compare_tank_models(test, [m for m in MODELS if m in asked])
     best = found.fits[found.named]
     save_estimate(best.estimate, output)
-    out = console()
-    print_estimate(out, best.estimate)
+    print_estimate(best.estimate)
     low, high = test.lag.interval
     say(f"force behind motion by cross-correlation: {test.lag.value:.4g} s [{low:.4g}, {high:.4g}]")
     quiet = best.quiet(test)
@@ -82,14 +82,8 @@ def tank(
     if diagnose is not None:
         from smsid.lab.tank_diagnosis import tank_diagnosis
 
-        written.append(diagnosed(tank_diagnosis(test, found, log.name), diagnose))
-    if report is not None:
-        from smsid.report import provenance, write_report
-        from smsid.report.tank import tank_report
-
-        inputs = [recording, *([arm] if arm is not None else [])]
-        written.append(write_report(tank_report(log.name, test, found, provenance(inputs)), report))
-    say(f"wrote {', '.join(map(str, written))}")
+        written.append(write_diagnosis(tank_diagnosis(test, found, log.name), diagnose))
+    written += write_page(report, lambda o: tank_report(log.name, test, found, o), [recording, arm])
     left = {
         model: {"ring_down": fit.ring_down, "moving": fit.moving, "unit": "N"}
         for model, fit in found.fits.items()

@@ -51,7 +51,6 @@ def new_command(
     draft = Draft(name, tuple(map(draft_arm, arm or ())), wheels, tank, lengths, mass, size)
     atomic_write(files[1], draft.urdf())
     atomic_write(files[0], draft.toml())
-    say(f"wrote {files[0]} and {files[1]}")
     model = build_model(load_description(files[0]))
     say(
         f"{model.mass:.4g} kg, {len(model.arm_joints)} arm joints, {len(model.wheels)} wheels. Lines marked "

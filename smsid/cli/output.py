@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rich.console import Console, RenderableType
     from rich.progress import Progress
 
@@ -77,11 +75,6 @@ def print_parts(parts: Iterable[RenderableType]) -> None:
     out = console()
     for part in parts:
         out.print(part, highlight=False)
-
-
-def say_written(written: Iterable[Path | str]) -> None:
-    """Say which files were written."""
-    say(f"wrote {', '.join(map(str, written))}")
 
 
 def wrapped(text: str, width: int) -> str:

@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output
-from smsid.cli.output import say, working
+from smsid.cli.output import working
 from smsid.cli.places import Writes
 from smsid.cli.replacement import FIGURE
 
@@ -40,5 +40,4 @@ def plot_command(
 
     with working("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)
-    say(f"wrote {output}")
     return Outcome({"figure": what}, [output])

@@ -14,7 +14,6 @@ from smsid.cli.errors import Outcome
 from smsid.cli.file_kind import kind_of, read_json
 from smsid.cli.options import ShowAll
 from smsid.cli.output import asks_json, print_parts
-from smsid.cli.show_parts import recording_document
 
 
 def show_command(
@@ -53,6 +52,8 @@ def file_document(path: Path) -> dict[str, Any]:
     found = _named(SHOWN[kind][0])(path)
     match kind:
         case "recording":
+            from smsid.cli.show_parts import recording_document
+
             document = recording_document(found)
         case "track":
             from smsid.cli.track import document as track_document

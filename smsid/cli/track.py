@@ -11,7 +11,7 @@ from smsid._statistics import NORMAL95
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -133,7 +133,6 @@ def track_command(
     inputs = [description, *recordings, estimate]
     written += write_page(report, lambda o: track_report(history, o), inputs, described)
     print_parts(history_parts(history, everything=show_all))
-    say_written(written)
     return Outcome({"track": document(history)}, written)
 
 

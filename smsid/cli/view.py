@@ -89,7 +89,6 @@ def view_command(
         write_view(view, output, fps=fps)
     for note in view.notes:
         say(f"note: {note}")
-    say(f"wrote {output}")
     return Outcome({"notes": list(view.notes)}, [output])
 
 
