@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import math
 import os
 import shutil
@@ -187,6 +188,12 @@ def _replace(temporary: Path, target: Path) -> None:
     if target.exists():
         shutil.copymode(target, temporary)
     os.replace(temporary, target)
+
+
+def sha256(path: str | os.PathLike[str]) -> str:
+    """Return the sha256 sum of a file."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def json_ready(x: Any) -> Any:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
 
 
@@ -31,24 +31,12 @@ class DataSet:
     licence: str
     files: tuple[DataFile, ...]
 
-    def file(self, name: str) -> DataFile:
-        """Return the file of that name; raises `RecordingError`."""
-        for file in self.files:
-            if file.name == name:
-                return file
-        raise RecordingError(
-            f"Data set '{self.name}' has no file '{name}'.",
-            advice=f"It has {', '.join(f.name for f in self.files)}.",
-            file=name,
-        )
-
 
 def data_set(name: str) -> DataSet:
     """Return a data set of the registry; raises `RecordingError` for an unknown name."""
     if name not in DATASETS:
-        near = difflib.get_close_matches(name, DATASETS, n=1)
         raise RecordingError(
-            f"There is no data set '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+            f"There is no data set '{name}'." + did_you_mean(name, DATASETS),
             advice=f"There are {', '.join(DATASETS)}.",
             known=tuple(DATASETS),
         )

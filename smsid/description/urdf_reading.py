@@ -96,19 +96,11 @@ def _link(tag: ElementTree.Element, source: str) -> LinkReading:
     _require_single(inertial, ("origin", "mass", "inertia"), f"the <inertial> of {place}")
     mass_tag, inertia_tag = inertial.find("mass"), inertial.find("inertia")
     if mass_tag is None or inertia_tag is None:
-        raise DescriptionError(
-            f"{_upper(place)} has an <inertial> without <mass> or <inertia>.",
-            advice="Give both.",
-            link=tag.get("name"),
-        )
+        raise _fault(tag, f"{_upper(place)} has an <inertial> without <mass> or <inertia>.", "Give both.")
     mass = _number(mass_tag, "value", f"The mass of {place}")
     if mass < 0.0:
-        raise DescriptionError(
-            f"{_upper(place)} has mass {mass:g} kg.",
-            advice="A mass must be zero or positive.",
-            link=tag.get("name"),
-            mass=mass,
-        )
+        text = f"{_upper(place)} has mass {mass:g} kg."
+        raise _fault(tag, text, "A mass must be zero or positive.", mass=mass)
     xx, xy, xz, yy, yz, zz = (_number(inertia_tag, key, f"The inertia of {place}") for key in INERTIA)
     position, rotation = _origin(inertial, f"<inertial> of {place}")
     about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -125,23 +117,20 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
     if axis_tag is not None and kind not in ("fixed", "floating"):
         axis = _vector(axis_tag, "xyz", f"<axis> of {place}", "1 0 0")
         if not np.linalg.norm(axis) > 1e-9:
-            raise DescriptionError(
-                f"The <axis> of {place} is {axis_tag.get('xyz')}: it has no direction.",
-                advice="Give the axis the joint turns about or slides along.",
-                joint=tag.get("name"),
-            )
+            text = f"The <axis> of {place} is {axis_tag.get('xyz')}: it has no direction."
+            raise _fault(tag, text, "Give the axis the joint turns about or slides along.")
     read = _limits(tag, kind, place)
-    losses = []
-    dynamics = tag.find("dynamics")
+    losses, dynamics = [], tag.find("dynamics")
     for key in ("damping", "friction"):
         losses.append(0.0 if dynamics is None else _number(dynamics, key, f"<dynamics> of {place}", "0"))
         if losses[-1] < 0.0:
-            raise DescriptionError(
-                f"<dynamics> of {place} has {key} = {losses[-1]:g}.",
-                advice="Friction takes energy out: give zero or a positive number.",
-                joint=tag.get("name"),
-            )
-    mimic = tag.find("mimic")
+            text = f"<dynamics> of {place} has {key} = {losses[-1]:g}."
+            raise _fault(tag, text, "Friction takes energy out: give zero or a positive number.")
+    follows, mimic = tag.find("mimic"), None
+    if follows is not None and kind != "fixed":
+        numbers = (("multiplier", "1"), ("offset", "0"))
+        line = (_number(follows, key, f"<mimic> of {place}", default) for key, default in numbers)
+        mimic = Mimic(follows.get("joint", ""), *line)
     return JointReading(
         str(tag.get("name")),
         kind,
@@ -153,7 +142,7 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
         **read,
         damping=losses[0],
         friction=losses[1],
-        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic, place),
+        mimic=mimic,
     )
 
 
@@ -165,11 +154,8 @@ def _limits(tag: ElementTree.Element, kind: str, place: str) -> dict[str, float 
     if missing or (ranged and limit is None):
         what = f"has a <limit> without {' and '.join(missing)}" if missing else "has no <limit>"
         turning = ", or make it continuous" if kind == "revolute" else ""
-        raise DescriptionError(
-            f"{_upper(place)} is {kind} and {what}.",
-            advice=f"Give <limit lower upper effort velocity>{turning}.",
-            joint=tag.get("name"),
-        )
+        advice = f"Give <limit lower upper effort velocity>{turning}."
+        raise _fault(tag, f"{_upper(place)} is {kind} and {what}.", advice)
     if limit is None or kind in ("fixed", "floating"):
         return read
     for key in read:
@@ -177,24 +163,17 @@ def _limits(tag: ElementTree.Element, kind: str, place: str) -> dict[str, float 
             read[key] = _number(limit, key, f"<limit> of {place}", infinite=True)
     low, high = read["lower"] or 0.0, read["upper"] or 0.0
     if ranged and low > high:
-        raise DescriptionError(
-            f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}.",
-            advice="Swap them.",
-            joint=tag.get("name"),
-        )
+        text = f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}."
+        raise _fault(tag, text, "Swap them.")
     for key in ("effort", "velocity"):
         if (read[key] or 0.0) < 0.0:
-            raise DescriptionError(
-                f"<limit> of {place} has {key} = {read[key]:g}.",
-                advice="Give its size, not a negative number.",
-                joint=tag.get("name"),
-            )
+            text = f"<limit> of {place} has {key} = {read[key]:g}."
+            raise _fault(tag, text, "Give its size, not a negative number.")
     return read
 
 
-def _mimic(tag: ElementTree.Element, place: str) -> Mimic:
-    ratio = _number(tag, "multiplier", f"<mimic> of {place}", "1")
-    return Mimic(tag.get("joint", ""), ratio, _number(tag, "offset", f"<mimic> of {place}", "0"))
+def _fault(tag: ElementTree.Element, text: str, advice: str, **evidence: float) -> DescriptionError:
+    return DescriptionError(text, advice=advice, **{tag.tag: tag.get("name")}, **evidence)
 
 
 def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) -> None:
@@ -202,9 +181,7 @@ def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) 
     for name in names:
         count = len(tag.findall(name))
         if count > 1:
-            raise DescriptionError(
-                f"{_upper(place)} has {count} <{name}>.", advice="Keep one.", **{tag.tag: tag.get("name")}
-            )
+            raise _fault(tag, f"{_upper(place)} has {count} <{name}>.", "Keep one.")
 
 
 def _origin(tag: ElementTree.Element, place: str) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import logging
 import os
@@ -13,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smsid._files import sha256
+from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
@@ -380,12 +381,10 @@ class _Import:
 
     def _numbers(self, column: str, where: str) -> FloatArray:
         if column not in self.columns:
-            close = difflib.get_close_matches(column, self.columns, n=1)
+            meant = did_you_mean(column, self.columns).strip()
             raise RecordingError(
                 f"{self.file} has no '{column}', asked for by {where}; it has {', '.join(self.columns)}.",
-                advice=f"Did you mean '{close[0]}'?"
-                if close
-                else "Correct the mapping, or mark it optional.",
+                advice=meant or "Correct the mapping, or mark it optional.",
                 column=column,
                 present=tuple(self.columns),
             )
@@ -453,5 +452,4 @@ def _sum(path: Path) -> str:
     if path.is_dir():
         listed = "".join(f"{p.name} {_sum(p)}\n" for p in sorted(path.iterdir()) if p.is_file())
         return hashlib.sha256(listed.encode()).hexdigest()
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return sha256(path)

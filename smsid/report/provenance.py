@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import shlex
@@ -13,6 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smsid._files import sha256
 from smsid._version import __version__
 from smsid.report.model import Provenance
 
@@ -38,7 +38,7 @@ def provenance(inputs: Iterable[str | os.PathLike[str]] = (), *, seed: object = 
         command=" ".join([Path(sys.argv[0]).name, *(shlex.quote(a) for a in sys.argv[1:])]),
         versions=versions,
         machine=f"{platform.system()} {platform.machine()}",
-        inputs={str(p): sha256(p) for p in dict.fromkeys(map(str, inputs))},
+        inputs={p: sha256(p) if Path(p).is_file() else "not a file" for p in dict.fromkeys(map(str, inputs))},
         seed="" if seed is None else str(seed),
     )
 
@@ -48,12 +48,3 @@ def files_of(description: Description, path: str | os.PathLike[str]) -> list[str
     named = [description.urdf, *(a.urdf for a in description.arm if a.urdf)]
     found = [str(Path(description.folder, n)) for n in named if Path(description.folder, n).is_file()]
     return [str(path), *found]
-
-
-def sha256(path: str | os.PathLike[str]) -> str:
-    """Return the sha256 sum of a file, or that it is not there."""
-    file = Path(path)
-    if not file.is_file():
-        return "not a file"
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
