@@ -83,14 +83,13 @@ def _usable(recording: Recording) -> Recording:
     return recording
 
 
-def _mapping_beside(output: Path) -> tuple[Path, ...]:
-    return (output.with_suffix(".toml"),)
-
-
 def convert_command(
     recording: Source,
     output: Annotated[
-        Output, Writes((".csv", ".parquet", ".mcap"), beside=_mapping_beside, beside_kind="mapping")
+        Output,
+        Writes(
+            (".csv", ".parquet", ".mcap"), beside=lambda o: (o.with_suffix(".toml"),), beside_kind="mapping"
+        ),
     ],
 ) -> Outcome:
     """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""

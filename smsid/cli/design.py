@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
     from smsid.design import Design
     from smsid.design.model_discrimination import Separation
-    from smsid.design.watch import Progress
     from smsid.report import Provenance, Report
 
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
@@ -98,8 +96,9 @@ def design_command(
     )  # fmt: skip
     described, precision = load_description(description), None if to is None else share(to)
     search: dict[str, Any] = {"limits": limits, "duration": duration, "seed": seed, "effort": effort}
-    with _progress() as tell:
-        search |= {"name": output.stem, "progress": tell}
+    with working("designing") as tell:
+        search |= {"name": output.stem}
+        search |= {"progress": lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")}
         if separate is not None:
             found = design_separation(described, separate, **search)
         else:
@@ -166,9 +165,3 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
         for row in found.rows:
             table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
     yield from cut_tables([table, limits_table(found.limits)], everything, 36)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    with working("designing") as tell:
-        yield lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")

@@ -62,7 +62,10 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
 
         def command() -> Any:
             check_numbers(given)
-            inputs = check_places(function, given, _unnamed(context))
+            # those that nobody gave have their defaults
+            sources = {name: context.get_parameter_source(name) for name in context.params}
+            unnamed = [n for n, source in sources.items() if source is not None and source.name == "DEFAULT"]
+            inputs = check_places(function, given, unnamed)
             check_kinds(function, given)
             with protect_inputs(inputs):
                 return function(**given)
@@ -73,12 +76,6 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
     hints = get_type_hints(function, include_extras=True)
     run.__annotations__ = {**hints, **{p.name: p.annotation for p in own}}
     return run
-
-
-def _unnamed(context: typer.Context) -> list[str]:
-    """Return the options that nobody gave: they have their defaults."""
-    sources = {name: context.get_parameter_source(name) for name in context.params}
-    return [name for name, source in sources.items() if source is not None and source.name == "DEFAULT"]
 
 
 def _run(command: Callable[[], Any], manners: Manners) -> None:

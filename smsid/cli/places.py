@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,11 +22,6 @@ from smsid.errors import OutputError, SmsidError
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
 
 
-def nothing_beside(_: Path) -> Sequence[Path]:
-    """Return no paths: the command writes the file it is asked for alone."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Writes:
     """Mark of a path that a command writes; every other path is one it reads.
@@ -38,7 +34,7 @@ class Writes:
     suffixes: tuple[str, ...] = ()
     folder: bool = False
     kind: str = ""
-    beside: Callable[[Path], Sequence[Path]] = nothing_beside
+    beside: Callable[[Path], Sequence[Path]] = lambda _: ()
     beside_kind: str = ""
 
 
@@ -108,9 +104,7 @@ def check_places(
             if is_same_file(out.path, other.path):
                 raise _clash(out, f"the same file as {other.name}")
         for source in inputs:
-            if is_same_file(out.path, source.path) or (
-                _exists(out.path) and _is_inside(out.path, source.path)
-            ):
+            if is_same_file(out.path, source.path) or _is_inside(out.path, source.path):
                 raise _clash(out, f"an input ({source.name})")
     for name in marks:
         if options.get(name) is not None:
@@ -118,7 +112,7 @@ def check_places(
             _check_replaced(
                 called, Path(options[name]), marks[name], name in unnamed, [p.path for p in inputs]
             )
-    return [p.path for p in inputs if _is_file(p.path)]
+    return [p.path for p in inputs if os.path.isfile(p.path)]
 
 
 def check_numbers(options: Mapping[str, Any]) -> None:
@@ -140,7 +134,7 @@ def _clash(out: Place, what: str) -> OutputError:
 
 def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
     if mark.folder:
-        if _is_file(path):
+        if os.path.isfile(path):
             raise OutputError(f"{called} '{path}' is a file.", advice="Name a folder.", path=str(path))
         return [Place(called, path), *(Place(f"{called} ({p.name})", p) for p in mark.beside(path))]
     target = check_target(path)
@@ -171,7 +165,7 @@ def _read_paths(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str):
-        if value and _is_file(Path(value)):  # a word may name a file; a folder of that name is chance
+        if value and os.path.isfile(Path(value)):  # a word may name a file; a folder of that name is chance
             yield Path(value)
     elif isinstance(value, list | tuple):
         for item in value:
@@ -180,7 +174,7 @@ def _read_paths(value: Any) -> Iterator[Path]:
 
 def _named_files(path: Path) -> Iterator[Path]:
     """Yield the files that a TOML names anywhere, as a description its URDF; they are inputs as well."""
-    if path.suffix.lower() != ".toml" or not _is_file(path) or path.stat().st_size > LARGEST_TOML:
+    if path.suffix.lower() != ".toml" or not os.path.isfile(path) or path.stat().st_size > LARGEST_TOML:
         return
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -188,7 +182,7 @@ def _named_files(path: Path) -> Iterator[Path]:
         return  # the command that reads it says what is wrong
     for word in _words(tables):
         file = path.parent / word
-        if _is_file(file):
+        if os.path.isfile(file):
             yield file
 
 
@@ -203,20 +197,7 @@ def _words(value: Any) -> Iterator[str]:
             yield from _words(item)
 
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
 def _is_inside(path: Path, folder: Path) -> bool:
-    """Return whether a file lies in an input that is a folder, as a bag is."""
-    return folder.is_dir() and path.resolve().is_relative_to(folder.resolve())
+    """Return whether something that is there lies in an input that is a folder, as a bag is."""
+    there = os.path.exists(path) and os.path.isdir(folder)
+    return there and path.resolve().is_relative_to(folder.resolve())

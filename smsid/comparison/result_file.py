@@ -7,15 +7,18 @@ import math
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+
+from pydantic import TypeAdapter
 
 from smsid._files import atomic_write, json_ready
 from smsid._reading import read_json
 from smsid._version import __version__
-from smsid.comparison.result import Comparison, Finding, NotComparable, ParameterChange, Quantity
+from smsid.comparison.result import Comparison
 from smsid.errors import SmsidError
 
 SCHEMA_VERSION = 1
+NUMBERS = {"before", "after", "sigma", "p_value", "value"}
+COMPARISON = TypeAdapter(Comparison)
 
 
 def comparison_json(found: Comparison) -> str:
@@ -61,31 +64,14 @@ def load_comparison(path: str | os.PathLike[str]) -> Comparison:
                 f"'{file}' is no comparison of schema {SCHEMA_VERSION}.", advice="Check the path."
             )
         overall = document["chi_squared"]
-        return Comparison(
-            first=document["first"],
-            second=document["second"],
-            parameters=tuple(ParameterChange(**_own(ParameterChange, x)) for x in document["parameters"]),
-            not_comparable=tuple(NotComparable(**x) for x in document["not_comparable"]),
-            statistic=overall["value"],
-            freedom=overall["freedom"],
-            p_value=overall["p_value"],
-            findings=tuple(_finding(x) for x in document["findings"]),
-            left=document["left_p_value"],
-            notes=tuple(document["notes"]),
-        )
+        findings = document["findings"]
+        quantities = [q for f in findings for q in f["quantities"]]
+        for table in (*document["parameters"], *findings, *quantities):
+            # a number that was written as null is not a number again
+            table |= {k: math.nan for k in NUMBERS & table.keys() if table[k] is None}
+        known = {"statistic": overall["value"], "freedom": overall["freedom"], "p_value": overall["p_value"]}
+        return COMPARISON.validate_python({**document, **known, "left": document["left_p_value"]})
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SmsidError(
             f"'{file}' cannot be read as a comparison: {error}.", advice="Is it cut short?"
         ) from error
-
-
-def _own(kind: type, table: dict[str, Any]) -> dict[str, Any]:
-    """Return a table's entries that are fields; a number written as null is not a number again."""
-    numbers = ("before", "after", "sigma", "p_value", "value")
-    own = {k: v for k, v in table.items() if k in kind.__dataclass_fields__}  # type: ignore[attr-defined]
-    return {k: math.nan if v is None and k in numbers else v for k, v in own.items()}
-
-
-def _finding(table: dict[str, Any]) -> Finding:
-    quantities = tuple(Quantity(**_own(Quantity, q)) for q in table["quantities"])
-    return Finding(**{**_own(Finding, table), "quantities": quantities, "others": tuple(table["others"])})

@@ -196,19 +196,12 @@ def read_modal_csv(path: Path) -> dict[str, Any]:
         raise DescriptionError(
             f"'{path}' holds a cell that is no number: {error}.", advice="Mend it."
         ) from error
-    return {
-        "mode": [
-            {
-                "frequency": row["frequency"],
-                **({"damping": row["damping"]} if "damping" in row else {}),
-                "translation": _vector(row, "t"),
-                "rotation": _vector(row, "r"),
-                "shape": tuple(_vector(row, f"s{k}") for k in range(1, stations + 1)),
-            }
-            for row in numbers
-        ]
-    }
-
-
-def _vector(row: Mapping[str, float], what: str) -> tuple[float, ...]:
-    return tuple(row[f"{what}{axis}"] for axis in "xyz")
+    modes = []
+    for row in numbers:
+        t, r, *shape = (
+            tuple(row[f"{k}{axis}"] for axis in "xyz")
+            for k in ("t", "r", *(f"s{k}" for k in range(1, stations + 1)))
+        )
+        mode = {k: row[k] for k in ("frequency", "damping") if k in row}
+        modes.append({**mode, "translation": t, "rotation": r, "shape": tuple(shape)})
+    return {"mode": modes}

@@ -61,12 +61,8 @@ class UrdfTree:
         joint = ElementTree.SubElement(self.root, "joint", name=name, type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
-        ElementTree.SubElement(
-            joint,
-            "origin",
-            xyz=_text(position),
-            rpy=_text(pin.rpy.matrixToRpy(np.asarray(rotation, dtype=float))),
-        )
+        angles = pin.rpy.matrixToRpy(np.asarray(rotation, dtype=float))
+        ElementTree.SubElement(joint, "origin", xyz=_text(position), rpy=_text(angles))
         if axis is None:
             return
         ElementTree.SubElement(joint, "axis", xyz=_text(axis))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smsid.campaign.summary import ParameterSummary, Summary
+from smsid.campaign.summary import Summary
 from smsid.errors import SmsidError
 from smsid.figures.canvas import COLOURS, canvas
 from smsid.report.parameters import clip_text
@@ -25,7 +25,7 @@ def campaign_figure(summary: Summary, title: str = "") -> Figure:
             _band(right, k, p.ratio, p.ratio_band, p.ratio_holds)
         left.axvline(0.95, color="#555", ls="--", lw=0.8)
         right.axvline(1.0, color="#555", ls="--", lw=0.8)
-        left.set_yticks(list(places), [_name(p) for p in tested], fontsize=6.5)
+        left.set_yticks(list(places), [clip_text(p.name, 40) for p in tested], fontsize=6.5)
         left.set_ylim(len(tested) - 0.4, -0.6)
         left.set_xlabel("share of runs whose 95 % interval holds the truth")
         right.set_xlabel("spread / predicted standard deviation")
@@ -42,7 +42,3 @@ def _band(ax, k: int, value: float | None, band: tuple[float, float] | None, hol
         return
     ax.barh(k, band[1] - band[0], left=band[0], height=0.6, color="#e9edf2")
     ax.plot(value, k, "o" if holds else "D", color=COLOURS[0 if holds else 1], ms=3.2)
-
-
-def _name(p: ParameterSummary) -> str:
-    return clip_text(p.name, 40)

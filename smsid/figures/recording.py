@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from smsid.figures.canvas import COLOURS, canvas
 from smsid.recording import Recording
 from smsid.recording._checks import check_clocks
@@ -42,7 +40,8 @@ def recording_figure(recording: Recording, channels: Sequence[str] = (), title: 
             if 1 < flat.shape[1] <= 6:
                 ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, handlelength=1.0)
         axes[-1, 0].set_xlabel("time [s]")
-        axes[-1, 0].set_xlim(*_span(recording, chosen))
+        times = [recording.time(c) for c in chosen]
+        axes[-1, 0].set_xlim(min(t[0] for t in times), max(t[-1] for t in times))
         if title:
             figure.suptitle(title, fontsize=9)
     return figure
@@ -56,8 +55,3 @@ def component_labels(recording: Recording, name: str, width: int) -> tuple[str, 
         if name.partition(".")[2].startswith(key) and len(known) == width:
             return tuple(known)
     return tuple("xyzw"[:width]) if width in (3, 4) else tuple(str(k + 1) for k in range(width))
-
-
-def _span(recording: Recording, chosen: Sequence[str]) -> tuple[float, float]:
-    times = [recording.time(c) for c in chosen]
-    return float(np.min([t[0] for t in times])), float(np.max([t[-1] for t in times]))

@@ -37,9 +37,13 @@ def campaign_report(name: str, summary: Summary, records: Sequence[RunRecord], o
         sections.append(Section("parameters", "Parameters", parts_, f"{len(known)} with a truth"))
     figures_ = [p for p in summary.parameters if p.truth is None and p.runs]
     if figures_:
-        sections.append(Section("figures", "Figures without a truth", (_figures(figures_),), open=not known))
+        rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in figures_]
+        table = Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
+        sections.append(Section("figures", "Figures without a truth", (table,), open=not known))
     if summary.failures:
-        sections.append(Section("failures", "Failed runs", (_failures(summary),), f"{summary.failed}"))
+        rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
+        table = Table("Errors", ("error", "#runs", "#first", "its message"), rows)
+        sections.append(Section("failures", "Failed runs", (table,), f"{summary.failed}"))
     glance = (
         ("runs", str(summary.runs)),
         ("failed", str(summary.failed)),
@@ -134,16 +138,6 @@ def _table(known: Sequence[ParameterSummary]) -> Table:
                "#runs")  # fmt: skip
     note = "Truth: the mean over runs where it was varied. Red: outside its band."
     return Table("Every parameter", columns, rows, note)
-
-
-def _figures(found: Sequence[ParameterSummary]) -> Table:
-    rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in found]
-    return Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
-
-
-def _failures(summary: Summary) -> Table:
-    rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
-    return Table("Errors", ("error", "#runs", "#first", "its message"), rows)
 
 
 def _tone(holds: bool | None) -> Tone:

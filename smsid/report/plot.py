@@ -103,9 +103,6 @@ class Plot:
     def _points(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return SIZE * self.x.at(x), SIZE * (1.0 - self.y.at(y))
 
-    def _line(self, x: np.ndarray, y: np.ndarray) -> str:
-        return path(*self._points(x, y))
-
     def _area(self, b: Band) -> str:
         x = np.concatenate([b.x, b.x[::-1]])
         edge = np.concatenate([b.low, b.high[::-1]])
