@@ -160,7 +160,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     from rich.text import Text
 
     from smsid.cli.notes import clipped
-    from smsid.cli.tables import ROWS, plain_table, shortened
+    from smsid.cli.tables import ROWS, cut_tables, plain_table
 
     r = d.get("robustness")
     if r is not None:
@@ -203,12 +203,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     table = plain_table("mode", "rad/s", "damping ratio", "", title=title, left=("mode", ""))
     for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first
         table.add_row(p["mode"], f"{math.hypot(*p['value']):.4g}", f"{p['damping']:.4g}", p["flag"])
-    left_out = 0
-    if not everything:
-        table, left_out = shortened(table, ROWS - len(modes) - 6)
-    yield table
-    if left_out:
-        yield Text(f"{left_out} more poles with --all", style="dim")
+    yield from cut_tables([table], everything, ROWS - len(modes) - 6)
 
 
 def _range(matrix: Sequence[Any]) -> str:
@@ -221,11 +216,17 @@ def _range(matrix: Sequence[Any]) -> str:
 def _blocks(blocks: Sequence[Mapping[str, Any]]) -> Table:
     from smsid.cli.tables import plain_table
 
-    table = plain_table(
-        *("coordinates", "gamma", "e [rad]", "crossover", "S peak", "T peak", "gain margin", "phase margin"),
-        left=("coordinates",),
+    columns = (
+        "coordinates",
+        "gamma",
+        "e [rad]",
+        "crossover",
+        "S peak",
+        "T peak",
+        "gain margin",
+        "phase margin",
     )
-    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    table = plain_table(*columns, left=columns[:1], fold=True)
     for b in blocks:
         low, high = ("inf" if x is None else f"{x:.2f}" for x in b["gain_margin"])
         bounds = (

@@ -149,9 +149,8 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
             f"excitation within the same limits ({found.reference.note})"
         )
         columns = ("parameter", "value", "sigma", "sigma before", "unit", "relative", "before")
-        table = plain_table(*columns, title="predicted (Cramer-Rao)", left=("parameter", "unit"))
-        if everything:
-            table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+        title = "predicted (Cramer-Rao)"
+        table = plain_table(*columns, title=title, left=("parameter", "unit"), fold=everything)
         rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
         for i, (sigma, before, relative, relative_before) in enumerate(rows):
             name = found.goal.names[i]

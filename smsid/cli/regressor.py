@@ -59,7 +59,7 @@ def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[
     from rich.text import Text
 
     from smsid.cli.notes import clipped
-    from smsid.cli.tables import ROWS, plain_table
+    from smsid.cli.tables import ROWS, cut_tables, plain_table
     from smsid.identify.estimate_text import short_name
 
     worst = plain_table("compared with", "worst relative error", left=("compared with",))
@@ -71,14 +71,10 @@ def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[
     yield f"{found.states} random states; microseconds a state: {times}"
     count = f"{len(found.base)} base parameters of {found.parameters}"
     yield f"{count}, condition number {found.base.condition:.0f}"
-    base = plain_table("base parameter", "unit", left=("base parameter", "unit"))
-    base.columns[0].no_wrap, base.columns[0].overflow = not everything, "fold"
-    shown = list(zip(found.base.names, found.base.units, strict=True))
-    for name, unit in shown if everything else shown[:ROWS]:
+    base = plain_table("base parameter", "unit", left=("base parameter", "unit"), fold=everything)
+    for name, unit in zip(found.base.names, found.base.units, strict=True):
         base.add_row(Text(name if everything else short_name(name, NAME)), unit)
-    yield base
-    if base.row_count < len(shown):
-        yield f"{len(shown) - base.row_count} more base parameters, and names in full, with --all"
+    yield from cut_tables([base], everything, ROWS)
     if found.base.unseen:
         text = f"not seen: {', '.join(found.base.unseen)}"
         yield Text(text if everything else clipped(text))

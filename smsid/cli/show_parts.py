@@ -13,7 +13,7 @@ from rich.text import Text
 from smsid.cli.file_kind import read_json
 from smsid.cli.notes import clipped, told
 from smsid.cli.output import WIDTH
-from smsid.cli.tables import cut_tables, estimate_parts, plain_table, rate_of, recording_table, shown_unit
+from smsid.cli.tables import channel_rows, cut_tables, estimate_parts, plain_table, recording_table
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -49,12 +49,6 @@ def recording_parts(found: Recording, *, everything: bool) -> Iterator[Any]:
 
 def recording_document(recording: Recording) -> dict[str, Any]:
     """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
-    channels = []
-    for name in recording.channels:
-        values, time = recording[name], recording.time(name)
-        own = {"name": name, "unit": shown_unit(recording, name), "shape": list(values.shape)}
-        own |= {"rate": rate_of(time), "from": float(time[0]), "to": float(time[-1])}
-        channels.append(own | {"smallest": float(np.nanmin(values)), "largest": float(np.nanmax(values))})
     try:
         recording.check()
         check = ""
@@ -63,7 +57,7 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     return {
         "name": recording.name,
         "role": recording.role,
-        "channels": channels,
+        "channels": channel_rows(recording),
         "labels": {k: list(v) for k, v in recording.labels.items()},
         "check": check,
         "provenance": recording.provenance,

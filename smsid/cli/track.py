@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -179,23 +180,17 @@ def document(history: TrackHistory) -> dict:
 def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a history: parameters at the end, events, notes."""
     from smsid.cli.notes import told
-    from smsid.cli.tables import plain_table
+    from smsid.cli.tables import cut_tables, plain_table
 
-    count = len(history.names) if everything else SHOWN
-    table = plain_table(
-        *("parameter", "described", "first", "last", "± 95 %", "unit"), left=("parameter", "unit")
-    )
-    for i, full in enumerate(history.names[:count]):
+    columns = ("parameter", "described", "first", "last", "± 95 %", "unit")
+    table = plain_table(*columns, left=("parameter", "unit"))
+    for i, full in enumerate(history.names):
         name = full if everything or len(full) <= LONGEST else f"{full[: LONGEST - 4]} ..."
         x, s = history.values[:, i], history.sigmas[:, i]
         numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{NORMAL95 * s[-1]:.2g}")
         table.add_row(name, *numbers, history.units[i])
-    yield table
-    if len(history.names) > count:
-        yield f"{len(history.names) - count} more with --all"
-    kinds: dict[str, int] = {}
+    yield from cut_tables([table], everything, SHOWN)
     yield from (e.text for e in history.events if e.kind == "change")
-    for e in (e for e in history.events if e.kind != "change"):
-        kinds[e.kind] = kinds.get(e.kind, 0) + 1
+    kinds = Counter(e.kind for e in history.events if e.kind != "change")
     yield from (f"{n} times: {kind}" for kind, n in kinds.items())
     yield from told(history.notes, everything=everything)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from smsid._short_repr import as_html, as_text
+from smsid._short_repr import Told
 from smsid._statistics import NORMAL95
 from smsid.errors import require
 
@@ -106,7 +106,7 @@ class Finding:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Told):
     """What changed from the ``first`` to the ``second`` estimate.
 
     ``statistic`` is the chi-squared of all differences together with ``freedom`` degrees of freedom, by both
@@ -151,12 +151,6 @@ class Comparison:
             jointly = "" if self.statistic is not None else ", each by itself"
             return f"No change beyond chance{jointly} ({told})."
         return f"Something has changed ({told})."
-
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("result", self.sentence), *(("finding", f.sentence) for f in self.findings)]

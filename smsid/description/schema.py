@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from smsid._listing import did_you_mean as did_you_mean
-from smsid._short_repr import as_html, as_text
+from smsid._short_repr import Told
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError, SmsidError
@@ -161,7 +161,7 @@ AnyEffect = Annotated[
 AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
-class Description(Table):
+class Description(Told, Table):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
     ``folder`` is where relative paths start; it is not part of the file. Made in Python, a description (like
@@ -214,12 +214,6 @@ class Description(Table):
                     + did_you_mean(sensor.appendage, names)
                 )
         return self
-
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("urdf", self.urdf)]

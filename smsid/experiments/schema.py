@@ -11,7 +11,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smsid._files import atomic_write
-from smsid._short_repr import as_html, as_text
+from smsid._short_repr import Told
 from smsid._signature import signed
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
@@ -83,7 +83,7 @@ class ConstantProfile(_Table):
 Profile = Annotated[StepProfile | FourierProfile | ConstantProfile, Field(discriminator="kind")]
 
 
-class Experiment(_Table):
+class Experiment(Told, _Table):
     """What is flown.
 
     ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``thruster``, of each single
@@ -109,12 +109,6 @@ class Experiment(_Table):
     joints: tuple[float, ...] | None = None
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
-
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         stated = {n: getattr(self, n) for n in type(self).model_fields if n not in ("schema_version", "name")}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smsid._short_repr import as_html, as_text
+from smsid._short_repr import Told
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
 from smsid.recording._clock import Gap, check_order, find_gaps
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
 
 
-class Recording:
+class Recording(Told):
     """Measured or simulated channels ``<source>.<quantity>`` in the units and frames of the catalogue.
 
     The channels share the clock ``time`` [s], except for a source that has its own, ``<source>.time``. All
@@ -379,12 +379,6 @@ class Recording:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Recording, (self._dataset,))
-
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         title = f"recording{f' {self.name!r}' if self.name else ''} for {self.role}"
