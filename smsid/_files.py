@@ -97,23 +97,20 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     except FileNotFoundError:
         return target
     except OSError as error:
-        raise OutputError(
-            f"Cannot write '{path}': {error.strerror}.", advice="Name another file.", path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{error.strerror}.", "Name another file.") from error
     if stat.S_ISDIR(mode):
-        raise OutputError(
-            f"Cannot write '{path}': it is a folder.", advice="Name a file inside it.", path=str(path)
-        )
+        raise _cannot_write(path, "it is a folder.", "Name a file inside it.")
     if not stat.S_ISREG(mode):
-        raise OutputError(
-            f"Cannot write '{path}': it is a device or a pipe.", advice="Name a file.", path=str(path)
-        )
+        raise _cannot_write(path, "it is a device or a pipe.", "Name a file.")
     if not os.access(target, os.W_OK):
-        raise OutputError(
-            f"Cannot write '{path}': it is read-only.", advice="Name another file.", path=str(path)
-        )
+        raise _cannot_write(path, "it is read-only.", "Name another file.")
     refuse_protected(Path(path))
     return target
+
+
+def _cannot_write(path: str | os.PathLike[str], reason: str, advice: str) -> OutputError:
+    name = str(path) if len(str(path)) < 200 else f"{str(path)[:200]} ..."
+    return OutputError(f"Cannot write {name!r}: {reason}", advice=advice, path=str(path))
 
 
 def file_stem(name: str) -> str:
@@ -153,19 +150,13 @@ def _resolved(path: str | os.PathLike[str]) -> Path:
         return target
     except (OSError, RuntimeError, ValueError) as error:  # too long, a loop of links, a NUL
         reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(
-            f"Cannot write {str(path)[:200]!r}: {reason}.", advice="Name another file.", path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{reason}.", "Name another file.") from error
     return target
 
 
 def _check_parent(target: Path, path: str | os.PathLike[str]) -> None:
     if not target.parent.is_dir():
-        raise OutputError(
-            f"Cannot write '{path}': the folder '{target.parent}' does not exist.",
-            advice="Create it first.",
-            path=str(path),
-        )
+        raise _cannot_write(path, f"the folder '{target.parent}' does not exist.", "Create it first.")
 
 
 @contextmanager
@@ -176,9 +167,7 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
         full = error.errno in FULL
         reason = "the disk is full" if full else error.strerror or str(error)
         advice = "Make room, or name a file elsewhere." if full else "Check the rights of its folder."
-        raise OutputError(
-            f"Cannot write '{path}': {reason}; nothing was changed.", advice=advice, path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{reason}; nothing was changed.", advice) from error
 
 
 def _replace(temporary: Path, target: Path) -> None:

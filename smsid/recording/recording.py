@@ -293,15 +293,7 @@ class Recording(Told):
         """
         times = _resampling.new_times(self, rate_or_times)
         channels = _resampling.interpolated(self, times)
-        built = Recording.from_arrays(
-            times,
-            channels,
-            labels=self.labels,
-            units=self.units,
-            provenance=self.provenance,
-            role=self.role,
-            name=self.name,
-        )
+        built = self._rebuilt(times, channels, self.labels, self.units)
         return built._noted({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 
     def with_channels(
@@ -327,15 +319,7 @@ class Recording(Told):
             on_own = own in self.clocks and not isinstance(value, tuple)
             present[name] = (self._dataset[own].values, value) if on_own else value
         kept = {name: unit for name, unit in self.units.items() if name not in (units or {})}
-        return Recording.from_arrays(
-            time,
-            present,
-            labels={**known, **(labels or {})},
-            units={**kept, **(units or {})},
-            provenance=self.provenance,
-            role=self.role,
-            name=self.name,
-        )
+        return self._rebuilt(time, present, {**known, **(labels or {})}, {**kept, **(units or {})})
 
     def without(self, *names: str) -> Recording:
         """Leave channels out; raise `RecordingError` if one is not there or none is left."""
@@ -363,6 +347,10 @@ class Recording(Told):
         a, b = self._dataset.copy(deep=False), other._dataset.copy(deep=False)
         a.attrs["provenance"] = b.attrs["provenance"] = ""
         return self.channels == other.channels and a.identical(b)
+
+    def _rebuilt(self, time: Any, channels: Any, labels: Any, units: Any) -> Recording:
+        header = {"provenance": self.provenance, "role": self.role, "name": self.name}
+        return Recording.from_arrays(time, channels, labels=labels, units=units, **header)
 
     def _noted(self, step: Mapping[str, Any]) -> Recording:
         return self.with_provenance({"steps": [*self.provenance.get("steps", []), dict(step)]})
