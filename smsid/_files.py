@@ -1,4 +1,4 @@
-"""Writing files so that they appear whole or not at all."""
+"""Writing files so that they appear whole or not at all, and replace no input; what smsid wrote is signed."""
 
 from __future__ import annotations
 
@@ -8,18 +8,22 @@ import math
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from smsid._guard import refuse_protected
 from smsid._temporary import temporary_beside
 from smsid.errors import OutputError
 
 FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 RESERVED = {"con", "prn", "aux", "nul"} | {f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10)}
 LONGEST_STEM = 200  # bytes: a file's name may hold 255, with its suffix
+
+
+_protected: ContextVar[tuple[Path, ...]] = ContextVar("_protected", default=())
+SIGNED = "# Written by smsid, "
 
 
 @contextmanager
@@ -194,3 +198,49 @@ def json_ready(x: Any) -> Any:
     if isinstance(x, list | tuple):
         return [json_ready(v) for v in x]
     return x
+
+
+@contextmanager
+def protect_inputs(inputs: Iterable[Path]) -> Iterator[None]:
+    """Refuse inside the block to replace any of these files, by whatever name it is written."""
+    token = _protected.set((*_protected.get(), *inputs))
+    try:
+        yield
+    finally:
+        _protected.reset(token)
+
+
+def refuse_protected(path: Path) -> None:
+    """Raise `OutputError` when ``path`` is one of the files `protect_inputs` names."""
+    for other in _protected.get():
+        if is_same_file(path, other):
+            raise OutputError(
+                f"'{path}' is not written: it is the input '{other}'.",
+                advice="Name another output.",
+                path=str(path),
+            )
+
+
+def is_same_file(a: Path, b: Path) -> bool:
+    """Return whether two paths lead to one file: by resolved name, by symbolic or by hard link."""
+    try:
+        if os.path.samefile(a, b):
+            return True
+    except (OSError, ValueError):
+        pass
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
+def signed(text: str) -> str:
+    """Return a text with a first line, a comment in TOML, that holds the sum of the rest."""
+    return f"{SIGNED}{_sum_of(text)}\n{text}"
+
+
+def is_signed(text: str) -> bool:
+    """Return whether a text is what `signed` gave: nobody wrote or changed it by hand."""
+    first, _, rest = text.partition("\n")
+    return first == f"{SIGNED}{_sum_of(rest)}"
+
+
+def _sum_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

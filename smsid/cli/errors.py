@@ -15,8 +15,7 @@ from typing import Annotated, Any, TextIO, get_type_hints
 
 import typer
 
-from smsid._files import json_ready
-from smsid._guard import protect_inputs
+from smsid._files import json_ready, protect_inputs
 from smsid.cli.kinds import check_kinds
 from smsid.cli.output import Manners, behaving, say
 from smsid.cli.places import check_numbers, check_places

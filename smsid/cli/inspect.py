@@ -41,8 +41,7 @@ def inspect_command(
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
     from rich.markup import escape
 
-    from smsid._files import atomic_write
-    from smsid._signature import signed
+    from smsid._files import atomic_write, signed
     from smsid.cli.notes import MOST, clipped
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file

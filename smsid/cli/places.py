@@ -13,8 +13,7 @@ from typing import Any, get_args
 
 import typer
 
-from smsid._files import check_target
-from smsid._guard import is_same_file
+from smsid._files import check_target, is_same_file
 from smsid._temporary import remove_orphans
 from smsid.cli.replacement import check_toml, check_unnamed
 from smsid.errors import OutputError, SmsidError

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from smsid._signature import is_signed
+from smsid._files import is_signed
 from smsid.cli.file_kind import kind_of
 from smsid.errors import OutputError, SmsidError
 

@@ -10,9 +10,8 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smsid._files import atomic_write
+from smsid._files import atomic_write, signed
 from smsid._short_repr import Told
-from smsid._signature import signed
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from smsid._files import atomic_path
-from smsid._signature import signed
+from smsid._files import atomic_path, signed
 from smsid.errors import RecordingError, require
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.columns import Columns

@@ -150,7 +150,10 @@ def spark(values: np.ndarray, points: int = 60) -> str:
 
 
 def rotation_vectors(samples: np.ndarray, error: np.ndarray | None = None) -> np.ndarray:
-    """Return attitudes (N, 4), less an error (N, 3) [rad], as rotation vectors (N, 3) from the first."""
+    """Return attitudes as rotation vectors (N, 3) [rad] from the first.
+
+    ``samples`` (N, 4) are the attitudes, ``error`` (N, 3) [rad] is taken off them.
+    """
     there = np.isfinite(samples).all(axis=1)
     turned = Rotation.from_quat(samples[there])
     out = np.full((len(samples), 3), np.nan)

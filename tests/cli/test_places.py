@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 import typer
 
-from smsid._files import atomic_write
-from smsid._guard import protect_inputs
+from smsid._files import atomic_write, protect_inputs
 from smsid.cli.app import COMMANDS, main
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.errors import OutputError
