@@ -95,8 +95,7 @@ def convert_command(
     """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""
     from smsid._files import atomic_write
     from smsid.recording import load_recording
-    from smsid.recording.mcap_writing import mcap_mapping, save_mcap
-    from smsid.recording.tables import save_table, table_mapping
+    from smsid.recording.tables import mcap_mapping, save_mcap, save_table, table_mapping
 
     log = _usable(load_recording(recording))
     with working("writing"):

@@ -16,9 +16,8 @@ from typing import Annotated, Any, TextIO, get_type_hints
 import typer
 
 from smsid._files import json_ready, protect_inputs
-from smsid.cli.kinds import check_kinds
 from smsid.cli.output import Manners, behaving, say
-from smsid.cli.places import check_numbers, check_places
+from smsid.cli.places import check_kinds, check_numbers, check_places
 from smsid.errors import SmsidError
 
 AsJson = Annotated[bool, typer.Option("--json", help="print the result as JSON, and nothing else, on stdout")]
