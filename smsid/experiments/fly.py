@@ -61,16 +61,14 @@ def fly(
     experiment: Experiment,
     rng: np.random.Generator,
     *,
-    rate: float | None = None,
     role: str = "estimation",
     tolerance: Tolerance | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Flight:
     """Simulate an experiment and record it with the description's sensors.
 
-    ``rate`` [Hz] is that of the shared clock (default: the fastest sensor). Raises `ExperimentError` when the
-    experiment does not fit the spacecraft, asks for what is not possible or drives a slosh mass far out of
-    the bus, or the description has no sensors.
+    Raises `ExperimentError` when the experiment does not fit the spacecraft, asks for what is not possible or
+    drives a slosh mass far out of the bus, or the description has no sensors.
     """
     sensors = model.description.effective_sensors()
     if not sensors:
@@ -83,14 +81,8 @@ def fly(
     inputs = experiment.inputs()
     # a clock that is ahead reports what happens after the end
     lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
-    trajectory = simulate(
-        model,
-        inputs,
-        experiment.duration + lead,
-        q0=experiment.start(model),
-        tolerance=tolerance,
-        progress=progress,
-    )
+    how = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
+    trajectory = simulate(model, inputs, experiment.duration + lead, **how)
     truth = truth_of(trajectory, sensors)
     available = truth(np.array([trajectory.start]))
     exact = [name for name in available if name.startswith(("command.", "truth"))]
@@ -104,7 +96,6 @@ def fly(
         known_until=trajectory.stop,
         rng=rng,
         exact=exact,
-        rate=rate,
         labels={k: v for k, v in labels.items() if v},
         role=role,
         name=experiment.name,

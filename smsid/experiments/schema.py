@@ -120,22 +120,11 @@ class Experiment(Told, _Table):
 
     def inputs(self) -> Inputs:
         """Return the inputs of a simulation."""
-        motion = None
-        if self.joint_motion is not None:
-            position = self.joint_motion.signal()
-            velocity = position.derivative()
-            motion = JointMotion(position, velocity, velocity.derivative())
-        return Inputs(
-            force=self.force.signal() if self.force else None,
-            torque=self.torque.signal() if self.torque else None,
-            thruster=self.thruster.signal() if self.thruster else None,
-            wheel_torque=self.wheel_torque.signal() if self.wheel_torque else None,
-            joint_torque=self.joint_torque.signal() if self.joint_torque else None,
-            joint_motion=motion,
-            lock_joints=self.lock_joints,
-            lock_wheels=self.lock_wheels,
-            hold_attitude=self.hold_attitude,
-        )
+        motion = None if self.joint_motion is None else JointMotion.of(self.joint_motion.signal())
+        names = ("force", "torque", "thruster", "wheel_torque", "joint_torque")
+        signals = {k: profile.signal() for k in names if (profile := getattr(self, k)) is not None}
+        held = {k: getattr(self, k) for k in ("lock_joints", "lock_wheels", "hold_attitude")}
+        return Inputs(**signals, **held, joint_motion=motion)
 
     def start(self, model: SpacecraftModel) -> np.ndarray:
         """Return the start configuration q (nq,).

@@ -179,7 +179,7 @@ def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
         before, letter, after = name[: found.start()], found.group(), name[found.end() :]
         axes = "xyz" if letter.islower() else "XYZ"
         if all(f"{before}{axis}{after}" in single for axis in axes):
-            if letter in "wW" and not _has_quaternion(before):
+            if letter in "wW" and not re.search(r"(?i)q|orientation|attitude|rot|lage|(^|[._/ ])$", before):
                 continue
             return f"{before}#{after}", "axis"
     runs = list(re.finditer(r"\d+", name))
@@ -197,10 +197,6 @@ def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
         f"{before if name[best.end() :] else re.sub(r'[ _.-]$', '', before)}#{name[best.end() :]}",
         "number",
     )
-
-
-def _has_quaternion(before: str) -> bool:
-    return bool(re.search(r"(?i)q|orientation|attitude|rot|lage|(^|[._/ ])$", before))
 
 
 def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: list[str]) -> Group:
@@ -221,7 +217,7 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
             quantity = "position"
         quantity = OF_AXES.get(quantity or "", quantity)
         if len(members) == 4:
-            axes = [_axis(stem, bare(name)) for name in members]
+            axes = [bare(name)[stem.index("#")].lower() for name in members]
             members = [name for _, name in sorted(zip(map("xyzw".index, axes), members, strict=True))]
             quantity, order = "attitude", "xyzw"
         elif quantity == "attitude" or quantity == "joint_position":
@@ -255,10 +251,6 @@ def _of_numbered(quantity: str | None, kind: str, count: int, text: str) -> str 
     if quantity is None or quantity.startswith("joint_") or quantity == "attitude":
         return quantity
     return quantity if count == 3 else None
-
-
-def _axis(stem: str, name: str) -> str:
-    return name[stem.index("#")].lower()
 
 
 def fits(unit: str, usual: str) -> bool:

@@ -87,7 +87,7 @@ class Plot:
                 if c.style == "rings":
                     out.append(("holes", c.colour, dots))
             else:
-                out.append((c.style, c.colour, self._line(c.x, c.y)))
+                out.append((c.style, c.colour, path(*self._points(c.x, c.y))))
         return [s for s in out if s[2]]
 
     def labels(self) -> list[tuple[str, float, bool]]:
