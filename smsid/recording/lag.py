@@ -49,9 +49,9 @@ def estimate_lag(
     """Estimate how much ``second`` lags ``first``, two signals of the same motion with clocks of their own.
 
     Both are brought to the higher of their median rates, linearly, so the clocks may jitter; the peak of
-    their normalised cross-correlation is interpolated between samples. The standard deviation is that of the lags of
-    eight blocks of the record, over the root of their number. A steady lag only: drifting clocks widen the
-    interval.
+    their normalised cross-correlation is interpolated between samples. The standard deviation is that of the
+    lags of eight blocks of the record, over the root of their number. A steady lag only: drifting clocks
+    widen the interval.
 
     Args:
         first: times (N,) [s] and samples (N,) of the reference.

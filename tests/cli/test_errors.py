@@ -213,7 +213,7 @@ def test_outcome_goes_with_its_exit_code():
     assert told.exit_code == 3
     assert json.loads(told.stdout) == {"exit_code": 3, "written": ["a.json"], "name": "x", "share": None}
     told = invoked(judge, "x")
-    assert (told.exit_code, told.stdout) == (3, "for people\n")
+    assert (told.exit_code, told.stdout) == (3, "for people\nwrote a.json\n")
     assert invoked(judge, "x", "-q").stdout == ""
 
 
