@@ -10,8 +10,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output
 from smsid.cli.output import working
-from smsid.cli.places import Writes
-from smsid.cli.replacement import FIGURE
+from smsid.cli.places import FIGURE, Writes
 
 
 def plot_command(

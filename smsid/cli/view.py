@@ -13,8 +13,7 @@ from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_recordings
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
-from smsid.cli.places import Writes
-from smsid.cli.replacement import PAGE
+from smsid.cli.places import PAGE, Writes
 from smsid.errors import SmsidError
 
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.recording import _checks
-from smsid.recording._guess import Group, rises_evenly
-from smsid.recording._joint_names import COMMANDED, joined_by_quantity, joint_labels
+from smsid.recording._guess import COMMANDED, Group, joined_by_quantity, joint_labels, rises_evenly
 from smsid.recording.channels import EXTRA, QUANTITIES
 from smsid.recording.columns import Columns
 from smsid.recording.importing import columns_to_recording
