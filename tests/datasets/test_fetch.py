@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from smsid.datasets import DATASETS, DataFile, DataSet, fetch, have, registry, sha256
+from smsid.datasets import DATASETS, DataFile, DataSet, data_set, fetch, have, sha256
 from smsid.errors import MissingDependencyError, RecordingError
 
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of b"abc", FIPS 180-2
@@ -73,7 +73,7 @@ def test_unknown_data_sets_get_the_closest_name():
 
 @pytest.mark.parametrize("name", sorted(DATASETS))
 def test_the_registry_is_complete(name):
-    chosen = registry.data_set(name)
+    chosen = data_set(name)
     assert chosen.licence and "/" in chosen.repository and len(chosen.commit) >= 7 and chosen.files
     for file in chosen.files:
         assert len(bytes.fromhex(file.sha256)) == 32
