@@ -22,7 +22,7 @@ from smsid.errors import SmsidError
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a command lives, ``package.module:name`` of a function or `typer.Typer`, and its line of help."""
+    """Where a command lives, ``module:name`` of a function or `typer.Typer` in this package, and its help."""
 
     target: str
     help: str
@@ -30,7 +30,7 @@ class Entry:
     def load(self, name: str) -> Any:
         """Import the command and return it as click knows it, with the options every command has."""
         module, _, attribute = self.target.partition(":")
-        found = getattr(import_module(module), attribute)
+        found = getattr(import_module(f"smsid.cli.{module}"), attribute)
         if isinstance(found, typer.Typer):
             for info in found.registered_commands:
                 if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
@@ -62,37 +62,31 @@ def register(app: typer.Typer, commands: Mapping[str, Entry]) -> None:
 
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
 COMMANDS = {
-    "demo": Entry("smsid.cli.demo:demo_command", "The paper's experiments, identified, beside its tables."),
-    "new": Entry("smsid.cli.new:new_command", "Write a first description of your own craft."),
-    "check": Entry("smsid.cli.check:check_command", "Tell all that is wrong or doubtful in a description."),
-    "simulate": Entry(
-        "smsid.cli.simulate:simulate_command", "Fly an experiment in simulation and record it."
-    ),
-    "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
-    "cut": Entry("smsid.cli.cutting:cut_command", "Cut a window or pieces without gaps out of a recording."),
-    "resample": Entry("smsid.cli.cutting:resample_command", "Bring a recording to one even clock."),
-    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as CSV, Parquet or MCAP."),
-    "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
-    "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
-    "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),
-    "stream": Entry("smsid.cli.stream:stream_command", "Follow telemetry as it comes, in JSON lines."),
-    "play": Entry("smsid.cli.stream:play_command", "Play a recording as JSON lines."),
-    "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
-    "compare": Entry("smsid.cli.compare:compare_command", "Tell what changed between two estimates."),
-    "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),
-    "control": Entry("smsid.cli.control:control_command", "Design a controller from what is identified."),
-    "campaign": Entry("smsid.cli.campaign:campaign_command", "Run a Monte Carlo campaign."),
-    "regressor": Entry(
-        "smsid.cli.regressor:regressor_command", "Check the regressors of a machine; name base parameters."
-    ),
-    "export": Entry(
-        "smsid.cli.export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."
-    ),
-    "lab": Entry("smsid.cli.lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
-    "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
-    "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
-    "plot": Entry("smsid.cli.plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
-    "version": Entry("smsid.cli.app:version_command", "Print the version."),
+    "demo": Entry("demo:demo_command", "The paper's experiments, identified, beside its tables."),
+    "new": Entry("descriptions:new_command", "Write a first description of your own craft."),
+    "check": Entry("descriptions:check_command", "Tell all that is wrong or doubtful in a description."),
+    "simulate": Entry("simulate:simulate_command", "Fly an experiment in simulation and record it."),
+    "import": Entry("logs:import_command", "Turn a log into a recording, by a mapping file."),
+    "cut": Entry("logs:cut_command", "Cut a window or pieces without gaps out of a recording."),
+    "resample": Entry("logs:resample_command", "Bring a recording to one even clock."),
+    "convert": Entry("logs:convert_command", "Write a recording as CSV, Parquet or MCAP."),
+    "inspect": Entry("logs:inspect_command", "Tell what is in a log; draft its mapping."),
+    "identify": Entry("identify:identify_command", "Identify a spacecraft from recordings."),
+    "track": Entry("track:track_command", "Follow a spacecraft's parameters through recordings."),
+    "stream": Entry("stream:stream_command", "Follow telemetry as it comes, in JSON lines."),
+    "play": Entry("stream:play_command", "Play a recording as JSON lines."),
+    "diagnose": Entry("diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
+    "compare": Entry("compare:compare_command", "Tell what changed between two estimates."),
+    "design": Entry("design:design_command", "Design the experiment whose data tell most."),
+    "control": Entry("control:control_command", "Design a controller from what is identified."),
+    "campaign": Entry("campaign:campaign_command", "Run a Monte Carlo campaign."),
+    "regressor": Entry("regressor:regressor_command", "Check a machine's regressors; name base parameters."),
+    "export": Entry("export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."),
+    "lab": Entry("lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
+    "show": Entry("show:show_command", "Show what is in a file."),
+    "view": Entry("view:view_command", "Show a spacecraft or replay recordings in 3-D."),
+    "plot": Entry("plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
+    "version": Entry("app:version_command", "Print the version."),
 }
 
 app = typer.Typer(
