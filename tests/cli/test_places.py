@@ -32,7 +32,7 @@ def functions() -> list[tuple[str, Callable[..., Any]]]:
     found = []
     for name, entry in COMMANDS.items():
         module, _, attribute = entry.target.partition(":")
-        target = getattr(__import__(module, fromlist=[attribute]), attribute)
+        target = getattr(__import__(f"smsid.cli.{module}", fromlist=[attribute]), attribute)
         if isinstance(target, typer.Typer):
             for info in target.registered_commands:
                 assert info.callback is not None
