@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -193,7 +193,11 @@ def identify_command(
         if modal is not None or find_tracked_point:
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
-            how = {"method": _method(method), "cad": cad, "options": _flight(drive, at_rest, start)}
+            how: dict[str, Any] = {
+                "method": _method(method),
+                "cad": cad,
+                "options": _flight(drive, at_rest, start),
+            }
             found = identify_spacecraft(described, loaded, **how, tell=tell)
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)

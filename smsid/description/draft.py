@@ -80,8 +80,10 @@ def _filled(name: str, **values: object) -> str:
     """Return a template of this package, filled in."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    look = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
-    found = Environment(loader=PackageLoader("smsid.description"), undefined=StrictUndefined, **look)
+    found = Environment(
+        loader=PackageLoader("smsid.description"), undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     return found.get_template(name).render(**values)
 
 

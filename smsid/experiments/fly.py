@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -81,7 +82,7 @@ def fly(
     inputs = experiment.inputs()
     # a clock that is ahead reports what happens after the end
     lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
-    how = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
+    how: dict[str, Any] = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
     trajectory = simulate(model, inputs, experiment.duration + lead, **how)
     truth = truth_of(trajectory, sensors)
     available = truth(np.array([trajectory.start]))

@@ -105,7 +105,7 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
     # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
     with open_hdf5(path) as file:
         file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
-        how = dict.fromkeys(("decode_times", "mask_and_scale", "decode_timedelta"), False)
+        how: dict[str, Any] = dict.fromkeys(("decode_times", "mask_and_scale", "decode_timedelta"), False)
         return xr.load_dataset(path, engine="h5netcdf", **how)
 
 

@@ -130,10 +130,12 @@ def _table(known: Sequence[ParameterSummary]) -> Table:
     rows = []
     for p in known:
         known_ = ((x, 5) for x in (p.truth, p.mean_error, p.spread, p.mean_sigma))
-        held = (p.ratio, 3, _tone(p.ratio_holds)), (p.coverage, 4, _tone(p.coverage_holds))
+        ratio, coverage = _tone(p.ratio_holds), _tone(p.coverage_holds)
         lost = p.missing + p.not_finite
         runs = Cell(f"{p.runs}−{lost}" if lost else str(p.runs), float(p.runs))
-        rows.append(cells(p.name, unit(p.unit), *known_, *held, runs))
+        rows.append(
+            cells(p.name, unit(p.unit), *known_, (p.ratio, 3, ratio), (p.coverage, 4, coverage), runs)
+        )
     columns = ("parameter", "unit", "#truth", "#mean error", "#spread", "#predicted σ", "#ratio", "#coverage",
                "#runs")  # fmt: skip
     note = "Truth: the mean over runs where it was varied. Red: outside its band."

@@ -157,8 +157,10 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
 
 def _errors(seen: OpenLoop | None, models: Sequence[str], most: int) -> str:
     """Return by how much models are off in the components where the cause tells most."""
+    if seen is None:
+        return ""
     told = []
-    for c in () if seen is None else most_different(seen, DESCRIBED, EXTENDED, most):
+    for c in most_different(seen, DESCRIBED, EXTENDED, most):
         values = " → ".join(number(seen.rms(c, m), 2) for m in models if m in seen.models)
         told.append(f"{c.name} is off by {values} {unit(c.unit)}".strip())
     return "; ".join(told)

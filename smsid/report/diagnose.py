@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from smsid.report.traces import Trace, rotation_vectors
 
 MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
-EXPECTED = {"band": "± 2 σ expected", "scale": "expected", "note": NOTE}
+EXPECTED: dict[str, Any] = {"band": "± 2 σ expected", "scale": "expected", "note": NOTE}
 BELOW = "Below: what is left, with the band of two standard deviations expected of it."
 TONES: dict[str, Tone] = {
     "adequate": "good",

@@ -273,8 +273,8 @@ def flights_report(description: Description, found: Identified, origin: Provenan
 def _channel_table(channels: tuple[ChannelFit, ...]) -> Table:
     rows = []
     for c in channels:
-        numbers = (c.ratio, 3, FIT_TONES[c.judgement]), (c.correlation, 2)
-        rows.append(cells(f"{c.recording}: {c.channel}", *numbers, c.component))
+        name, tone = f"{c.recording}: {c.channel}", FIT_TONES[c.judgement]
+        rows.append(cells(name, (c.ratio, 3, tone), (c.correlation, 2), c.component))
     columns = ("channel", "#over its stated noise", "#largest autocorrelation", "worst component")
     note = (
         "1 is the sensors' noise; less where an input that nobody recorded is estimated from sample to sample"
