@@ -126,7 +126,7 @@ class Experiment(Told, _Table):
             k: profile.signal() for k in names if (profile := getattr(self, k)) is not None
         }
         held: dict[str, Any] = {k: getattr(self, k) for k in ("lock_joints", "lock_wheels", "hold_attitude")}
-        return Inputs(**signals, **held, joint_motion=motion)
+        return Inputs(**found, **held, joint_motion=motion)
 
     def start(self, model: SpacecraftModel) -> np.ndarray:
         """Return the start configuration q (nq,).
