@@ -193,12 +193,8 @@ def identify_command(
         if modal is not None or find_tracked_point:
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
-            how: dict[str, Any] = {
-                "method": _method(method),
-                "cad": cad,
-                "options": _flight(drive, at_rest, start),
-            }
-            found = identify_spacecraft(described, loaded, **how, tell=tell)
+            how: dict[str, Any] = {"method": _method(method), "cad": cad, "tell": tell}
+            found = identify_spacecraft(described, loaded, options=_flight(drive, at_rest, start), **how)
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)
     save_estimate(estimate, output)

@@ -122,9 +122,7 @@ class Experiment(Told, _Table):
         """Return the inputs of a simulation."""
         motion = None if self.joint_motion is None else JointMotion.of(self.joint_motion.signal())
         names = ("force", "torque", "thruster", "wheel_torque", "joint_torque")
-        signals: dict[str, Any] = {
-            k: profile.signal() for k in names if (profile := getattr(self, k)) is not None
-        }
+        found: dict[str, Any] = {k: p.signal() for k in names if (p := getattr(self, k)) is not None}
         held: dict[str, Any] = {k: getattr(self, k) for k in ("lock_joints", "lock_wheels", "hold_attitude")}
         return Inputs(**found, **held, joint_motion=motion)
 

@@ -133,9 +133,8 @@ def _table(known: Sequence[ParameterSummary]) -> Table:
         ratio, coverage = _tone(p.ratio_holds), _tone(p.coverage_holds)
         lost = p.missing + p.not_finite
         runs = Cell(f"{p.runs}−{lost}" if lost else str(p.runs), float(p.runs))
-        rows.append(
-            cells(p.name, unit(p.unit), *known_, (p.ratio, 3, ratio), (p.coverage, 4, coverage), runs)
-        )
+        held = cells((p.ratio, 3, ratio), (p.coverage, 4, coverage), runs)
+        rows.append((*cells(p.name, unit(p.unit), *known_), *held))
     columns = ("parameter", "unit", "#truth", "#mean error", "#spread", "#predicted σ", "#ratio", "#coverage",
                "#runs")  # fmt: skip
     note = "Truth: the mean over runs where it was varied. Red: outside its band."
