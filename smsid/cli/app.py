@@ -80,7 +80,7 @@ COMMANDS = {
     "design": Entry("design:design_command", "Design the experiment whose data tell most."),
     "control": Entry("control:control_command", "Design a controller from what is identified."),
     "campaign": Entry("campaign:campaign_command", "Run a Monte Carlo campaign."),
-    "regressor": Entry("regressor:regressor_command", "Check a machine's regressors; name base parameters."),
+    "regressor": Entry("descriptions:regressor_command", "Check regressors; name base parameters."),
     "export": Entry("export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."),
     "lab": Entry("lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
     "show": Entry("show:show_command", "Show what is in a file."),

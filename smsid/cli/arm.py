@@ -18,8 +18,7 @@ from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.cli.inputs import write_page
-from smsid.cli.notes import told
-from smsid.cli.output import print_parts, say, working
+from smsid.cli.output import print_parts, say, told, working
 from smsid.cli.tables import estimate_parts, plain_table
 from smsid.description import Description
 from smsid.effects import BaseTilt

@@ -53,7 +53,7 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     """Yield what to print of a comparison: the verdict, findings, parameters that changed most, notes."""
     from rich.text import Text
 
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.identify.estimate_text import short_name
 

@@ -159,7 +159,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     """Yield what to print of a controller as it stands in its file: promise, gains, blocks, poles."""
     from rich.text import Text
 
-    from smsid.cli.notes import clipped
+    from smsid.cli.output import clipped
     from smsid.cli.tables import ROWS, cut_tables, plain_table
 
     r = d.get("robustness")

@@ -77,7 +77,7 @@ def design_command(
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
     """
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.description import load_description
     from smsid.design import Limits, design_experiment
     from smsid.design.model_discrimination import design_separation

@@ -97,7 +97,7 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
     """Yield what to print of a diagnosis: the verdict, causes, gain and what remains."""
     from rich.text import Text
 
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.cli.tables import cut_tables, plain_table
 
     d = json.loads(diagnosis.to_json())

@@ -43,7 +43,7 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path) -> Path:
 
 def print_estimate(estimate: Estimate, other: Estimate | None = None, *, everything: bool = False) -> None:
     """Print the parameters and notes of an estimate; ``other``: those of another method beside."""
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.cli.tables import estimate_parts
 
     print_parts(estimate_parts(estimate, other=other, everything=everything))

@@ -45,7 +45,7 @@ def inspect_command(
     from rich.markup import escape
 
     from smsid._files import atomic_write, signed
-    from smsid.cli.notes import MOST, clipped
+    from smsid.cli.output import MOST, clipped
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file
 

@@ -11,8 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from smsid.cli.file_kind import read_json
-from smsid.cli.notes import clipped, told
-from smsid.cli.output import WIDTH
+from smsid.cli.output import WIDTH, clipped, told
 from smsid.cli.tables import channel_rows, cut_tables, estimate_parts, plain_table, recording_table
 from smsid.errors import SmsidError
 

@@ -11,8 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from smsid.cli.notes import clipped
-from smsid.cli.output import WIDTH
+from smsid.cli.output import WIDTH, clipped
 from smsid.experiments.fly import LimitUse
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for, headline, short_name

@@ -179,7 +179,7 @@ def document(history: TrackHistory) -> dict:
 
 def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a history: parameters at the end, events, notes."""
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.cli.tables import cut_tables, plain_table
 
     columns = ("parameter", "described", "first", "last", "± 95 %", "unit")

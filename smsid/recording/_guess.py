@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
-from smsid.recording._names import bare, written_unit
-from smsid.recording._units import convert
+from smsid.recording._units import bare, convert, written_unit
 from smsid.recording.channels import QUANTITIES
 
 CLOCK = re.compile(

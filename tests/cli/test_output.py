@@ -16,7 +16,7 @@ import pytest
 
 from smsid.cli.app import main
 from smsid.cli.file_kind import SHOWN, kind_of
-from smsid.cli.notes import clipped, told
+from smsid.cli.output import clipped, told
 from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
