@@ -1,24 +1,29 @@
-"""Writing files so that they appear whole or not at all."""
+"""Writing files so that they appear whole or not at all, and replace no input; what smsid wrote is signed."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import math
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from smsid._guard import refuse_protected
 from smsid._temporary import temporary_beside
 from smsid.errors import OutputError
 
 FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 RESERVED = {"con", "prn", "aux", "nul"} | {f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10)}
 LONGEST_STEM = 200  # bytes: a file's name may hold 255, with its suffix
+
+
+_protected: ContextVar[tuple[Path, ...]] = ContextVar("_protected", default=())
+SIGNED = "# Written by smsid, "
 
 
 @contextmanager
@@ -96,23 +101,20 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     except FileNotFoundError:
         return target
     except OSError as error:
-        raise OutputError(
-            f"Cannot write '{path}': {error.strerror}.", advice="Name another file.", path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{error.strerror}.", "Name another file.") from error
     if stat.S_ISDIR(mode):
-        raise OutputError(
-            f"Cannot write '{path}': it is a folder.", advice="Name a file inside it.", path=str(path)
-        )
+        raise _cannot_write(path, "it is a folder.", "Name a file inside it.")
     if not stat.S_ISREG(mode):
-        raise OutputError(
-            f"Cannot write '{path}': it is a device or a pipe.", advice="Name a file.", path=str(path)
-        )
+        raise _cannot_write(path, "it is a device or a pipe.", "Name a file.")
     if not os.access(target, os.W_OK):
-        raise OutputError(
-            f"Cannot write '{path}': it is read-only.", advice="Name another file.", path=str(path)
-        )
+        raise _cannot_write(path, "it is read-only.", "Name another file.")
     refuse_protected(Path(path))
     return target
+
+
+def _cannot_write(path: str | os.PathLike[str], reason: str, advice: str) -> OutputError:
+    name = str(path) if len(str(path)) < 200 else f"{str(path)[:200]} ..."
+    return OutputError(f"Cannot write {name!r}: {reason}", advice=advice, path=str(path))
 
 
 def file_stem(name: str) -> str:
@@ -152,19 +154,13 @@ def _resolved(path: str | os.PathLike[str]) -> Path:
         return target
     except (OSError, RuntimeError, ValueError) as error:  # too long, a loop of links, a NUL
         reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(
-            f"Cannot write {str(path)[:200]!r}: {reason}.", advice="Name another file.", path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{reason}.", "Name another file.") from error
     return target
 
 
 def _check_parent(target: Path, path: str | os.PathLike[str]) -> None:
     if not target.parent.is_dir():
-        raise OutputError(
-            f"Cannot write '{path}': the folder '{target.parent}' does not exist.",
-            advice="Create it first.",
-            path=str(path),
-        )
+        raise _cannot_write(path, f"the folder '{target.parent}' does not exist.", "Create it first.")
 
 
 @contextmanager
@@ -175,9 +171,7 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
         full = error.errno in FULL
         reason = "the disk is full" if full else error.strerror or str(error)
         advice = "Make room, or name a file elsewhere." if full else "Check the rights of its folder."
-        raise OutputError(
-            f"Cannot write '{path}': {reason}; nothing was changed.", advice=advice, path=str(path)
-        ) from error
+        raise _cannot_write(path, f"{reason}; nothing was changed.", advice) from error
 
 
 def _replace(temporary: Path, target: Path) -> None:
@@ -189,6 +183,12 @@ def _replace(temporary: Path, target: Path) -> None:
     os.replace(temporary, target)
 
 
+def sha256(path: str | os.PathLike[str]) -> str:
+    """Return the sha256 sum of a file."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def json_ready(x: Any) -> Any:
     """Return a document with every number that is not finite as ``None``: JSON has no word for it."""
     if isinstance(x, float) and not math.isfinite(x):
@@ -198,3 +198,49 @@ def json_ready(x: Any) -> Any:
     if isinstance(x, list | tuple):
         return [json_ready(v) for v in x]
     return x
+
+
+@contextmanager
+def protect_inputs(inputs: Iterable[Path]) -> Iterator[None]:
+    """Refuse inside the block to replace any of these files, by whatever name it is written."""
+    token = _protected.set((*_protected.get(), *inputs))
+    try:
+        yield
+    finally:
+        _protected.reset(token)
+
+
+def refuse_protected(path: Path) -> None:
+    """Raise `OutputError` when ``path`` is one of the files `protect_inputs` names."""
+    for other in _protected.get():
+        if is_same_file(path, other):
+            raise OutputError(
+                f"'{path}' is not written: it is the input '{other}'.",
+                advice="Name another output.",
+                path=str(path),
+            )
+
+
+def is_same_file(a: Path, b: Path) -> bool:
+    """Return whether two paths lead to one file: by resolved name, by symbolic or by hard link."""
+    try:
+        if os.path.samefile(a, b):
+            return True
+    except (OSError, ValueError):
+        pass
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
+def signed(text: str) -> str:
+    """Return a text with a first line, a comment in TOML, that holds the sum of the rest."""
+    return f"{SIGNED}{_sum_of(text)}\n{text}"
+
+
+def is_signed(text: str) -> bool:
+    """Return whether a text is what `signed` gave: nobody wrote or changed it by hand."""
+    first, _, rest = text.partition("\n")
+    return first == f"{SIGNED}{_sum_of(rest)}"
+
+
+def _sum_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -13,6 +13,18 @@ LINES, WIDTH = 30, 110
 T = TypeVar("T", bound=type)
 
 
+class Told:
+    """Text and notebook table of what a class tells of itself: ``_told`` returns a title and rows."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return as_text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._told())
+
+
 def short_repr(cls: T) -> T:
     """Give a dataclass a ``repr`` of at most `LINES` lines: a field a line, long values told, not shown; and
     the same as a table in notebooks.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -19,11 +19,3 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     sigma: float | None = None
-
-    def with_value(self, value: float) -> Parameter:
-        """Return the same parameter at another value."""
-        return replace(self, value=float(value))
-
-    def prefixed(self, prefix: str) -> Parameter:
-        """Return the same parameter named ``<prefix>.<name>``."""
-        return replace(self, name=f"{prefix}.{self.name}")

@@ -5,49 +5,88 @@ from __future__ import annotations
 import logging
 import re
 import sys
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
+from smsid._version import __version__
 from smsid._xacro_arguments import xacro_arguments
-from smsid.cli.errors import error_document, print_json
-from smsid.cli.lazy import Entry, lazy_group, register
+from smsid.cli.errors import Outcome, error_document, mannered, print_json
 from smsid.cli.output import WIDTH, error_console, wrapped
 from smsid.errors import SmsidError
 
+
+@dataclass(frozen=True)
+class Entry:
+    """Where a command lives, ``module:name`` of a function or `typer.Typer` in this package, and its help."""
+
+    target: str
+    help: str
+
+    def load(self, name: str) -> Any:
+        """Import the command and return it as click knows it, with the options every command has."""
+        module, _, attribute = self.target.partition(":")
+        found = getattr(import_module(f"smsid.cli.{module}"), attribute)
+        if isinstance(found, typer.Typer):
+            for info in found.registered_commands:
+                if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
+                    info.callback = mannered(info.callback)
+            return typer.main.get_command(found)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+        alone.command(name=name)(mannered(found))
+        return typer.main.get_command(alone)
+
+
+def lazy_group(commands: Mapping[str, Entry]) -> type[TyperGroup]:
+    """Return the class of a group whose commands are placeholders until one of them is asked for."""
+
+    class LazyGroup(TyperGroup):
+        def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+            name, command, rest = super().resolve_command(ctx, args)
+            if name is not None and name in commands:
+                command = commands[name].load(name)
+            return name, command, rest
+
+    return LazyGroup
+
+
+def register(app: typer.Typer, commands: Mapping[str, Entry]) -> None:
+    """Put a placeholder for each command into an application whose class is `lazy_group`."""
+    for name, entry in commands.items():
+        app.command(name=name, help=entry.help)(lambda: None)  # never run
+
+
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
 COMMANDS = {
-    "demo": Entry("smsid.cli.demo:demo_command", "The paper's experiments, identified, beside its tables."),
-    "new": Entry("smsid.cli.new:new_command", "Write a first description of your own craft."),
-    "check": Entry("smsid.cli.check:check_command", "Tell all that is wrong or doubtful in a description."),
-    "simulate": Entry(
-        "smsid.cli.simulate:simulate_command", "Fly an experiment in simulation and record it."
-    ),
-    "import": Entry("smsid.cli.importing:import_command", "Turn a log into a recording, by a mapping file."),
-    "cut": Entry("smsid.cli.cutting:cut_command", "Cut a window or pieces without gaps out of a recording."),
-    "resample": Entry("smsid.cli.cutting:resample_command", "Bring a recording to one even clock."),
-    "convert": Entry("smsid.cli.cutting:convert_command", "Write a recording as CSV, Parquet or MCAP."),
-    "inspect": Entry("smsid.cli.inspect:inspect_command", "Tell what is in a log; draft its mapping."),
-    "identify": Entry("smsid.cli.identify:identify_command", "Identify a spacecraft from recordings."),
-    "track": Entry("smsid.cli.track:track_command", "Follow a spacecraft's parameters through recordings."),
-    "stream": Entry("smsid.cli.stream:stream_command", "Follow telemetry as it comes, in JSON lines."),
-    "play": Entry("smsid.cli.stream:play_command", "Play a recording as JSON lines."),
-    "diagnose": Entry("smsid.cli.diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
-    "compare": Entry("smsid.cli.compare:compare_command", "Tell what changed between two estimates."),
-    "design": Entry("smsid.cli.design:design_command", "Design the experiment whose data tell most."),
-    "control": Entry("smsid.cli.control:control_command", "Design a controller from what is identified."),
-    "campaign": Entry("smsid.cli.campaign:campaign_command", "Run a Monte Carlo campaign."),
-    "regressor": Entry(
-        "smsid.cli.regressor:regressor_command", "Check the regressors of a machine; name base parameters."
-    ),
-    "export": Entry(
-        "smsid.cli.export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."
-    ),
-    "lab": Entry("smsid.cli.lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
-    "show": Entry("smsid.cli.show:show_command", "Show what is in a file."),
-    "view": Entry("smsid.cli.view:view_command", "Show a spacecraft or replay recordings in 3-D."),
-    "plot": Entry("smsid.cli.plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
-    "version": Entry("smsid.cli.version:version_command", "Print the version."),
+    "demo": Entry("demo:demo_command", "The paper's experiments, identified, beside its tables."),
+    "new": Entry("descriptions:new_command", "Write a first description of your own craft."),
+    "check": Entry("descriptions:check_command", "Tell all that is wrong or doubtful in a description."),
+    "simulate": Entry("simulate:simulate_command", "Fly an experiment in simulation and record it."),
+    "import": Entry("logs:import_command", "Turn a log into a recording, by a mapping file."),
+    "cut": Entry("logs:cut_command", "Cut a window or pieces without gaps out of a recording."),
+    "resample": Entry("logs:resample_command", "Bring a recording to one even clock."),
+    "convert": Entry("logs:convert_command", "Write a recording as CSV, Parquet or MCAP."),
+    "inspect": Entry("logs:inspect_command", "Tell what is in a log; draft its mapping."),
+    "identify": Entry("identify:identify_command", "Identify a spacecraft from recordings."),
+    "track": Entry("track:track_command", "Follow a spacecraft's parameters through recordings."),
+    "stream": Entry("stream:stream_command", "Follow telemetry as it comes, in JSON lines."),
+    "play": Entry("stream:play_command", "Play a recording as JSON lines."),
+    "diagnose": Entry("diagnose:diagnose_command", "Say what the simulation gets wrong, and why."),
+    "compare": Entry("compare:compare_command", "Tell what changed between two estimates."),
+    "design": Entry("design:design_command", "Design the experiment whose data tell most."),
+    "control": Entry("control:control_command", "Design a controller from what is identified."),
+    "campaign": Entry("campaign:campaign_command", "Run a Monte Carlo campaign."),
+    "regressor": Entry("descriptions:regressor_command", "Check regressors; name base parameters."),
+    "export": Entry("export:export_command", "Export URDF, TOML, CSV, MuJoCo XML, a linear plant, an FMU."),
+    "lab": Entry("lab:lab_app", "Tests in the laboratory: tank, structure, oscillator."),
+    "show": Entry("show:show_command", "Show what is in a file."),
+    "view": Entry("view:view_command", "Show a spacecraft or replay recordings in 3-D."),
+    "plot": Entry("plot:plot_command", "Draw a figure for a paper: PNG, SVG or PDF."),
+    "version": Entry("app:version_command", "Print the version."),
 }
 
 app = typer.Typer(
@@ -69,11 +108,15 @@ ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
 """An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 
 
+def version_command() -> Outcome:
+    """Print the version."""
+    print(__version__)
+    return Outcome({"version": __version__})
+
+
 def _version(asked: bool) -> None:
     if asked:
-        from smsid._version import __version__
-
-        print(__version__)
+        version_command()
         raise typer.Exit
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
@@ -18,6 +17,9 @@ from smsid.arm.readings import with_passive_joints
 from smsid.arm.servo import identify_servos, is_of_servos, with_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
+from smsid.cli.inputs import write_page
+from smsid.cli.output import print_parts, say, told, working
+from smsid.cli.tables import estimate_parts, plain_table
 from smsid.description import Description
 from smsid.effects import BaseTilt
 from smsid.effects.base_tilt import tilt_of
@@ -25,6 +27,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
+from smsid.report.arm import arm_report
 
 DOUBTFUL = 0.3
 """Relative error of the torques from on which the recording is compared with the described links."""
@@ -35,7 +38,6 @@ def identify_and_judge(
     recordings: Sequence[Recording],
     output: Path,
     cutoff: float | None,
-    console: Console,
     *,
     gains: Sequence[str] = (),
     hold: Sequence[str] = (),
@@ -67,10 +69,6 @@ def identify_and_judge(
         DescriptionError: as `identify_arm`.
         NotIdentifiableError: as `identify_arm`.
     """
-    from smsid.cli.notes import told
-    from smsid.cli.output import working
-    from smsid.cli.tables import estimate_parts
-
     train = [r for r in recordings if r.role != "validation"]
     if not train:
         raise RecordingError(
@@ -105,7 +103,7 @@ def identify_and_judge(
         unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
-        description, untold = _with_gains(description, train[0], cutoff, console, held, unknown)
+        description, untold = _with_gains(description, train[0], cutoff, held, unknown)
     with working("identifying the arm"):
         if servos:
             found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
@@ -113,23 +111,16 @@ def identify_and_judge(
             found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
-    if report is not None:
-        from smsid.report import provenance, write_report
-        from smsid.report.arm import arm_report
-
-        others = [r for r in recordings if r is not train[0]]
-        write_report(arm_report(found, [train[0], *others], provenance(inputs)), report)
-    for part in estimate_parts(found.estimate, everything=everything):
-        console.print(part, highlight=False)
-    _print_judgement(found, judged, console)
+    others = [r for r in recordings if r is not train[0]]
+    write_page(report, lambda o: arm_report(found, [train[0], *others], o), inputs)
+    print_parts(estimate_parts(found.estimate, everything=everything))
+    _print_judgement(found, judged)
     if not servos and judged[0][2].relative > DOUBTFUL and np.any(Regressor(found.model).parameters):
         for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
-            console.print(f"doubt: {doubt.sentence}", style="yellow", markup=False, highlight=False)
+            say(f"doubt: {doubt.sentence}", style="yellow")
     for line in told(found.estimate.notes, everything=everything):
-        console.print(line, markup=False, highlight=False)
-    console.print(
-        f"identified in {found.estimate.timing['total']:.1f} s; wrote {output}", markup=False, highlight=False
-    )
+        say(line)
+    say(f"identified in {found.estimate.timing['total']:.1f} s")
     return [
         {"recording": name, "role": role, "relative": e.relative, "by_joint": dict(e.by_joint)}
         for name, role, e in judged
@@ -140,7 +131,6 @@ def _with_gains(
     description: Description,
     recording: Recording,
     cutoff: float | None,
-    console: Console,
     held: Mapping[str, float],
     unknown: Collection[str],
 ) -> tuple[Description, tuple[str, ...]]:
@@ -155,11 +145,11 @@ def _with_gains(
     for s in scales:
         if s.sure:
             spread = NORMAL95 * s.sigma / s.value**2
-            told = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
-            told += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
+            sentence = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
+            sentence += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
         else:
-            told = "gain not told: neither gravity nor inertia shows in its torque, which is not used"
-        console.print(f"{s.joint}: {told}", markup=False, highlight=False)
+            sentence = "gain not told: neither gravity nor inertia shows in its torque, which is not used"
+        say(f"{s.joint}: {sentence}")
     untold = tuple(s.joint for s in scales if not s.sure)
     if len(untold) == len(rigid_arm(description, held).arm_joints):
         raise NotIdentifiableError(
@@ -168,9 +158,7 @@ def _with_gains(
     return with_torque_gains(description, [s for s in scales if s.sure]), untold
 
 
-def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]], console: Console) -> None:
-    from smsid.cli.tables import plain_table
-
+def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]]) -> None:
     names = list(judged[0][2].by_joint)
     stems = {n.rpartition("_")[0] + "_" for n in names}
     shared = stems.pop() if len(stems) == 1 and len(names) > 1 else ""  # of `panda_joint1` and so on
@@ -181,6 +169,6 @@ def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]], c
     )
     for name, role, errors in judged:
         table.add_row(name, role, f"{errors.relative:.4f}", *(f"{x:.3f}" for x in errors.by_joint.values()))
-    console.print(table)
+    print_parts([table])
     for sentence in found.verdict():
-        console.print(sentence, markup=False, highlight=False)
+        say(sentence)

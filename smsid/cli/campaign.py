@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import ReportPath, ShowAll
-from smsid.cli.output import error_console, is_quiet, print_parts, say_written, warn
+from smsid.cli.output import error_console, is_quiet, print_parts, warn
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -73,5 +73,4 @@ def campaign_command(
     print_parts(cut_tables(summary_tables(summary), show_all))
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
-    say_written(written)
     return Outcome({"summary": json.loads(summary.to_json())}, written)

@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ def compare_command(
     made = write_page(report, lambda o: compare_report(found, o), [description, estimate, second], described)
     print_parts(comparison_parts(found, everything=show_all))
     written = [output, *made]
-    say_written(written)
     return Outcome(json.loads(found.to_json()), written)
 
 
@@ -54,8 +53,8 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     """Yield what to print of a comparison: the verdict, findings, parameters that changed most, notes."""
     from rich.text import Text
 
-    from smsid.cli.notes import told
-    from smsid.cli.tables import plain_table
+    from smsid.cli.output import told
+    from smsid.cli.tables import cut_tables, plain_table
     from smsid.identify.estimate_text import short_name
 
     yield Text(f"{found.first} -> {found.second}", style="dim")
@@ -67,23 +66,14 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
             yield _quantities(finding, everything)
     if len(found.findings) > len(shown):
         yield Text(f"{len(found.findings) - len(shown)} more findings with --all", style="dim")
-    order = sorted(found.parameters, key=lambda p: p.p_value)
-    rows = order if everything else order[:ROWS]
-    table = plain_table(
-        *("parameter", "before", "after", "change", "± 95 %", "sigma", "unit", ""),
-        left=("parameter", "unit", ""),
-    )
-    for p in rows:
+    columns = ("parameter", "before", "after", "change", "± 95 %", "sigma", "unit", "")
+    table = plain_table(*columns, left=("parameter", "unit", ""), fold=everything)
+    for p in sorted(found.parameters, key=lambda p: p.p_value):
         name = p.name if everything else short_name(p.name, 34)
         numbers = f"{p.before:.6g}", f"{p.after:.6g}", f"{p.change:+.3g}", f"{1.96 * p.sigma:.2g}"
         changed = Text("changed" if p.changed else "", style="yellow")
         table.add_row(Text(name), *numbers, f"{p.deviations:+.1f}", p.unit, changed)
-    if everything:
-        table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
-    if rows:
-        yield table
-    if len(order) > len(rows):
-        yield Text(f"{len(order) - len(rows)} more parameters with --all", style="dim")
+    yield from cut_tables([table] if found.parameters else [], everything, ROWS)
     lines = [f"not comparable, {n.reason} ({n.estimate} estimate): {n.name}" for n in found.not_comparable]
     if lines and not everything:
         yield Text(f"{len(lines)} parameters are not comparable: --all", style="yellow")

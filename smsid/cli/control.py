@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 from smsid.errors import ControlError
 
@@ -83,7 +83,6 @@ def control_command(
         page = write_page(
             report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
         )
-        say_written([output, *page])
         return Outcome({"study": flown}, [output, *page])
     if found is None and uncertainty is None:
         raise ControlError(
@@ -107,7 +106,6 @@ def control_command(
     page = write_page(report, lambda o: control_report(made, o), files, described, seed=seed)
     document = controller_document(made)
     print_parts(document_parts(document, everything=show_all))
-    say_written([output, *page])
     return Outcome({"controller": document}, [output, *page])
 
 
@@ -161,8 +159,8 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     """Yield what to print of a controller as it stands in its file: promise, gains, blocks, poles."""
     from rich.text import Text
 
-    from smsid.cli.notes import clipped
-    from smsid.cli.tables import ROWS, plain_table, shortened
+    from smsid.cli.output import clipped
+    from smsid.cli.tables import ROWS, cut_tables, plain_table
 
     r = d.get("robustness")
     if r is not None:
@@ -205,12 +203,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     table = plain_table("mode", "rad/s", "damping ratio", "", title=title, left=("mode", ""))
     for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first
         table.add_row(p["mode"], f"{math.hypot(*p['value']):.4g}", f"{p['damping']:.4g}", p["flag"])
-    left_out = 0
-    if not everything:
-        table, left_out = shortened(table, ROWS - len(modes) - 6)
-    yield table
-    if left_out:
-        yield Text(f"{left_out} more poles with --all", style="dim")
+    yield from cut_tables([table], everything, ROWS - len(modes) - 6)
 
 
 def _range(matrix: Sequence[Any]) -> str:
@@ -223,11 +216,17 @@ def _range(matrix: Sequence[Any]) -> str:
 def _blocks(blocks: Sequence[Mapping[str, Any]]) -> Table:
     from smsid.cli.tables import plain_table
 
-    table = plain_table(
-        *("coordinates", "gamma", "e [rad]", "crossover", "S peak", "T peak", "gain margin", "phase margin"),
-        left=("coordinates",),
+    columns = (
+        "coordinates",
+        "gamma",
+        "e [rad]",
+        "crossover",
+        "S peak",
+        "T peak",
+        "gain margin",
+        "phase margin",
     )
-    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    table = plain_table(*columns, left=columns[:1], fold=True)
     for b in blocks:
         low, high = ("inf" if x is None else f"{x:.2f}" for x in b["gain_margin"])
         bounds = (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
     from smsid.design import Design
     from smsid.design.model_discrimination import Separation
-    from smsid.design.watch import Progress
     from smsid.report import Provenance, Report
 
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
@@ -79,7 +77,7 @@ def design_command(
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
     """
-    from smsid.cli.notes import told
+    from smsid.cli.output import told
     from smsid.description import load_description
     from smsid.design import Limits, design_experiment
     from smsid.design.model_discrimination import design_separation
@@ -98,8 +96,9 @@ def design_command(
     )  # fmt: skip
     described, precision = load_description(description), None if to is None else share(to)
     search: dict[str, Any] = {"limits": limits, "duration": duration, "seed": seed, "effort": effort}
-    with _progress() as tell:
-        search |= {"name": output.stem, "progress": tell}
+    with working("designing") as tell:
+        search |= {"name": output.stem}
+        search |= {"progress": lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")}
         if separate is not None:
             found = design_separation(described, separate, **search)
         else:
@@ -119,7 +118,7 @@ def design_command(
     print_parts(_tables(found, show_all))
     for line in told(found.notes, everything=show_all):
         say(line)
-    say(f"{found.evaluations} experiments tried; wrote {', '.join(map(str, written))}")
+    say(f"{found.evaluations} experiments tried")
     return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
 
@@ -150,9 +149,8 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
             f"excitation within the same limits ({found.reference.note})"
         )
         columns = ("parameter", "value", "sigma", "sigma before", "unit", "relative", "before")
-        table = plain_table(*columns, title="predicted (Cramer-Rao)", left=("parameter", "unit"))
-        if everything:
-            table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+        title = "predicted (Cramer-Rao)"
+        table = plain_table(*columns, title=title, left=("parameter", "unit"), fold=everything)
         rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
         for i, (sigma, before, relative, relative_before) in enumerate(rows):
             name = found.goal.names[i]
@@ -166,9 +164,3 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
         for row in found.rows:
             table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
     yield from cut_tables([table, limits_table(found.limits)], everything, 36)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    with working("designing") as tell:
-        yield lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")

@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -89,23 +89,18 @@ def diagnose_command(
 
     written += write_page(report, page, [description, *recordings, *(validate or ()), estimate], described)
     print_parts(diagnosis_parts(found.diagnosis, everything=show_all))
-    say_written(written)
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
     return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
 
 
-def diagnosis_parts(d: Diagnosis, *, everything: bool = False) -> Iterator[RenderableType]:
+def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a diagnosis: the verdict, causes, gain and what remains."""
-    yield from document_parts(json.loads(d.to_json()), everything=everything)
-
-
-def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterator[RenderableType]:
-    """Yield the same of a diagnosis as it stands in its file."""
     from rich.text import Text
 
-    from smsid.cli.notes import told
-    from smsid.cli.tables import plain_table
+    from smsid.cli.output import told
+    from smsid.cli.tables import cut_tables, plain_table
 
+    d = json.loads(diagnosis.to_json())
     yield Text(f"{d['verdict'].replace('_', ' ')}: {d['sentence']}", style="bold")
     if d["causes"]:
         yield from _causes(d["causes"], everything)
@@ -126,16 +121,13 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         )
     elif gain.get("reason"):
         yield f"gain not evaluated: {gain['reason']}"
-    remaining = d["remaining"] if everything else d["remaining"][:8]
-    if remaining:
+    if d["remaining"]:
         columns = ("what", "depends on", "chi-squared", "freedom", "p, corrected")
         table = plain_table(*columns, title="what is left", left=columns[:2])
-        for r in remaining:
+        for r in d["remaining"]:
             p = "-" if r["p_value"] is None else f"{r['p_value']:.1e}"
             table.add_row(r["where"], r["dependence"], _short(r["ratio"]), str(r["freedom"]), p)
-        yield table
-        if len(d["remaining"]) > len(remaining):
-            yield Text(f"{len(d['remaining']) - len(remaining)} more with --all", style="dim")
+        yield from cut_tables([table], everything, 8)
     if everything and d["limits"]:
         columns = ("effect", "where", "shape", "parameter", "least seen", "unit")
         title = "what would have been seen with 95 % chance"

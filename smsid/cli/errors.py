@@ -15,11 +15,9 @@ from typing import Annotated, Any, TextIO, get_type_hints
 
 import typer
 
-from smsid._files import json_ready
-from smsid._guard import protect_inputs
-from smsid.cli.kinds import check_kinds
-from smsid.cli.output import Manners, behaving
-from smsid.cli.places import check_numbers, check_places
+from smsid._files import json_ready, protect_inputs
+from smsid.cli.output import Manners, behaving, say
+from smsid.cli.places import check_kinds, check_numbers, check_places
 from smsid.errors import SmsidError
 
 AsJson = Annotated[bool, typer.Option("--json", help="print the result as JSON, and nothing else, on stdout")]
@@ -28,11 +26,15 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but er
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with."""
+    """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with.
+
+    The files are named on stdout after what the command printed, unless ``untold``.
+    """
 
     document: Mapping[str, Any] = field(default_factory=dict)
     written: Sequence[Path | str] = ()
     exit_code: int = 0
+    untold: bool = False
 
     def table(self) -> dict[str, Any]:
         """Return the document as printed."""
@@ -58,7 +60,10 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
 
         def command() -> Any:
             check_numbers(given)
-            inputs = check_places(function, given, _unnamed(context))
+            # those that nobody gave have their defaults
+            sources = {name: context.get_parameter_source(name) for name in context.params}
+            unnamed = [n for n, source in sources.items() if source is not None and source.name == "DEFAULT"]
+            inputs = check_places(function, given, unnamed)
             check_kinds(function, given)
             with protect_inputs(inputs):
                 return function(**given)
@@ -71,18 +76,14 @@ def mannered(function: Callable[..., Any]) -> Callable[..., None]:
     return run
 
 
-def _unnamed(context: typer.Context) -> list[str]:
-    """Return the options that nobody gave: they have their defaults."""
-    sources = {name: context.get_parameter_source(name) for name in context.params}
-    return [name for name, source in sources.items() if source is not None and source.name == "DEFAULT"]
-
-
 def _run(command: Callable[[], Any], manners: Manners) -> None:
     stdout, hidden = sys.stdout, io.StringIO()
     hush = redirect_stdout(hidden) if manners.json or manners.quiet else nullcontext()
     try:
         with behaving(manners), hush:
             result = command()
+            if isinstance(result, Outcome) and result.written and not result.untold:
+                say(f"wrote {', '.join(map(str, result.written))}")
     except typer.Exit as left:
         result = Outcome(exit_code=left.exit_code)
     except SmsidError as error:

@@ -65,7 +65,6 @@ def export_command(
 
         with working("building the FMU"):
             written.append(write_fmu(described, fmu, known))
-        say(f"wrote {fmu}")
     if output is not None:
         written += _write_folder(described, known, output, mujoco, document)
     return Outcome(document, written)
@@ -97,7 +96,6 @@ def _write_linear(
         say(f"its uncertainty is that of {len(plant.draws)} draws of the estimate")
     for note in plant.notes:
         say(f"note: {note}")
-    say(f"wrote {path}")
     return path
 
 
@@ -117,5 +115,4 @@ def _write_folder(
         )
     for note in dict.fromkeys(found.notes):
         say(f"note: {note}")
-    say(f"wrote {', '.join(found.files)} to {output}")
     return [output / name for name in found.files]

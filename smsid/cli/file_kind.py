@@ -9,23 +9,25 @@ from smsid._reading import read_json as read_any_json
 from smsid.errors import SmsidError
 from smsid.paths import bundled_craft, missing_craft_advice
 
-KINDS = (
-    "recording",
-    "estimate",
-    "diagnosis",
-    "comparison",
-    "track",
-    "linear_plant",
-    "controller",
-    "control_study",
-    "campaign",
-    "campaign_summary",
-    "campaign_plan",
-    "mapping",
-    "experiment",
-    "description",
-)
-"""What `smsid show` shows: whatever a command writes or reads, but pages and pictures."""
+PARTS, READ_JSON = "smsid.cli.show_parts", "smsid.cli.file_kind:read_json"
+SHOWN = {
+    "recording": ("smsid.recording:load_recording", f"{PARTS}:recording_parts"),
+    "estimate": ("smsid.identify.estimate:load_estimate", f"{PARTS}:estimate_and_notes"),
+    "diagnosis": ("smsid.diagnose:load_diagnosis", "smsid.cli.diagnose:diagnosis_parts"),
+    "comparison": ("smsid.comparison:load_comparison", "smsid.cli.compare:comparison_parts"),
+    "track": ("smsid.tracking.history:load_history", f"{PARTS}:track_parts"),
+    "linear_plant": (READ_JSON, f"{PARTS}:plant_parts"),
+    "controller": (f"{PARTS}:checked_controller", "smsid.cli.control:document_parts"),
+    "control_study": (READ_JSON, "smsid.cli.control:study_parts"),
+    "campaign": (f"{PARTS}:campaign_of", f"{PARTS}:campaign_parts"),
+    "campaign_summary": ("smsid.campaign.summary:load_summary", f"{PARTS}:summary_parts"),
+    "campaign_plan": ("smsid.campaign:load_campaign", f"{PARTS}:plan_parts"),
+    "mapping": ("smsid.recording.mapping:load_mapping", f"{PARTS}:mapping_parts"),
+    "experiment": ("smsid.experiments:load_experiment", f"{PARTS}:experiment_parts"),
+    "description": ("smsid.description:load_description", f"{PARTS}:description_parts"),
+}
+"""By kind, what loads a file and what yields what `smsid show` prints of it; all that commands read or write
+but pages and pictures."""
 
 TRACK = "smsid.track"  # schema of what `smsid track` writes
 LOGS = (".csv", ".npz", ".mat", ".parquet", ".bag", ".mcap", ".db3", ".ulg", ".txt")
@@ -38,7 +40,7 @@ PICTURES = {
 
 
 def kind_of(path: Path) -> str:
-    """Return which of `KINDS` a file is; raises `SmsidError` saying what else it is and what to do."""
+    """Return which of `SHOWN` a file is; raises `SmsidError` saying what else it is and what to do."""
     if path.is_dir():
         raise SmsidError(f"'{path}' is a folder.", advice="Name a file in it.")
     if not path.is_file():
@@ -82,7 +84,7 @@ def read_json(path: Path) -> dict[str, Any]:
 def _kind_of_json(path: Path) -> str:
     document = read_json(path)
     kind = document.get("kind")
-    if kind in KINDS:
+    if kind in SHOWN:
         return str(kind)
     if kind is None and {"rows", "orderings", "improvements"} <= set(document):
         return "control_study"  # those of earlier versions do not say what they are

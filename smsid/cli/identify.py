@@ -5,24 +5,22 @@ from __future__ import annotations
 import json
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.inputs import read_recordings, write_page
+from smsid.cli.inputs import print_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import console, print_parts, say, working
+from smsid.cli.output import say, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
-
-if TYPE_CHECKING:
-    from smsid.estimation.identify_flights import FlightEstimate
 
 if TYPE_CHECKING:
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
     from smsid.estimation.identify import Identified, Method
+    from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
 
@@ -153,8 +151,6 @@ def identify_command(
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.arm.servo import is_of_servos
     from smsid.arm.setup import arm_description, is_of_an_arm
-    from smsid.cli.notes import told
-    from smsid.cli.tables import estimate_parts
     from smsid.description import load_description
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
@@ -169,53 +165,36 @@ def identify_command(
     loaded = read_recordings(files, unchecked)
     if bare and robot is None and (is_of_an_arm(loaded) or is_of_servos(loaded)):
         described = arm_description(description)
-    if cad is not None and (method == "paper" or described.root == "fixed"):
-        raise SmsidError(
-            "--cad is for maximum likelihood of a spacecraft.",
-            advice='Leave it out, or use --method ml with root = "free".',
-        )
+    given = {
+        "--cad": cad is not None, "--states": states is not None, "--modal": modal is not None,
+        "--find-tracked-point": find_tracked_point, "--tracked-point": tracked_point is not None,
+        "--cutoff": cutoff is not None, "--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid,
+        "--friction": friction, "--level": level, "--passive": passive,
+    }  # fmt: skip
+    _check_fitting([option for option, value in given.items() if value], described.root, method)
     if modal not in (None, "smoother", "printed"):
         raise SmsidError(f"There is no modal estimator '{modal}'.", advice="Use smoother or printed.")
-    for option, given in (("--modal", modal is not None), ("--find-tracked-point", find_tracked_point)):
-        if given and (method != "paper" or described.root == "fixed"):
-            raise SmsidError(
-                f"{option} is for the paper's method of a spacecraft.",
-                advice="Add --method paper, or leave it out.",
-            )
     if tracked_point is not None:
-        if described.root == "fixed":
-            raise SmsidError("--tracked-point is for spacecraft.", advice="Leave it out.")
         described = with_tracked_point(described, _point(tracked_point))
-    if states is not None:
-        method = check_states(method, described.root)
+    method = "filter" if states is not None else method  # what was hidden is estimated by it
     if described.root == "fixed":
         from smsid.cli.arm import identify_and_judge
 
         inputs = files if robot else (description, *files)
         judged = identify_and_judge(
-            described, loaded, output, cutoff, console(), gains=("*",) if gains else gain or (),
+            described, loaded, output, cutoff, gains=("*",) if gains else gain or (),
             hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level,
             passive=passive or (), report=report,
             inputs=inputs, everything=show_all,
         )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    for_arms = {"--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid, "--friction": friction}
-    for_arms |= {"--level": level, "--passive": passive, "--cutoff": cutoff is not None}
-    if option := next((name for name, value in for_arms.items() if value), ""):
-        raise SmsidError(f"{option} is for welded arms.", advice='Leave it out, or set root = "fixed".')
     with working("identifying") as tell:
         if modal is not None or find_tracked_point:
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
-            found = identify_spacecraft(
-                described,
-                loaded,
-                method=_method(method),
-                cad=cad,
-                options=_flight(drive, at_rest, start),
-                tell=tell,
-            )
+            how: dict[str, Any] = {"method": _method(method), "cad": cad, "tell": tell}
+            found = identify_spacecraft(described, loaded, options=_flight(drive, at_rest, start), **how)
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)
     save_estimate(estimate, output)
@@ -231,13 +210,32 @@ def identify_command(
     if states is not None and found.flights is not None:
         write_states(found.flights, states)
     other = linear.estimate if linear is not None and found.refined is not None else None
-    print_parts(estimate_parts(estimate, other=other, everything=show_all))
-    beside = linear.estimate.notes if linear is not None else ()
-    for line in told((*estimate.notes, *beside), everything=show_all):
-        say(line)
+    print_estimate(estimate, other, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
-    say(f"identified in {seconds:.1f} s; wrote {', '.join(map(str, written))}")
+    say(f"identified in {seconds:.1f} s")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
+
+
+SPACECRAFT, ML, PAPER, ARM = ("ml", "filter", "paper"), ("ml", "filter"), ("paper",), ("arm",)
+ADVICE = {
+    SPACECRAFT: ("spacecraft", "Leave it out."),
+    ML: ("maximum likelihood of a spacecraft", 'Leave it out, or use --method ml with root = "free".'),
+    PAPER: ("the paper's method of a spacecraft", "Add --method paper, or leave it out."),
+    ARM: ("welded arms", 'Leave it out, or set root = "fixed".'),
+}
+"""What an option is for by the methods that take it, and what to do elsewhere."""
+TAKEN_BY = {"--cad": ML, "--states": ML, "--modal": PAPER, "--find-tracked-point": PAPER}
+TAKEN_BY |= {"--tracked-point": SPACECRAFT}  # all others are for arms
+
+
+def _check_fitting(options: list[str], root: str, method: str) -> None:
+    """Raise `SmsidError` for an option that the machine or the method does not take."""
+    kind = "arm" if root == "fixed" else method
+    for option in options:
+        methods = TAKEN_BY.get(option, ARM)
+        if kind not in methods:
+            what, advice = ADVICE[methods]
+            raise SmsidError(f"{option} is for {what}.", advice=advice)
 
 
 def _method(name: str) -> Method:
@@ -306,19 +304,8 @@ StatesPath = Annotated[
 ]
 
 
-def check_states(method: str, root: str) -> str:
-    """Return the method that estimates hidden states instead of one; raise `SmsidError` if there is none."""
-    if root == "fixed" or method == "paper":
-        raise SmsidError(
-            "--states is for spacecraft identified by the filter.",
-            advice="Leave it out, or use --method filter.",
-        )
-    return "filter"
-
-
 def write_states(found: FlightEstimate, path: Path) -> None:
     """Write the smoothed hidden states of flights as a recording."""
-    from smsid.cli.output import working
     from smsid.estimation.hidden_states import hidden_states
     from smsid.recording import save_recording
 

@@ -1,4 +1,4 @@
-"""What commands read, and the report of what they made of it."""
+"""What commands read, and what several of them write and print of what they made of it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smsid.cli.output import working
+from smsid.cli.output import print_parts, say, working
 
 if TYPE_CHECKING:
     from smsid.description import Description
+    from smsid.diagnose import Diagnosis
     from smsid.identify.estimate import Estimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
@@ -28,6 +29,26 @@ def read_estimate(path: Path | None) -> Estimate | None:
     from smsid.identify.estimate import load_estimate
 
     return None if path is None else load_estimate(path)
+
+
+def write_diagnosis(diagnosis: Diagnosis, path: Path) -> Path:
+    """Write and print a diagnosis of a laboratory test; return where it is."""
+    from smsid.cli.diagnose import diagnosis_parts
+    from smsid.diagnose.result import save_diagnosis
+
+    save_diagnosis(diagnosis, path)
+    print_parts(diagnosis_parts(diagnosis))
+    return path
+
+
+def print_estimate(estimate: Estimate, other: Estimate | None = None, *, everything: bool = False) -> None:
+    """Print the parameters and notes of an estimate; ``other``: those of another method beside."""
+    from smsid.cli.output import told
+    from smsid.cli.tables import estimate_parts
+
+    print_parts(estimate_parts(estimate, other=other, everything=everything))
+    for line in told((*estimate.notes, *(other.notes if other is not None else ())), everything=everything):
+        say(line)
 
 
 def write_page(

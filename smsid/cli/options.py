@@ -23,6 +23,12 @@ ReportPath = Annotated[
 ]
 ShowAll = Annotated[bool, typer.Option("--all", help="print everything: all rows, names in full, every note")]
 Seed = Annotated[int, typer.Option(min=0, help="seed of sensor noise and turn-on biases")]
+LabRecording = Annotated[Path, typer.Argument(help="recording (.nc of `smsid import` or `smsid lab fetch`)")]
+LabDiagnosis = Annotated[
+    Path | None,
+    typer.Option(help="name what the simplest model lacks, and write that as `smsid diagnose` does"),
+    Writes((".json",)),
+]
 Unchecked = Annotated[bool, typer.Option("--unchecked", help="go on although channels contradict each other")]
 StartingEstimate = Annotated[
     Path | None, typer.Option(help="estimate (JSON) to start from, with its covariance")

@@ -1,8 +1,9 @@
-"""What a command says and where: results on stdout, progress and warnings on stderr, JSON, or nothing."""
+"""What a command says and where: results on stdout, progress and warnings on stderr, notes by kind, JSON."""
 
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
@@ -11,8 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rich.console import Console, RenderableType
     from rich.progress import Progress
 
@@ -77,11 +76,6 @@ def print_parts(parts: Iterable[RenderableType]) -> None:
     out = console()
     for part in parts:
         out.print(part, highlight=False)
-
-
-def say_written(written: Iterable[Path | str]) -> None:
-    """Say which files were written."""
-    say(f"wrote {', '.join(map(str, written))}")
 
 
 def wrapped(text: str, width: int) -> str:
@@ -179,3 +173,68 @@ def _listening(tell: Callable[[str], None]) -> Iterator[None]:
     finally:
         logger.removeHandler(listener)
         logger.setLevel(before)
+
+
+MOST = 6  # lines of notes, unless everything is asked for
+
+_KINDS = (
+    (
+        re.compile(r"^only in combination: (?P<item>[^(]+?)(?: \(.*)?$", re.DOTALL),
+        "{count} sets are seen only in combination: {items}",
+    ),
+    (
+        re.compile(r"^(?P<item>\S+): noise of (?P<second>\S+) as its residuals show it: .*$"),
+        "noise as the residuals show it, of {count} channels of {items}: --all",
+    ),
+    (re.compile(r"^(?P<item>.+?): .* left out: (?P<rest>.*)$"), "samples left out in {items}: --all"),
+    (
+        re.compile(r"^'(?P<item>[^']+)' contradicts the other recordings (?!.*One factor).*$", re.DOTALL),
+        "{items} contradict each other: were they flown with the same spacecraft? In what, with --all",
+    ),
+    (
+        re.compile(r"^(?P<item>\S+) stands? still .*$"),
+        "stand still, their own parameters stay as described: {items}",
+    ),
+    (re.compile(r"^(?P<item>'.+?') has no mass in the URDF.*$"), "without mass in the URDF: {items}"),
+)
+
+
+def told(notes: Iterable[str], *, everything: bool = False, most: int = MOST) -> list[str]:
+    """Return lines that tell notes: each once, those of one kind together, at most ``most`` lines.
+
+    ``everything``: every note in full, in the order given.
+    """
+    unique = list(dict.fromkeys(str(n) for n in notes))
+    if everything:
+        return [f"note: {n}" for n in unique]
+    groups: dict[str, list[str]] = {}
+    for n in unique:
+        groups.setdefault(_kind(n)[0] or n, []).append(n)
+    lines = []
+    for sentence, own in groups.items():
+        text = own[0]
+        if len(own) > 1:
+            names = list(dict.fromkeys(_kind(n)[1] for n in own))
+            several = "; " if any("," in x for x in names) else ", "
+            text = sentence.format(count=len(own), items=several.join(names))
+        lines.append(clipped(f"note: {text}"))
+    if len(lines) > most:
+        left = sum(len(own) for own in list(groups.values())[most - 1 :])
+        lines = [*lines[: most - 1], f"note: {left} more with --all"]
+    return lines
+
+
+def clipped(text: str, width: int = WIDTH) -> str:
+    """Return one line of at most ``width`` characters; what is cut stands with ``--all``."""
+    text = " ".join(text.split())
+    tail = " ... (--all)"
+    return text if len(text) <= width else text[: width - len(tail)].rstrip(" ,;(") + tail
+
+
+def _kind(note: str) -> tuple[str, str]:
+    """Return the sentence that notes of one kind share, and what this one is about."""
+    for pattern, sentence in _KINDS:
+        match = pattern.match(note)
+        if match:
+            return sentence, match["item"].strip()
+    return "", note

@@ -1,9 +1,11 @@
-"""Where a command reads and writes: no output is an input or another output, and each fits its suffix."""
+"""Where a command reads and writes: no output is an input or another output, each file fits its place."""
 
 from __future__ import annotations
 
 import inspect
+import json
 import math
+import os
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,18 +14,12 @@ from typing import Any, get_args
 
 import typer
 
-from smsid._files import check_target
-from smsid._guard import is_same_file
+from smsid._files import check_target, is_same_file, is_signed
 from smsid._temporary import remove_orphans
-from smsid.cli.replacement import check_toml, check_unnamed
+from smsid.cli.file_kind import kind_of
 from smsid.errors import OutputError, SmsidError
 
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
-
-
-def nothing_beside(_: Path) -> Sequence[Path]:
-    """Return no paths: the command writes the file it is asked for alone."""
-    return ()
 
 
 @dataclass(frozen=True)
@@ -38,7 +34,7 @@ class Writes:
     suffixes: tuple[str, ...] = ()
     folder: bool = False
     kind: str = ""
-    beside: Callable[[Path], Sequence[Path]] = nothing_beside
+    beside: Callable[[Path], Sequence[Path]] = lambda _: ()
     beside_kind: str = ""
 
 
@@ -108,9 +104,7 @@ def check_places(
             if is_same_file(out.path, other.path):
                 raise _clash(out, f"the same file as {other.name}")
         for source in inputs:
-            if is_same_file(out.path, source.path) or (
-                _exists(out.path) and _is_inside(out.path, source.path)
-            ):
+            if is_same_file(out.path, source.path) or _is_inside(out.path, source.path):
                 raise _clash(out, f"an input ({source.name})")
     for name in marks:
         if options.get(name) is not None:
@@ -118,7 +112,7 @@ def check_places(
             _check_replaced(
                 called, Path(options[name]), marks[name], name in unnamed, [p.path for p in inputs]
             )
-    return [p.path for p in inputs if _is_file(p.path)]
+    return [p.path for p in inputs if os.path.isfile(p.path)]
 
 
 def check_numbers(options: Mapping[str, Any]) -> None:
@@ -144,7 +138,7 @@ def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
             f"{called} is followed by '{path}', which is an option.", advice=f"Give {called} a path first."
         )
     if mark.folder:
-        if _is_file(path):
+        if os.path.isfile(path):
             raise OutputError(f"{called} '{path}' is a file.", advice="Name a folder.", path=str(path))
         return [Place(called, path), *(Place(f"{called} ({p.name})", p) for p in mark.beside(path))]
     target = check_target(path)
@@ -175,7 +169,7 @@ def _read_paths(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str):
-        if value and _is_file(Path(value)):  # a word may name a file; a folder of that name is chance
+        if value and os.path.isfile(Path(value)):  # a word may name a file; a folder of that name is chance
             yield Path(value)
     elif isinstance(value, list | tuple):
         for item in value:
@@ -184,7 +178,7 @@ def _read_paths(value: Any) -> Iterator[Path]:
 
 def _named_files(path: Path) -> Iterator[Path]:
     """Yield the files that a TOML names anywhere, as a description its URDF; they are inputs as well."""
-    if path.suffix.lower() != ".toml" or not _is_file(path) or path.stat().st_size > LARGEST_TOML:
+    if path.suffix.lower() != ".toml" or not os.path.isfile(path) or path.stat().st_size > LARGEST_TOML:
         return
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -192,7 +186,7 @@ def _named_files(path: Path) -> Iterator[Path]:
         return  # the command that reads it says what is wrong
     for word in _words(tables):
         file = path.parent / word
-        if _is_file(file):
+        if os.path.isfile(file):
             yield file
 
 
@@ -207,20 +201,170 @@ def _words(value: Any) -> Iterator[str]:
             yield from _words(item)
 
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
 def _is_inside(path: Path, folder: Path) -> bool:
-    """Return whether a file lies in an input that is a folder, as a bag is."""
-    return folder.is_dir() and path.resolve().is_relative_to(folder.resolve())
+    """Return whether something that is there lies in an input that is a folder, as a bag is."""
+    there = os.path.exists(path) and os.path.isdir(folder)
+    return there and path.resolve().is_relative_to(folder.resolve())
+
+
+LOG = "a log"
+KINDS = {
+    ".nc": "a recording",
+    ".toml": "a TOML (description, experiment or mapping)",
+    ".urdf": "a URDF",
+    ".xacro": "a xacro",
+    ".sdf": "an SDF",
+    ".mjcf": "an MJCF",
+    ".xml": "an MJCF",
+    ".json": "a JSON (estimate, diagnosis or controller)",
+    ".jsonl": "the store of a campaign",
+    ".csv": LOG,
+    ".npz": LOG,
+    ".mat": LOG,
+    ".bag": LOG,
+    ".mcap": LOG,
+    ".ulg": LOG,
+    ".parquet": LOG,
+}
+"""What a file is by its suffix."""
+
+ROBOTS = (".toml", ".urdf", ".xacro", ".sdf", ".mjcf", ".xml")
+WANTED = {
+    "description": ("description (TOML or URDF)", ROBOTS),
+    "experiment": ("experiment (TOML or a name)", (".toml",)),
+    "recordings": ("recordings (.nc)", (".nc", ".h5", ".hdf5")),
+    "recording": ("recording (.nc)", (".nc", ".h5", ".hdf5")),
+    "validate": ("recordings (.nc)", (".nc", ".h5", ".hdf5")),
+    "estimate": ("estimate (JSON)", (".json",)),
+    "second": ("estimate (JSON)", (".json",)),
+    "truth": ("estimate (JSON)", (".json",)),
+    "mapping": ("mapping (TOML)", (".toml",)),
+    "plan": ("plan (TOML)", (".toml",)),
+    "arm": ("description (TOML or URDF)", ROBOTS),
+}
+"""What a parameter takes by its name, and the suffixes that fit."""
+
+ORDINALS = ("first", "second", "third")
+
+
+def check_kinds(function: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """Raise `SmsidError` where a file is given in the place of another kind, and say which goes where."""
+    parameters = inspect.signature(function, eval_str=True).parameters
+    order = [name for name, p in parameters.items() if is_argument(p)]
+    # a robot by its name stands in the description's place: the first argument is a recording then
+    wants = WANTED | {"description": WANTED["recordings"]} if options.get("robot") else WANTED
+    for name, value in options.items():
+        if name not in wants:
+            continue
+        wanted, fitting = wants[name]
+        for path in value if isinstance(value, list | tuple) else [value]:
+            suffix = Path(path).suffix.lower() if isinstance(path, str | Path) else ""
+            if suffix not in KINDS or suffix in fitting:
+                continue
+            if name in order:
+                verb = "come" if "recordings" in wanted else "comes"
+                place = f"the {wanted} {verb} {ORDINALS[order.index(name)]}"
+                usage = " ".join(n.upper() for n in order)
+            else:
+                place = f"{option_name(parameters[name])} takes the {wanted}"
+                usage = f"{option_name(parameters[name])} {Path('FILE').with_suffix(fitting[0])}"
+            advice = f"Give {usage}."
+            if KINDS[suffix] == LOG and "recording" in wanted:
+                advice = "Turn it into a recording with `smsid import` first."
+            raise SmsidError(f"'{path}' is {KINDS[suffix]}; {place}.", advice=advice, path=str(path))
+
+
+FIGURE, PAGE = "figure", "page"
+MARKED = {
+    ".png": (FIGURE, b"Software\0smsid"),
+    ".html": (PAGE, b'<meta name="generator" content="smsid'),
+}
+"""Kinds that are known by a mark near the beginning of the file."""
+MARKED_WITHIN = 4096  # bytes
+
+
+def check_toml(path: Path, called: str) -> None:
+    """Refuse to replace a TOML that somebody wrote or changed, as a drafted mapping that was gone through.
+
+    Raises:
+        OutputError: the file is there, and not as smsid wrote it.
+    """
+    if path.is_file() and not _is_ours(path):
+        raise OutputError(
+            f"{called} '{path}' is there already and was written or changed by hand.",
+            advice=f"Give {called} another path, or remove that file.",
+            path=str(path),
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return is_signed(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+
+
+def check_unnamed(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
+    """Refuse to replace a file of somebody else's, or measured data, at a place that nobody named.
+
+    ``told`` says why it would be written there, ``inputs`` are the files the command reads.
+
+    Raises:
+        OutputError: the file was not written by smsid, is of another kind, was changed by hand, or holds a
+            recording imported from a log that is none of the inputs.
+    """
+    if not path.is_file():
+        return
+    reason = _why_not(path, kind, inputs)
+    if reason:
+        raise OutputError(
+            f"'{path}' ({told}) is there already and {reason}.",
+            advice="Name the output by --output (-o), or move that file.",
+            path=str(path),
+        )
+
+
+def _why_not(path: Path, kind: str, inputs: Sequence[Path]) -> str:
+    found = _written_kind(path)
+    if not found:
+        changed = ", or was changed since" if path.suffix == ".toml" else ""
+        return f"is no {kind.replace('_', ' ')} that smsid wrote{changed}"
+    if found != kind:
+        return f"is {_article(found)}, not {_article(kind)}"
+    log = _imported_from(path) if kind == "recording" else ""
+    if log and log not in [p.name for p in inputs]:
+        return f"holds what was measured in '{log}'"
+    return ""
+
+
+def _article(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', ' ')}"
+
+
+def _written_kind(path: Path) -> str:
+    """Return the kind of a file that smsid wrote and nobody changed; nothing of another."""
+    suffix = path.suffix.lower()
+    if suffix in MARKED:
+        kind, mark = MARKED[suffix]
+        with path.open("rb") as stream:
+            return kind if mark in stream.read(MARKED_WITHIN) else ""
+    try:
+        kind = kind_of(path)
+    except SmsidError:
+        return ""
+    if suffix == ".toml" and not _is_ours(path):
+        return ""
+    from smsid.recording.storage import file_attribute
+
+    return kind if suffix != ".nc" or file_attribute(path, "schema").startswith("smsid.") else ""
+
+
+def _imported_from(path: Path) -> str:
+    """Return the name of the log that a recording was imported from and is still whole of."""
+    from smsid.recording.storage import file_attribute
+
+    try:
+        made = json.loads(file_attribute(path, "provenance"))
+        return "" if made.get("steps") else str(made["imported"]["file"])
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return ""

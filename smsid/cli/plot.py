@@ -9,9 +9,8 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output
-from smsid.cli.output import say, working
-from smsid.cli.places import Writes
-from smsid.cli.replacement import FIGURE
+from smsid.cli.output import working
+from smsid.cli.places import FIGURE, Writes
 
 
 def plot_command(
@@ -40,5 +39,4 @@ def plot_command(
 
     with working("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)
-    say(f"wrote {output}")
     return Outcome({"figure": what}, [output])

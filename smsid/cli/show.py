@@ -11,10 +11,9 @@ from typing import Annotated, Any
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.file_kind import kind_of, read_json
+from smsid.cli.file_kind import SHOWN, kind_of, read_json
 from smsid.cli.options import ShowAll
 from smsid.cli.output import asks_json, print_parts
-from smsid.cli.show_parts import recording_document
 
 
 def show_command(
@@ -35,7 +34,7 @@ def show_command(
 
 
 def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:
-    """Yield what to print about a file of any of `KINDS`; ``everything``: all of it, however long.
+    """Yield what to print about a file of any of `SHOWN`; ``everything``: all of it, however long.
 
     Raises `SmsidError` for a file that is none of these.
     """
@@ -53,6 +52,8 @@ def file_document(path: Path) -> dict[str, Any]:
     found = _named(SHOWN[kind][0])(path)
     match kind:
         case "recording":
+            from smsid.cli.show_parts import recording_document
+
             document = recording_document(found)
         case "track":
             from smsid.cli.track import document as track_document
@@ -76,23 +77,3 @@ def file_document(path: Path) -> dict[str, Any]:
 def _named(target: str) -> Callable[..., Any]:
     module, _, name = target.partition(":")
     return getattr(import_module(module), name)
-
-
-PARTS, JSON = "smsid.cli.show_parts", "smsid.cli.file_kind:read_json"
-SHOWN = {
-    "recording": ("smsid.recording:load_recording", f"{PARTS}:recording_parts"),
-    "estimate": ("smsid.identify.estimate:load_estimate", f"{PARTS}:estimate_and_notes"),
-    "diagnosis": ("smsid.diagnose:load_diagnosis", "smsid.cli.diagnose:diagnosis_parts"),
-    "comparison": ("smsid.comparison:load_comparison", "smsid.cli.compare:comparison_parts"),
-    "track": ("smsid.tracking.history:load_history", f"{PARTS}:track_parts"),
-    "linear_plant": (JSON, f"{PARTS}:plant_parts"),
-    "controller": (f"{PARTS}:checked_controller", "smsid.cli.control:document_parts"),
-    "control_study": (JSON, "smsid.cli.control:study_parts"),
-    "campaign": (f"{PARTS}:campaign_of", f"{PARTS}:campaign_parts"),
-    "campaign_summary": ("smsid.campaign.summary:load_summary", f"{PARTS}:summary_parts"),
-    "campaign_plan": ("smsid.campaign:load_campaign", f"{PARTS}:plan_parts"),
-    "mapping": ("smsid.recording.mapping:load_mapping", f"{PARTS}:mapping_parts"),
-    "experiment": ("smsid.experiments:load_experiment", f"{PARTS}:experiment_parts"),
-    "description": ("smsid.description:load_description", f"{PARTS}:description_parts"),
-}
-"""What loads each kind of file, and what yields what is printed of it."""

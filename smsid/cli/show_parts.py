@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
 from smsid.cli.file_kind import read_json
-from smsid.cli.output import WIDTH
+from smsid.cli.output import WIDTH, clipped, told
+from smsid.cli.tables import channel_rows, cut_tables, estimate_parts, plain_table, recording_table
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from smsid.campaign import Campaign
     from smsid.campaign.store import StoreHeader
     from smsid.campaign.summary import Summary
@@ -27,11 +30,6 @@ if TYPE_CHECKING:
 
 def recording_parts(found: Recording, *, everything: bool) -> Iterator[Any]:
     """Yield the channels of a recording, whether its samples are in order, and where it is from."""
-    from rich.text import Text
-
-    from smsid.cli.notes import clipped
-    from smsid.cli.tables import recording_table
-
     yield recording_table(found)
     try:
         found.check()
@@ -50,16 +48,6 @@ def recording_parts(found: Recording, *, everything: bool) -> Iterator[Any]:
 
 def recording_document(recording: Recording) -> dict[str, Any]:
     """Return what `smsid show` tells of a recording: channels with unit, shape, rate and range."""
-    import numpy as np
-
-    from smsid.cli.tables import rate_of, shown_unit
-
-    channels = []
-    for name in recording.channels:
-        values, time = recording[name], recording.time(name)
-        own = {"name": name, "unit": shown_unit(recording, name), "shape": list(values.shape)}
-        own |= {"rate": rate_of(time), "from": float(time[0]), "to": float(time[-1])}
-        channels.append(own | {"smallest": float(np.nanmin(values)), "largest": float(np.nanmax(values))})
     try:
         recording.check()
         check = ""
@@ -68,7 +56,7 @@ def recording_document(recording: Recording) -> dict[str, Any]:
     return {
         "name": recording.name,
         "role": recording.role,
-        "channels": channels,
+        "channels": channel_rows(recording),
         "labels": {k: list(v) for k, v in recording.labels.items()},
         "check": check,
         "provenance": recording.provenance,
@@ -77,20 +65,13 @@ def recording_document(recording: Recording) -> dict[str, Any]:
 
 def estimate_and_notes(found: Estimate, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters of an estimate, what cannot be told, and its notes."""
-    from rich.text import Text
-
-    from smsid.cli.notes import told
-    from smsid.cli.tables import estimate_parts
-
     yield from estimate_parts(found, everything=everything)
     yield from (Text(line) for line in told(found.notes, everything=everything))
 
 
 def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters that were followed, where they began and ended, what jumped, and notes."""
-    from rich.text import Text
 
-    from smsid.cli.notes import clipped
     from smsid.cli.track import history_parts
 
     flights = f"{', '.join(found.recordings)}: {found.time[-1] - found.time[0]:g} s"
@@ -100,12 +81,6 @@ def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
 
 def plant_parts(found: dict[str, Any], *, everything: bool) -> Iterator[Any]:
     """Yield states, inputs and poles of a linear plant."""
-    import numpy as np
-    from rich.text import Text
-
-    from smsid.cli.notes import told
-    from smsid.cli.tables import plain_table
-
     yield Text(f"linear plant of '{found['name']}', inputs {', '.join(found['inputs'])}")
     poles = np.linalg.eigvals(np.array(found["A"]))
     swinging = np.sort(np.abs(poles[poles.imag > 0.0]))
@@ -113,7 +88,7 @@ def plant_parts(found: dict[str, Any], *, everything: bool) -> Iterator[Any]:
     states = plain_table("state", "unit", left=("state", "unit"))
     for name, unit in zip(found["states"], found["units"], strict=True):
         states.add_row(Text(name), unit)
-    yield from _cut([states], everything)
+    yield from cut_tables([states], everything)
     yield from (Text(line) for line in told(found["notes"], everything=everything))
 
 
@@ -144,7 +119,7 @@ def summary_parts(found: Summary, *, everything: bool) -> Iterator[Any]:
     """Yield a campaign's summary."""
     from smsid.campaign.table import summary_tables
 
-    yield from _cut(summary_tables(found), everything)
+    yield from cut_tables(summary_tables(found), everything)
 
 
 def plan_parts(plan: Campaign, *, everything: bool) -> Iterator[Any]:
@@ -155,15 +130,12 @@ def plan_parts(plan: Campaign, *, everything: bool) -> Iterator[Any]:
 
 def mapping_parts(found: ImportMapping, *, everything: bool) -> Iterator[Any]:
     """Yield which channel a mapping takes from which columns."""
-    from smsid.cli.notes import clipped
-    from smsid.cli.tables import plain_table
-
     yield f"mapping to {len(found.channel)} channels, role {found.recording.role}"
     table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
     for name, channel in found.channel.items():
         own = [", ".join(channel.columns), ", ".join(channel.units), ", ".join(channel.labels or ())]
         table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
-    yield from _cut([table], everything)
+    yield from cut_tables([table], everything)
 
 
 def experiment_parts(found: Experiment, *, everything: bool) -> Iterator[Any]:
@@ -174,7 +146,6 @@ def experiment_parts(found: Experiment, *, everything: bool) -> Iterator[Any]:
 
 def description_parts(found: Description, *, everything: bool) -> Iterator[Any]:
     """Yield joints, effects and sensors of a description."""
-    from smsid.cli.tables import plain_table
     from smsid.model import build_model
 
     model = build_model(found)
@@ -198,7 +169,7 @@ def description_parts(found: Description, *, everything: bool) -> Iterator[Any]:
         for s in found.sensor:
             table.add_row(s.name, s.kind, s.preset or "", f"{s.rate:g} Hz", ", ".join(s.quantities))
         tables.append(table)
-    yield from _cut(tables, everything)
+    yield from cut_tables(tables, everything)
 
 
 def _unit(model: SpacecraftModel, name: str, unit: str) -> str:
@@ -211,8 +182,6 @@ def _unit(model: SpacecraftModel, name: str, unit: str) -> str:
 
 
 def _joints(model: SpacecraftModel) -> Table:
-    from smsid.cli.tables import plain_table
-
     roles = {int(j): "wheel" for j in model.wheels.joints}
     roles |= {int(j): "bending mode" for g in (model.modes, model.further_modes) for j in g.joints}
     roles |= {j.joint: "slosh mass" for j in model.slosh}
@@ -225,17 +194,7 @@ def _joints(model: SpacecraftModel) -> Table:
     return table
 
 
-def _cut(tables: Iterable[Table], everything: bool) -> Iterator[Any]:
-    from smsid.cli.tables import cut_tables  # brings in numpy, which no help may wait for
-
-    yield from cut_tables(tables, everything)
-
-
 def _keys(table: dict[str, Any], everything: bool) -> Table:
-    from rich.text import Text
-
-    from smsid.cli.notes import clipped
-    from smsid.cli.tables import plain_table
 
     shown = plain_table("key", "value", left=("key", "value"))
     if everything:

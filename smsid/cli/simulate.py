@@ -74,5 +74,4 @@ def simulate_command(
         document["condition"] = {"value": condition, "unit": "1"}
     for use in flight.exceeded:
         warn(f"{use} exceeded")
-    say(f"wrote {output}")
     return Outcome(document, written)

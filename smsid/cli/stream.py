@@ -101,7 +101,7 @@ def stream_command(
         "events": dict(tracker.log.counts),
         "parameters": [{"name": n, "value": x, "sigma": s} for n, x, s in values],
     }
-    return Outcome({"stream": document}, written)
+    return Outcome({"stream": document}, written, untold=True)
 
 
 def play_command(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich import box
@@ -11,8 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from smsid.cli.notes import clipped
-from smsid.cli.output import WIDTH
+from smsid.cli.output import WIDTH, clipped
 from smsid.experiments.fly import LimitUse
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for, headline, short_name
@@ -40,14 +39,21 @@ CELL = 38  # characters of a name in a table
 GAP = 2  # between columns
 
 
-def plain_table(*columns: str, title: str | None = None, left: Iterable[str] = ()) -> Table:
-    """Return a table without frame: numbers to the right, the columns in ``left`` to the left."""
+def plain_table(
+    *columns: str, title: str | None = None, left: Iterable[str] = (), fold: bool = False
+) -> Table:
+    """Return a table without frame: numbers to the right, the columns in ``left`` to the left.
+
+    ``fold``: names in the first column are written in full, over several lines, instead of cut off.
+    """
     look = {"box": box.SIMPLE_HEAD, "pad_edge": False, "padding": (0, GAP - 1, 0, 0)}
     table = Table(title=title, title_justify="left", header_style="bold", **look)  # type: ignore[arg-type]
     chosen = set(left)
     for name in columns:
         side = "left" if name in chosen else "right"
         table.add_column(escape(name), justify=side, no_wrap=True, overflow="ellipsis")
+    if fold:
+        table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     return table
 
 
@@ -125,8 +131,8 @@ def parameter_table(
         rows.append((*cells, "" if p.status == "identifiable" else p.status.replace("_", " ")))
     widths = [max(map(len, own)) for own in zip((*columns, ""), *rows, strict=True)]
     room = WIDTH - sum(widths) - GAP * (len(widths) + 1)
-    table = plain_table("parameter", *columns, "", title=title or None, left=("parameter", "unit", ""))
-    table.columns[0].no_wrap, table.columns[0].overflow = not full, "fold" if full else "ellipsis"
+    left = ("parameter", "unit", "")
+    table = plain_table("parameter", *columns, "", title=title or None, left=left, fold=full)
     room = min(room, 58) if full else max(20, min(room, CELL))
     table.columns[0].max_width = room
     for p, cells in zip(parameters, rows, strict=True):
@@ -153,7 +159,7 @@ def limits_table(limits: Iterable[LimitUse]) -> Table:
     return table
 
 
-def shown_unit(recording: Recording, name: str) -> str:
+def _shown_unit(recording: Recording, name: str) -> str:
     """Return the unit of a channel; of joints that slide their own, as in 'rad, rail m'."""
     from smsid.model.column_order import joints_imported
     from smsid.recording.channels import SLIDING
@@ -174,30 +180,23 @@ def recording_table(recording: Recording) -> Table:
         title=f"recording '{recording.name}', role {recording.role}",
         left=("channel", "unit"),
     )
-    for name in recording.channels:
-        values, time = recording[name], recording.time(name)
-        rate = rate_of(time) or float("nan")
-        table.add_row(
-            name,
-            "x".join(map(str, values.shape)),
-            shown_unit(recording, name),
-            f"{rate:.4g} Hz",
-            f"{time[0]:.4g} s",
-            f"{time[-1]:.4g} s",
-            f"{np.nanmin(values):.4g}",
-            f"{np.nanmax(values):.4g}",
-        )
+    for c in channel_rows(recording):
+        span = f"{c['rate'] or float('nan'):.4g} Hz", f"{c['from']:.4g} s", f"{c['to']:.4g} s"
+        ends = f"{c['smallest']:.4g}", f"{c['largest']:.4g}"
+        table.add_row(c["name"], "x".join(map(str, c["shape"])), c["unit"], *span, *ends)
     return table
 
 
-def shortened(rows: Table, most: int = ROWS) -> tuple[Table, int]:
-    """Return a table with at most ``most`` rows, and how many were left out."""
-    left = max(0, rows.row_count - most)
-    if left:
-        for column in rows.columns:
-            del column._cells[most:]
-        del rows.rows[most:]
-    return rows, left
+def channel_rows(recording: Recording) -> list[dict[str, Any]]:
+    """Return of every channel name, unit, shape, rate [Hz], first and last time [s], and its range."""
+    rows = []
+    for name in recording.channels:
+        values, time = recording[name], recording.time(name)
+        own = {"name": name, "unit": _shown_unit(recording, name), "shape": list(values.shape)}
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+        own |= {"rate": 1.0 / step if step > 0.0 else None, "from": float(time[0]), "to": float(time[-1])}
+        rows.append(own | {"smallest": float(np.nanmin(values)), "largest": float(np.nanmax(values))})
+    return rows
 
 
 ROOM = 40  # rows of all tables together, unless everything is asked for
@@ -214,14 +213,13 @@ def cut_tables(tables: Iterable[Table], everything: bool, room: int = ROOM) -> I
             yield table
             continue
         others = sum(min(t.row_count, room // (len(given) - k)) for t in given[k + 1 :])
-        cut, left = shortened(table, max(room - others, 3))
-        room -= cut.row_count
-        yield cut
-        if left:
+        most = max(room - others, 3)
+        left = table.row_count - most
+        if left > 0:
+            del table.rows[most:]
+            for column in table.columns:
+                del column._cells[most:]
+        room -= table.row_count
+        yield table
+        if left > 0:
             yield Text(f"{left} more rows with --all", style="dim")
-
-
-def rate_of(time: np.ndarray) -> float | None:
-    """Return the usual rate [Hz] of a clock (N,) [s]; None of a clock that does not go on."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    return 1.0 / step if step > 0.0 else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from smsid._statistics import NORMAL95
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
-from smsid.cli.output import print_parts, say_written, working
+from smsid.cli.output import print_parts, working
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -133,7 +134,6 @@ def track_command(
     inputs = [description, *recordings, estimate]
     written += write_page(report, lambda o: track_report(history, o), inputs, described)
     print_parts(history_parts(history, everything=show_all))
-    say_written(written)
     return Outcome({"track": document(history)}, written)
 
 
@@ -179,24 +179,18 @@ def document(history: TrackHistory) -> dict:
 
 def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a history: parameters at the end, events, notes."""
-    from smsid.cli.notes import told
-    from smsid.cli.tables import plain_table
+    from smsid.cli.output import told
+    from smsid.cli.tables import cut_tables, plain_table
 
-    count = len(history.names) if everything else SHOWN
-    table = plain_table(
-        *("parameter", "described", "first", "last", "± 95 %", "unit"), left=("parameter", "unit")
-    )
-    for i, full in enumerate(history.names[:count]):
+    columns = ("parameter", "described", "first", "last", "± 95 %", "unit")
+    table = plain_table(*columns, left=("parameter", "unit"))
+    for i, full in enumerate(history.names):
         name = full if everything or len(full) <= LONGEST else f"{full[: LONGEST - 4]} ..."
         x, s = history.values[:, i], history.sigmas[:, i]
         numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{NORMAL95 * s[-1]:.2g}")
         table.add_row(name, *numbers, history.units[i])
-    yield table
-    if len(history.names) > count:
-        yield f"{len(history.names) - count} more with --all"
-    kinds: dict[str, int] = {}
+    yield from cut_tables([table], everything, SHOWN)
     yield from (e.text for e in history.events if e.kind == "change")
-    for e in (e for e in history.events if e.kind != "change"):
-        kinds[e.kind] = kinds.get(e.kind, 0) + 1
+    kinds = Counter(e.kind for e in history.events if e.kind != "change")
     yield from (f"{n} times: {kind}" for kind, n in kinds.items())
     yield from told(history.notes, everything=everything)

@@ -13,8 +13,7 @@ from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_recordings
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
-from smsid.cli.places import Writes
-from smsid.cli.replacement import PAGE
+from smsid.cli.places import PAGE, Writes
 from smsid.errors import SmsidError
 
 
@@ -89,7 +88,6 @@ def view_command(
         write_view(view, output, fps=fps)
     for note in view.notes:
         say(f"note: {note}")
-    say(f"wrote {output}")
     return Outcome({"notes": list(view.notes)}, [output])
 
 

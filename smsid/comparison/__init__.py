@@ -1,8 +1,15 @@
 """What changed between two estimates of a spacecraft: parameter by parameter, jointly, in physical words."""
 
 from smsid.comparison.compare import compare
-from smsid.comparison.result import Comparison, Finding, NotComparable, ParameterChange, Quantity
-from smsid.comparison.result_file import load_comparison, save_comparison
+from smsid.comparison.result import (
+    Comparison,
+    Finding,
+    NotComparable,
+    ParameterChange,
+    Quantity,
+    load_comparison,
+    save_comparison,
+)
 
 __all__ = [
     "Comparison",

@@ -156,14 +156,8 @@ def _side(estimate: Estimate, terms: Mapping[str, dict[str, float]], elements: S
     for i, p in enumerate(chosen):
         for n, x in terms[p.name].items():
             factors[i, place[n]] = x
-    return Side(
-        tuple(p.name for p in chosen),
-        tuple(p.unit for p in chosen),
-        np.array([p.value for p in chosen], dtype=float),
-        covariance,
-        factors,
-        joint,
-    )
+    names, units = tuple(p.name for p in chosen), tuple(p.unit for p in chosen)
+    return Side(names, units, np.array([p.value for p in chosen], dtype=float), covariance, factors, joint)
 
 
 def _sizes(sides: Sequence[Side], elements: Sequence[str], known: Mapping[str, float]) -> np.ndarray:

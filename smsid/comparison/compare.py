@@ -71,17 +71,8 @@ def compare(
         left = explained.left
         if left < UNEXPLAINED or not findings:
             findings.append(_unexplained(parameters, left))
-    return Comparison(
-        *called,
-        parameters,
-        common.not_comparable,
-        statistic,
-        freedom,
-        p_value,
-        tuple(findings),
-        left,
-        tuple(notes),
-    )
+    overall = statistic, freedom, p_value, tuple(findings), left, tuple(notes)
+    return Comparison(*called, parameters, common.not_comparable, *overall)
 
 
 def _changes(common: Common) -> tuple[ParameterChange, ...]:
@@ -91,18 +82,9 @@ def _changes(common: Common) -> tuple[ParameterChange, ...]:
         sigma = float(np.sqrt(variance[k]))
         deviations = abs(common.after[k] - common.before[k]) / sigma
         p_value = 2.0 * float(norm.sf(deviations))
-        found.append(
-            ParameterChange(
-                name,
-                unit,
-                float(common.before[k]),
-                float(common.after[k]),
-                sigma,
-                p_value,
-                p_value * len(common.names) < LEVEL,
-                bool(common.derived[k]),
-            )
-        )
+        values = float(common.before[k]), float(common.after[k]), sigma, p_value
+        sure = p_value * len(common.names) < LEVEL
+        found.append(ParameterChange(name, unit, *values, sure, bool(common.derived[k])))
     return tuple(found)
 
 
@@ -115,13 +97,12 @@ def _effect_changed(part: Explained, common: Common, description: Description | 
     quantities = []
     units = dict(zip(common.names, common.units, strict=True))
     for i in order.tolist():
-        unit = units.get(h.names[i], "")
-        quantities.append(
-            Quantity(h.names[i], unit, float(part.values[i]), float(sigma[i]), bool(part.told[i]))
-        )
+        numbers = float(part.values[i]), float(sigma[i]), bool(part.told[i])
+        quantities.append(Quantity(h.names[i], units.get(h.names[i], ""), *numbers))
     limit = float(norm.isf(0.5 * LEVEL / len(order)))
     sure = [i for i in order.tolist() if deviations[i] > limit] or order[:1].tolist()
-    effect = _effect(description, h.subject)
+    effects = () if description is None else description.effect
+    effect = next((e for e in effects if e.name == h.subject), None)
     told = []
     for i in sure:
         name, change = h.names[i], float(part.values[i])
@@ -132,13 +113,8 @@ def _effect_changed(part: Explained, common: Common, description: Description | 
         told.append(f"{words}: {text}" if words and not any(x.startswith(words) for x in told) else text)
     joints = ", ".join(effect.driven_joints()) if effect is not None else ""
     subject = f"'{h.subject}'" + (f" ({joints})" if joints else "")
-    return Finding(
-        "effect_changed",
-        h.subject,
-        f"{subject} has changed; " + "; ".join(told) + ".",
-        tuple(quantities),
-        part.p_value,
-    )
+    sentence = f"{subject} has changed; {'; '.join(told)}."
+    return Finding("effect_changed", h.subject, sentence, tuple(quantities), part.p_value)
 
 
 def _words(effect: Effect | None, key: str, up: bool) -> str:
@@ -148,12 +124,6 @@ def _words(effect: Effect | None, key: str, up: bool) -> str:
     kinds = [type(effect)] if effect is not None else list(catalogue().values())
     said = {kind.changes[field][0 if up else 1] for kind in kinds if field in kind.changes}
     return said.pop() if len(said) == 1 else ""
-
-
-def _effect(description: Description | None, name: str) -> Effect | None:
-    if description is None:
-        return None
-    return next((e for e in description.effect if e.name == name), None)
 
 
 def _unexplained(parameters: tuple[ParameterChange, ...], left: float) -> Finding:

@@ -215,11 +215,5 @@ def _explained(
         then, _ = _left(data, [*others, h])
         if then - now < RIVAL:
             rivals.append(h.subject)
-    return Explained(
-        one,
-        (inverse @ (u.T @ data.white))[own],
-        inverse[own] @ inverse[own].T,
-        told,
-        _chance(data, one, chosen),
-        tuple(rivals),
-    )
+    values, covariance = (inverse @ (u.T @ data.white))[own], inverse[own] @ inverse[own].T
+    return Explained(one, values, covariance, told, _chance(data, one, chosen), tuple(rivals))

@@ -4,9 +4,8 @@ Beside them the small demonstration that comes with the package, see `demonstrat
 """
 
 from smsid.datasets.demonstration import Demonstration, demonstration
-from smsid.datasets.fetch import fetch, have, sha256
+from smsid.datasets.fetch import DATASETS, DataFile, DataSet, data_set, fetch, have, sha256
 from smsid.datasets.recordings import antisloshing, cessipy_slab, silverbox, tx40
-from smsid.datasets.registry import DATASETS, DataFile, DataSet, data_set
 
 __all__ = [
     "DATASETS",

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from smsid.datasets.fetch import fetch
-from smsid.datasets.registry import data_set
+from smsid.datasets.fetch import data_set, fetch
 from smsid.description import Description, load_description
 from smsid.errors import RecordingError
 from smsid.recording import Recording, read_columns

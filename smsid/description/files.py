@@ -9,9 +9,8 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from smsid._files import atomic_write
+from smsid._files import atomic_write, signed
 from smsid._reading import read_toml as _read_toml
-from smsid._signature import signed
 from smsid._xacro_arguments import given_arguments
 from smsid.description.explain import explain_validation
 from smsid.description.finite_elements import with_finite_elements

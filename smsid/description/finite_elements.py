@@ -6,6 +6,8 @@ factors are the single-point constraint forces over -w^2, whatever the program p
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from smsid.description.modal_tables import read_modal_csv, read_modal_json
+from smsid._reading import read_json
 from smsid.description.nastran_reading import NastranMode, read_f06, read_op2, read_punch, read_weights
 from smsid.effects.base import Vector3
 from smsid.effects.table import Table
@@ -155,3 +157,51 @@ def _modes(path: Path, modes: list[NastranMode], asked: FiniteElements) -> list[
             }
         )
     return out
+
+
+def read_modal_json(path: Path) -> dict[str, Any]:
+    """Return the keys of a JSON; raises `DescriptionError` for one that is none or has other keys."""
+    found = read_json(path, DescriptionError)
+    known = {"mass", "center_of_mass", "inertia", "stations", "mode"}
+    if not isinstance(found, dict) or set(found) - known:
+        extra = sorted(set(found) - known) if isinstance(found, dict) else ["no table"]
+        raise DescriptionError(
+            f"'{path}' has {', '.join(extra)}.", advice=f"Keys: {', '.join(sorted(known))}."
+        )
+    return found
+
+
+def read_modal_csv(path: Path) -> dict[str, Any]:
+    """Read a mode a row: frequency, damping, tx ty tz, rx ry rz, and of each station s1x s1y s1z, ...
+
+    Raises `DescriptionError` for columns that are missing or unknown.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        rows = [{k.strip(): v for k, v in row.items() if k} for row in csv.DictReader(stream)]
+    names = list(rows[0]) if rows else []
+    stations = sum(1 for name in names if re.fullmatch(r"s\d+x", name))
+    wanted = ["frequency", *(f"{k}{a}" for k in "tr" for a in "xyz")]
+    wanted += [f"s{k}{a}" for k in range(1, stations + 1) for a in "xyz"]
+    missing = [name for name in wanted if name not in names]
+    unknown = [name for name in names if name not in (*wanted, "damping")]
+    if missing or unknown:
+        raise DescriptionError(
+            f"'{path}' has {f'no column {missing}' if missing else f'the unknown column {unknown}'}.",
+            advice="Columns: frequency [Hz], damping, tx ty tz [kg^.5], rx ry rz [kg^.5 m], s1x s1y s1z ... "
+            "[kg^-.5].",
+        )
+    try:
+        numbers = [{k: float(v) for k, v in row.items()} for row in rows]
+    except (TypeError, ValueError) as error:
+        raise DescriptionError(
+            f"'{path}' holds a cell that is no number: {error}.", advice="Mend it."
+        ) from error
+    modes = []
+    for row in numbers:
+        t, r, *shape = (
+            tuple(row[f"{k}{axis}"] for axis in "xyz")
+            for k in ("t", "r", *(f"s{k}" for k in range(1, stations + 1)))
+        )
+        mode = {k: row[k] for k in ("frequency", "damping") if k in row}
+        modes.append({**mode, "translation": t, "rotation": r, "shape": tuple(shape)})
+    return {"mode": modes}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from smsid._listing import some_of
 from smsid.description.urdf_reading import Mimic
 from smsid.description.urdf_writing import UrdfTree
 from smsid.errors import DescriptionError, require
@@ -146,18 +147,19 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
 def _lost(m: Any) -> list[str]:
     """Return what the model has that a URDF cannot say."""
     joints = [m.joint(k).name or f"joint{k}" for k in range(m.njnt)]
-    armature = [joints[int(m.dof_jntid[d])] for d in range(m.nv) if m.dof_armature[d] > 0.0]
+    armed = [joints[int(m.dof_jntid[d])] for d in range(m.nv) if m.dof_armature[d] > 0.0]
+    armature = list(dict.fromkeys(armed))
     springs = [joints[k] for k in range(m.njnt) if np.any(np.ravel(m.jnt_stiffness[k]) > 0.0)]
     moved = [
         joints[k] for k in range(m.njnt) if m.jnt_type[k] in (HINGE, SLIDE) and m.qpos0[m.jnt_qposadr[k]]
     ]
     found = []
     if armature:
-        found.append(f"armature of {_few(armature)} (effect `motor_inertia`)")
+        found.append(f"armature of {some_of(armature, 6)} (effect `motor_inertia`)")
     if springs:
-        found.append(f"springs of {_few(springs)}")
+        found.append(f"springs of {some_of(springs, 6)}")
     if moved:
-        found.append(f"`ref` of {_few(moved)}, whose angle is counted from the pose drawn")
+        found.append(f"`ref` of {some_of(moved, 6)}, whose angle is counted from the pose drawn")
     for count, what in (
         (m.neq - len(_mimics(m)), "equality constraints (closed loops are left open)"),
         (m.ntendon, "tendons"),
@@ -172,8 +174,3 @@ def _lost(m: Any) -> list[str]:
     if m.ngeom:
         found.append(f"the shapes of {int(m.ngeom)} geoms")
     return found
-
-
-def _few(names: list[str]) -> str:
-    names = list(dict.fromkeys(names))
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +16,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from smsid._short_repr import as_html, as_text
+from smsid._listing import did_you_mean as did_you_mean
+from smsid._short_repr import Told
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError, SmsidError
@@ -161,7 +161,7 @@ AnyEffect = Annotated[
 AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
-class Description(Table):
+class Description(Told, Table):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
     ``folder`` is where relative paths start; it is not part of the file. Made in Python, a description (like
@@ -215,12 +215,6 @@ class Description(Table):
                 )
         return self
 
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
-
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("urdf", self.urdf)]
         rows += [(f"arm {a.name}", a.robot or a.urdf or "joints of the URDF") for a in self.arm]
@@ -269,9 +263,3 @@ class Description(Table):
             raise DescriptionError(
                 f"Description '{self.name}' cannot take this {field}: {reasons}."
             ) from cause
-
-
-def did_you_mean(name: str, known: list[str]) -> str:
-    """Return `` Did you mean '...'?`` with the closest of the known names, or nothing."""
-    near = difflib.get_close_matches(name, known, n=1)
-    return f" Did you mean '{near[0]}'?" if near else ""

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description.urdf_reading import Mimic
-from smsid.description.urdf_writing import UrdfTree
+from smsid.description.urdf_writing import INERTIA, UrdfTree
 from smsid.errors import DescriptionError
 
 logger = logging.getLogger(__name__)
 
-KINDS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
+KINDS = ("revolute", "continuous", "prismatic", "fixed")
 UNLIMITED = 1e16
 """SDFormat's own word for a joint without limits."""
 
@@ -160,17 +160,9 @@ def _inertial(link: ElementTree.Element) -> tuple[float, np.ndarray, np.ndarray]
     if tag is None:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     pose = _pose(tag.find("pose"), f"<inertial> of {where}")
-    values = {
-        k: float(tag.findtext(f"inertia/{k}", "1" if k in ("ixx", "iyy", "izz") else "0"))
-        for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    }
-    about = np.array(
-        [
-            [values["ixx"], values["ixy"], values["ixz"]],
-            [values["ixy"], values["iyy"], values["iyz"]],
-            [values["ixz"], values["iyz"], values["izz"]],
-        ]
-    )
+    about = np.zeros((3, 3))
+    for key, (i, j) in INERTIA.items():
+        about[i, j] = about[j, i] = float(tag.findtext(f"inertia/{key}", "1" if i == j else "0"))
     return float(tag.findtext("mass", "1")), pose.translation, pose.rotation @ about @ pose.rotation.T
 
 

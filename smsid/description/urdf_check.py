@@ -72,7 +72,7 @@ def _check_tree(root: ElementTree.Element, source: str) -> None:
             )
     twice = sorted({c for c in children if c is not None and children.count(c) > 1})
     if twice:
-        by = [str(j.get("name")) for j in joints if _child(j) == twice[0]]
+        by = [str(j.get("name")) for j, child in zip(joints, children, strict=True) if child == twice[0]]
         raise DescriptionError(
             f"Link '{twice[0]}' of {source} has {len(by)} parents, by the joints {', '.join(map(repr, by))}: "
             "a closed loop.",
@@ -86,11 +86,6 @@ def _check_tree(root: ElementTree.Element, source: str) -> None:
             f"The links of {source} are no tree: {len(roots)} have no parent ({', '.join(roots) or 'none'}).",
             advice="Every link but the root must be the child of exactly one joint.",
         )
-
-
-def _child(joint: ElementTree.Element) -> str | None:
-    tag = joint.find("child")
-    return None if tag is None else tag.get("link")
 
 
 def check_inertias(reading: UrdfReading, *, trusted: bool = False, where: str = "the TOML") -> None:

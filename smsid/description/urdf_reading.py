@@ -1,14 +1,16 @@
-"""Our own strict reading of a URDF: what a model built from it must have, number by number."""
+"""Our own strict reading of a URDF: what a model built from it must have, and what of it is not used."""
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from smsid.description.urdf_unused import unused_elements
+from smsid._listing import some_of
 from smsid.errors import DescriptionError
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -96,19 +98,11 @@ def _link(tag: ElementTree.Element, source: str) -> LinkReading:
     _require_single(inertial, ("origin", "mass", "inertia"), f"the <inertial> of {place}")
     mass_tag, inertia_tag = inertial.find("mass"), inertial.find("inertia")
     if mass_tag is None or inertia_tag is None:
-        raise DescriptionError(
-            f"{_upper(place)} has an <inertial> without <mass> or <inertia>.",
-            advice="Give both.",
-            link=tag.get("name"),
-        )
+        raise _fault(tag, f"{_upper(place)} has an <inertial> without <mass> or <inertia>.", "Give both.")
     mass = _number(mass_tag, "value", f"The mass of {place}")
     if mass < 0.0:
-        raise DescriptionError(
-            f"{_upper(place)} has mass {mass:g} kg.",
-            advice="A mass must be zero or positive.",
-            link=tag.get("name"),
-            mass=mass,
-        )
+        text = f"{_upper(place)} has mass {mass:g} kg."
+        raise _fault(tag, text, "A mass must be zero or positive.", mass=mass)
     xx, xy, xz, yy, yz, zz = (_number(inertia_tag, key, f"The inertia of {place}") for key in INERTIA)
     position, rotation = _origin(inertial, f"<inertial> of {place}")
     about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -125,23 +119,20 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
     if axis_tag is not None and kind not in ("fixed", "floating"):
         axis = _vector(axis_tag, "xyz", f"<axis> of {place}", "1 0 0")
         if not np.linalg.norm(axis) > 1e-9:
-            raise DescriptionError(
-                f"The <axis> of {place} is {axis_tag.get('xyz')}: it has no direction.",
-                advice="Give the axis the joint turns about or slides along.",
-                joint=tag.get("name"),
-            )
+            text = f"The <axis> of {place} is {axis_tag.get('xyz')}: it has no direction."
+            raise _fault(tag, text, "Give the axis the joint turns about or slides along.")
     read = _limits(tag, kind, place)
-    losses = []
-    dynamics = tag.find("dynamics")
+    losses, dynamics = [], tag.find("dynamics")
     for key in ("damping", "friction"):
         losses.append(0.0 if dynamics is None else _number(dynamics, key, f"<dynamics> of {place}", "0"))
         if losses[-1] < 0.0:
-            raise DescriptionError(
-                f"<dynamics> of {place} has {key} = {losses[-1]:g}.",
-                advice="Friction takes energy out: give zero or a positive number.",
-                joint=tag.get("name"),
-            )
-    mimic = tag.find("mimic")
+            text = f"<dynamics> of {place} has {key} = {losses[-1]:g}."
+            raise _fault(tag, text, "Friction takes energy out: give zero or a positive number.")
+    follows, mimic = tag.find("mimic"), None
+    if follows is not None and kind != "fixed":
+        numbers = (("multiplier", "1"), ("offset", "0"))
+        line = (_number(follows, key, f"<mimic> of {place}", default) for key, default in numbers)
+        mimic = Mimic(follows.get("joint", ""), *line)
     return JointReading(
         str(tag.get("name")),
         kind,
@@ -153,7 +144,7 @@ def _joint(tag: ElementTree.Element, source: str) -> JointReading:
         **read,
         damping=losses[0],
         friction=losses[1],
-        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic, place),
+        mimic=mimic,
     )
 
 
@@ -165,11 +156,8 @@ def _limits(tag: ElementTree.Element, kind: str, place: str) -> dict[str, float 
     if missing or (ranged and limit is None):
         what = f"has a <limit> without {' and '.join(missing)}" if missing else "has no <limit>"
         turning = ", or make it continuous" if kind == "revolute" else ""
-        raise DescriptionError(
-            f"{_upper(place)} is {kind} and {what}.",
-            advice=f"Give <limit lower upper effort velocity>{turning}.",
-            joint=tag.get("name"),
-        )
+        advice = f"Give <limit lower upper effort velocity>{turning}."
+        raise _fault(tag, f"{_upper(place)} is {kind} and {what}.", advice)
     if limit is None or kind in ("fixed", "floating"):
         return read
     for key in read:
@@ -177,24 +165,17 @@ def _limits(tag: ElementTree.Element, kind: str, place: str) -> dict[str, float 
             read[key] = _number(limit, key, f"<limit> of {place}", infinite=True)
     low, high = read["lower"] or 0.0, read["upper"] or 0.0
     if ranged and low > high:
-        raise DescriptionError(
-            f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}.",
-            advice="Swap them.",
-            joint=tag.get("name"),
-        )
+        text = f"The limits of {place} are upside down: lower = {low:g}, upper = {high:g}."
+        raise _fault(tag, text, "Swap them.")
     for key in ("effort", "velocity"):
         if (read[key] or 0.0) < 0.0:
-            raise DescriptionError(
-                f"<limit> of {place} has {key} = {read[key]:g}.",
-                advice="Give its size, not a negative number.",
-                joint=tag.get("name"),
-            )
+            text = f"<limit> of {place} has {key} = {read[key]:g}."
+            raise _fault(tag, text, "Give its size, not a negative number.")
     return read
 
 
-def _mimic(tag: ElementTree.Element, place: str) -> Mimic:
-    ratio = _number(tag, "multiplier", f"<mimic> of {place}", "1")
-    return Mimic(tag.get("joint", ""), ratio, _number(tag, "offset", f"<mimic> of {place}", "0"))
+def _fault(tag: ElementTree.Element, text: str, advice: str, **evidence: float) -> DescriptionError:
+    return DescriptionError(text, advice=advice, **{tag.tag: tag.get("name")}, **evidence)
 
 
 def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) -> None:
@@ -202,9 +183,7 @@ def _require_single(tag: ElementTree.Element, names: Sequence[str], place: str) 
     for name in names:
         count = len(tag.findall(name))
         if count > 1:
-            raise DescriptionError(
-                f"{_upper(place)} has {count} <{name}>.", advice="Keep one.", **{tag.tag: tag.get("name")}
-            )
+            raise _fault(tag, f"{_upper(place)} has {count} <{name}>.", "Keep one.")
 
 
 def _origin(tag: ElementTree.Element, place: str) -> tuple[np.ndarray, np.ndarray]:
@@ -262,3 +241,87 @@ def _end(tag: ElementTree.Element, which: str) -> str:
 
 def _upper(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+CHILDREN = {
+    "inertial": {"origin", "mass", "inertia"},
+    "joint": {
+        "origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration", "safety_controller",
+    },
+}  # fmt: skip
+"""Elements that belong into another; a misspelt one would leave its default standing."""
+ATTRIBUTES = {
+    "origin": {"xyz", "rpy"},
+    "mass": {"value"},
+    "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
+    "axis": {"xyz"},
+    "dynamics": {"damping", "friction"},
+    "mimic": {"joint", "multiplier", "offset"},
+}
+GEAR = {"mechanicalReduction": {"", "1", "1.0"}, "motorInertia": {"", "0", "0.0"}}
+"""Elements of a transmission, and what leaves the motion as it is."""
+GAZEBO = {
+    "springStiffness": {"", "0", "0.0"},
+    "springReference": {"", "0", "0.0"},
+    "dampingFactor": {"", "0", "0.0"},
+}
+"""The same of Gazebo's extensions."""
+
+
+def unused_elements(root: Element) -> tuple[str, ...]:
+    """Return a phrase for each kind of element with a physical meaning that smsid does not use."""
+    found = []
+    geared = list(_settings(root, "transmission", "name", GEAR))
+    if geared:
+        found.append(f"<transmission> {some_of(geared)}: use the effects `gear` and `motor_inertia`")
+    extended = list(_settings(root, "gazebo", "reference", GAZEBO))
+    if extended:
+        found.append(f"<gazebo> {some_of(extended)}: a spring is the effect `joint_cable`")
+    unknown = _unknown(root)
+    if unknown:
+        found.append(f"{some_of(unknown)}: a URDF knows no such thing (misspelt?)")
+    undrawn = list(_unreadable_shapes(root))
+    if undrawn:
+        found.append(f"{some_of(undrawn, 1)}: not the numbers that a shape has")
+    loops = [tag.tag for tag in root if tag.tag in ("loop_joint", "constraint")]
+    if loops:
+        found.append(f"{len(loops)} <{loops[0]}>: closed loops are left open")
+    return tuple(found)
+
+
+def _unreadable_shapes(root: Element) -> Iterator[str]:
+    """Yield what urdfdom leaves out of what is drawn, as it cannot read its numbers."""
+    for link in root.findall("link"):
+        for outer in [*link.findall("visual"), *link.findall("collision")]:
+            for tag in outer.iter():
+                for key in set(tag.keys()) & {"size", "radius", "length", "xyz", "rpy", "scale"}:
+                    try:
+                        sound = all(math.isfinite(float(x)) for x in tag.get(key, "").split())
+                    except ValueError:
+                        sound = False
+                    if not sound:
+                        yield f"<{outer.tag}> of link '{link.get('name')}' ({key}=\"{tag.get(key)}\")"
+
+
+def _settings(root: Element, outer: str, named_by: str, neutral: dict[str, set[str]]) -> Iterator[str]:
+    for element in root.findall(outer):
+        for tag in element.iter():
+            text = (tag.text or "").strip()
+            if tag.tag in neutral and text.lower() not in neutral[tag.tag]:
+                yield f"{element.get(named_by)} ({tag.tag} {text})"
+
+
+def _unknown(root: Element) -> list[str]:
+    """Return elements and attributes of links' inertia and of joints that a URDF does not know."""
+    places = [(f"joint '{tag.get('name')}'", tag) for tag in root.findall("joint")]
+    for link in root.findall("link"):
+        places += [(f"link '{link.get('name')}'", tag) for tag in link.findall("inertial")]
+    found: dict[str, list[str]] = {}
+    for place, outer in places:
+        for tag in outer:
+            if tag.tag not in CHILDREN[outer.tag]:
+                found.setdefault(f"<{tag.tag}>", []).append(place)
+            strange = sorted(set(tag.keys()) - ATTRIBUTES.get(tag.tag, set(tag.keys())))
+            if strange:
+                found.setdefault(f"{', '.join(strange)} in <{tag.tag}>", []).append(place)
+    return [f"{what} of {some_of(there, 1)}" for what, there in found.items()]

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
 import numpy as np
+import pinocchio as pin
 
 from smsid.description.urdf_reading import Mimic
 
@@ -60,7 +61,8 @@ class UrdfTree:
         joint = ElementTree.SubElement(self.root, "joint", name=name, type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
-        ElementTree.SubElement(joint, "origin", xyz=_text(position), rpy=_text(_rpy(rotation)))
+        angles = pin.rpy.matrixToRpy(np.asarray(rotation, dtype=float))
+        ElementTree.SubElement(joint, "origin", xyz=_text(position), rpy=_text(angles))
         if axis is None:
             return
         ElementTree.SubElement(joint, "axis", xyz=_text(axis))
@@ -82,10 +84,3 @@ class UrdfTree:
 
 def _text(values: Iterable[float]) -> str:
     return " ".join(repr(float(x)) for x in values)
-
-
-def _rpy(rotation: np.ndarray) -> np.ndarray:
-    """Return roll, pitch, yaw (3,) of a rotation (3, 3) [rad]."""
-    import pinocchio as pin
-
-    return pin.rpy.matrixToRpy(np.asarray(rotation, dtype=float))

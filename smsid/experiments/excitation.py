@@ -16,6 +16,7 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate import Tolerance, simulate
 
+HARMONICS = 5
 DRAFT = Tolerance(1e-6, 1e-8)  # to rank candidates and see limits, not to make data
 
 
@@ -59,8 +60,6 @@ def fourier_experiment(
     rng: np.random.Generator,
     *,
     duration: float = 80.0,
-    harmonics: int = 5,
-    amplitude: float = SWING,
     wheel_share: float = 0.5,
     candidates: int = 10,
     name: str = "exp2",
@@ -69,8 +68,8 @@ def fourier_experiment(
 
     Two periods in ``duration`` [s]. Of ``candidates`` random draws within joint, rate, torque and wheel
     limits, the one whose column-scaled momentum regressor has the smallest condition number is kept.
-    ``amplitude`` [rad] is the peak joint motion about home before limits shrink it, ``wheel_share`` the share
-    of wheel torque and rate limits used. The arm starts at rest.
+    Joints move by `SWING` about home at most, before limits shrink it; ``wheel_share`` is the share of wheel
+    torque and rate limits used. The arm starts at rest.
 
     Raises `ExperimentError` when no candidate respects the limits.
     """
@@ -81,9 +80,7 @@ def fourier_experiment(
     for _ in range(candidates):
         scale = 1.0
         for _ in range(6):  # torque depends on the motion: shrink until within limits
-            experiment = _draw(
-                model, rng.spawn(1)[0], duration, harmonics, amplitude * scale, wheel_share, name
-            )
+            experiment = _draw(model, rng.spawn(1)[0], duration, SWING * scale, wheel_share, name)
             trajectory = simulate(
                 model, experiment.inputs(), duration, q0=experiment.start(model), tolerance=DRAFT
             )
@@ -101,7 +98,7 @@ def fourier_experiment(
     if best is None:
         raise ExperimentError(
             "No candidate respects the limits: " + "; ".join(map(str, broken)) + ".",
-            advice="Use a smaller amplitude or wheel_share, or a longer duration.",
+            advice="Use a smaller wheel_share, or a longer duration.",
             limits=broken,
         )
     return best
@@ -124,22 +121,21 @@ def _draw(
     model: SpacecraftModel,
     rng: np.random.Generator,
     duration: float,
-    harmonics: int,
     amplitude: float,
     wheel_share: float,
     name: str,
 ) -> Experiment:
     frequency = 2.0 / duration
-    order = np.arange(1, harmonics + 1)
+    order = np.arange(1, HARMONICS + 1)
+    t = np.linspace(0.0, duration / 2, 400)
+    phase = 2 * np.pi * frequency * np.outer(order, t)
     n, w = len(model.arm_joints), len(model.wheels)
     motion, notes, moved = None, [], []
     if n:
         home, moved = _start_angles(model)
         notes += moved
-        a, b = rng.normal(size=(2, n, harmonics)) / order
+        a, b = rng.normal(size=(2, n, HARMONICS)) / order
         b -= (b @ order)[:, None] * order / (order @ order)  # zero rate at the start
-        t = np.linspace(0.0, duration / 2, 400)
-        phase = 2 * np.pi * frequency * np.outer(order, t)
         swing = a @ (np.cos(phase) - 1.0) + b @ np.sin(phase)
         rate = 2 * np.pi * frequency * (-(a * order) @ np.sin(phase) + (b * order) @ np.cos(phase))
         low, high = _range(model, home)
@@ -155,9 +151,7 @@ def _draw(
         )
     torque = None
     if w:
-        a, b = rng.normal(size=(2, w, harmonics)) / order
-        t = np.linspace(0.0, duration / 2, 400)
-        phase = 2 * np.pi * frequency * np.outer(order, t)
+        a, b = rng.normal(size=(2, w, HARMONICS)) / order
         peak = np.abs(a @ np.cos(phase) + b @ np.sin(phase)).max(axis=1)
         spin = (a / order) @ np.sin(phase) - (b / order) @ (np.cos(phase) - 1.0)
         swing = np.abs(spin).max(axis=1) / (2 * np.pi * frequency)

@@ -10,9 +10,8 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smsid._files import atomic_write
-from smsid._short_repr import as_html, as_text
-from smsid._signature import signed
+from smsid._files import atomic_write, signed
+from smsid._short_repr import Told
 from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion
@@ -83,7 +82,7 @@ class ConstantProfile(_Table):
 Profile = Annotated[StepProfile | FourierProfile | ConstantProfile, Field(discriminator="kind")]
 
 
-class Experiment(_Table):
+class Experiment(Told, _Table):
     """What is flown.
 
     ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``thruster``, of each single
@@ -110,12 +109,6 @@ class Experiment(_Table):
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
-
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         stated = {n: getattr(self, n) for n in type(self).model_fields if n not in ("schema_version", "name")}
         rows = [
@@ -127,22 +120,11 @@ class Experiment(_Table):
 
     def inputs(self) -> Inputs:
         """Return the inputs of a simulation."""
-        motion = None
-        if self.joint_motion is not None:
-            position = self.joint_motion.signal()
-            velocity = position.derivative()
-            motion = JointMotion(position, velocity, velocity.derivative())
-        return Inputs(
-            force=self.force.signal() if self.force else None,
-            torque=self.torque.signal() if self.torque else None,
-            thruster=self.thruster.signal() if self.thruster else None,
-            wheel_torque=self.wheel_torque.signal() if self.wheel_torque else None,
-            joint_torque=self.joint_torque.signal() if self.joint_torque else None,
-            joint_motion=motion,
-            lock_joints=self.lock_joints,
-            lock_wheels=self.lock_wheels,
-            hold_attitude=self.hold_attitude,
-        )
+        motion = None if self.joint_motion is None else JointMotion.of(self.joint_motion.signal())
+        names = ("force", "torque", "thruster", "wheel_torque", "joint_torque")
+        found: dict[str, Any] = {k: p.signal() for k in names if (p := getattr(self, k)) is not None}
+        held: dict[str, Any] = {k: getattr(self, k) for k in ("lock_joints", "lock_wheels", "hold_attitude")}
+        return Inputs(**found, **held, joint_motion=motion)
 
     def start(self, model: SpacecraftModel) -> np.ndarray:
         """Return the start configuration q (nq,).

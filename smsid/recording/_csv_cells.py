@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.recording._names import unit_word
+from smsid.recording._units import unit_word
 
 NO_SAMPLE = frozenset(
     {"", "na", "n/a", "#n/a", "n.a.", "null", "none", "-", "--", "---", "?"}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from smsid.errors import RecordingError
 from smsid.recording._csv_cells import NUMBER
-from smsid.recording._names import unit_word
+from smsid.recording._units import unit_word
 
 logger = logging.getLogger(__name__)
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.recording import _checks
-from smsid.recording._guess import Group, rises_evenly
-from smsid.recording._joint_names import COMMANDED, joined_by_quantity, joint_labels
+from smsid.recording._guess import COMMANDED, Group, joined_by_quantity, joint_labels, rises_evenly
 from smsid.recording.channels import EXTRA, QUANTITIES
 from smsid.recording.columns import Columns
 from smsid.recording.importing import columns_to_recording
@@ -60,7 +59,8 @@ class _Entry:
         if self.time_axis:
             lines.append(f"time_axis = {self.time_axis}")
         if self.channel.endswith(".attitude") and self.source != EXTRA:
-            order = group.order or ("wxyz" if _counts_from_zero(group) else "xyzw")
+            counted = len(group.columns) == 4 and re.search(r"0\D*$", group.columns[0])  # from zero
+            order = group.order or ("wxyz" if counted else "xyzw")
             guess = "" if group.order else " # guess: the names do not say"
             lines += [
                 f'quaternion = "{order}"{guess}',
@@ -324,10 +324,6 @@ def _with_labels(entry: _Entry, active: list[_Entry]) -> _Entry:
 def _clock_lines(clock: ClockReport) -> list[str]:
     guess = "" if clock.unit_written else " # guess: from the size of its steps"
     return [f"column = {quoted(clock.name)}", f'unit = "{clock.unit}"{guess}']
-
-
-def _counts_from_zero(group: Group) -> bool:
-    return len(group.columns) == 4 and bool(re.search(r"0\D*$", group.columns[0]))
 
 
 def _part_of_array(group: Group, columns: Columns) -> bool:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
-from smsid.recording._names import bare, written_unit
-from smsid.recording._units import convert
+from smsid.recording._units import bare, convert, written_unit
 from smsid.recording.channels import QUANTITIES
 
 CLOCK = re.compile(
@@ -179,7 +178,7 @@ def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
         before, letter, after = name[: found.start()], found.group(), name[found.end() :]
         axes = "xyz" if letter.islower() else "XYZ"
         if all(f"{before}{axis}{after}" in single for axis in axes):
-            if letter in "wW" and not _has_quaternion(before):
+            if letter in "wW" and not re.search(r"(?i)q|orientation|attitude|rot|lage|(^|[._/ ])$", before):
                 continue
             return f"{before}#{after}", "axis"
     runs = list(re.finditer(r"\d+", name))
@@ -197,10 +196,6 @@ def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
         f"{before if name[best.end() :] else re.sub(r'[ _.-]$', '', before)}#{name[best.end() :]}",
         "number",
     )
-
-
-def _has_quaternion(before: str) -> bool:
-    return bool(re.search(r"(?i)q|orientation|attitude|rot|lage|(^|[._/ ])$", before))
 
 
 def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: list[str]) -> Group:
@@ -221,7 +216,7 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
             quantity = "position"
         quantity = OF_AXES.get(quantity or "", quantity)
         if len(members) == 4:
-            axes = [_axis(stem, bare(name)) for name in members]
+            axes = [bare(name)[stem.index("#")].lower() for name in members]
             members = [name for _, name in sorted(zip(map("xyzw".index, axes), members, strict=True))]
             quantity, order = "attitude", "xyzw"
         elif quantity == "attitude" or quantity == "joint_position":
@@ -255,10 +250,6 @@ def _of_numbered(quantity: str | None, kind: str, count: int, text: str) -> str 
     if quantity is None or quantity.startswith("joint_") or quantity == "attitude":
         return quantity
     return quantity if count == 3 else None
-
-
-def _axis(stem: str, name: str) -> str:
-    return name[stem.index("#")].lower()
 
 
 def fits(unit: str, usual: str) -> bool:
@@ -301,3 +292,57 @@ def _unit(columns: Mapping[str, NDArray[Any]], names: list[str]) -> bool:
     norm = np.linalg.norm(np.stack([columns[n] for n in names], axis=1).astype(np.float64), axis=1)
     known = norm[np.isfinite(norm)]
     return bool(known.size and np.abs(known - 1.0).max() < 0.05)
+
+
+WORD = "positions?|pos|angles?|velocit(?:y|ies)|vel|rates?|speeds?|efforts?|torques?|tau|currents?|q|dq|qd"
+AFTER = re.compile(rf"[\s_./-]+(?:{WORD})(?:\s*[\[(].*[\])])?$", re.IGNORECASE)
+BEFORE = re.compile(rf"^(?:{WORD})[\s_./-]+(?=\D)", re.IGNORECASE)
+COMMANDED = re.compile(r"(^|[^a-z])(target|cmd|command|commanded|desired|setpoint|reference|ref|soll|goal)")
+
+
+def joint_name(column: str) -> str:
+    """Return the joint that a column is named after, less its quantity: '- arm_1_joint_effort' is
+    'arm_1_joint'; empty where nothing but a quantity or a number is left.
+    """
+    text = re.sub(r"^\W+", "", column)
+    bare = AFTER.sub("", text)
+    bare = BEFORE.sub("", text) if bare == text else bare
+    return bare if bare != text and re.search(r"[A-Za-z]", bare) else ""
+
+
+def joint_labels(group: Group) -> tuple[str, ...]:
+    """Return the names of a group's joints; none where its columns do not name each of them by itself.
+
+    Joints that are only counted, such as ``joint1``, may be called otherwise in a description.
+    """
+    if not (group.quantity or "").startswith("joint_"):
+        return ()
+    names = tuple(joint_name(c) for c in group.columns)
+    counted = all(name[-1:].isdigit() for name in names)
+    return names if all(names) and len(set(names)) == len(names) and not counted else ()
+
+
+def joined_by_quantity(found: list[Group], columns: Mapping[str, NDArray[Any]]) -> list[Group]:
+    """Return the groups with those in one whose columns name different joints of one measured quantity.
+
+    Joints of one mechanism do not all bear numbers: a torso's belongs to the arm's.
+    """
+    out: list[Group] = []
+    places: dict[tuple[Any, ...], int] = {}
+    for group in found:
+        names = joint_labels(group)
+        if not names or columns[group.columns[0]].ndim != 1:
+            out.append(group)
+            continue
+        rows = b"" if group.rows is None else np.asarray(group.rows).tobytes()
+        text = " ".join(group.columns).lower()
+        key = (group.quantity, columns[group.columns[0]].shape, rows, bool(COMMANDED.search(text)))
+        key = (*key, group.unit, group.unit_written)
+        if key in places:
+            together = replace(out[places[key]], columns=(*out[places[key]].columns, *group.columns))
+            if joint_labels(together):
+                out[places[key]] = together
+                continue
+        places[key] = len(out)
+        out.append(group)
+    return out

@@ -1,16 +1,16 @@
-"""Arrays of HDF5, netCDF-4 and MATLAB 7.3 files."""
+"""Arrays of HDF5, netCDF-4 and MATLAB 7.3 files, and objects of MATLAB, of which only names can be told."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.errors import RecordingError
-from smsid.recording._matlab_objects import BUILT_IN, MatlabObject
-from smsid.recording.storage import check_hdf5, damaged, refuse_other_files
+from smsid.recording.storage import check_hdf5, open_hdf5
 
 
 def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
@@ -34,17 +34,9 @@ def read_matlab_hdf5(path: Path) -> dict[str, Any]:
     Raises:
         RecordingError: cut short or damaged.
     """
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            refuse_other_files(file, path)
-            tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
-            return {name: value for name, value in tree.items() if value is not None}
-    except RecordingError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise damaged(path, error) from error
+    with open_hdf5(path) as file:
+        tree = {str(k): _matlab(file[k], file) for k in file if not str(k).startswith("#")}
+        return {name: value for name, value in tree.items() if value is not None}
 
 
 def _matlab(node: Any, file: Any) -> Any:
@@ -82,14 +74,8 @@ def _datasets(path: Path) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
         if isinstance(node, h5py.Dataset) and node.dtype.kind in "fiub":
             found.append((name, np.asarray(node[()]), dict(node.attrs)))
 
-    try:
-        with h5py.File(path, "r") as file:
-            refuse_other_files(file, path)
-            file.visititems(visit)
-    except RecordingError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... depending on the place
-        raise damaged(path, error) from error
+    with open_hdf5(path) as file:
+        file.visititems(visit)
     return found
 
 
@@ -106,3 +92,49 @@ def _unpacked(values: NDArray[Any], attributes: dict[str, Any]) -> NDArray[Any]:
     unpacked += 0.0 if offset is None else float(np.ravel(offset)[0])
     unpacked[missing] = np.nan
     return unpacked
+
+
+OPAQUE = ("s0", "s1", "s2", "arr")  # fields of what scipy makes of an object: name, system, class, reference
+BUILT_IN = {"char", "logical", "cell", "struct", "single", "double", "canonical empty", ""}
+BUILT_IN |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+
+MENDS = {
+    "timeseries": "log = struct('time', {0}.Time, 'data', {0}.Data); save('log.mat', 'log', '-v7')",
+    "timetable": "log = struct('time', seconds({0}.Properties.RowTimes), 'data', {0}.Variables); "
+    "save('log.mat', 'log', '-v7')",
+    "Dataset": "for k = 1:numElements({0}), e = {0}.getElement(k); log.(matlab.lang.makeValidName(e.Name)) = "
+    "struct('time', e.Values.Time, 'data', e.Values.Data); end, save('log.mat', 'log', '-v7')",
+    "": "log = struct('time', t, 'data', x); save('log.mat', 'log', '-v7')",
+}
+"""By class, the line of MATLAB that writes an object, {0}, as a structure of arrays."""
+
+
+@dataclass(frozen=True)
+class MatlabObject:
+    """An object of a MATLAB file: its variable or field, and its class."""
+
+    name: str
+    kind: str
+
+    def __str__(self) -> str:
+        return f"'{self.name}' ({self.kind})"
+
+
+def opaque_class(value: Any) -> tuple[str, str] | None:
+    """Return name (empty in a structure) and class of an object as scipy reads it; None of anything else."""
+    if not isinstance(value, np.ndarray) or value.dtype.names != OPAQUE or not value.size:
+        return None
+    row = value.ravel()[0]
+    name, kind = (
+        x.decode(errors="replace") if isinstance(x, bytes) else str(x) for x in (row["s0"], row["s2"])
+    )
+    return name, kind
+
+
+def mend(objects: Sequence[MatlabObject]) -> str:
+    """Return what to do about objects: the lines of MATLAB that write each kind of them."""
+    lines = {}
+    for one in objects:
+        key = next((k for k in MENDS if k and one.kind.endswith(k)), "")
+        lines.setdefault(key, MENDS[key].format(one.name or "x"))
+    return "In MATLAB: " + "; or: ".join(lines.values()) + "."

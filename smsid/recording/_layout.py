@@ -116,7 +116,8 @@ def build(
                     size=size,
                     expected=known,
                 )
-        variables[name] = (dims, array, _attributes(quantity))
+        order = {"quaternion_order": "x y z w"} if quantity.is_quaternion else {}
+        variables[name] = (dims, array, {"unit": quantity.unit, "frame": quantity.frame, **order})
     coordinates.update(_labels(labels, sizes))
     return xr.Dataset(variables, coords=coordinates, attrs=dict(attributes))
 
@@ -130,11 +131,8 @@ def take_apart(dataset: xr.Dataset) -> tuple[FloatArray | None, dict[str, Any], 
         source, _ = split_channel(name)
         clock = clock_of(dataset, source)
         if variable.dims[:1] != (clock,) or clock not in dataset.coords:
-            raise RecordingError(
-                f"Channel '{name}' has dimensions {variable.dims}; the first must be its clock '{clock}'.",
-                advice="Build recordings with Recording.from_arrays.",
-                channel=name,
-            )
+            text = f"has dimensions {variable.dims}; the first must be its clock '{clock}'."
+            raise _fault(name, text, "Build recordings with Recording.from_arrays.")
         values = variable.values
         channels[name] = values if clock == "time" else (dataset[clock].values, values)
     clocks = {"time"} | {f"{split_channel(name)[0]}.time" for name in channels}
@@ -151,10 +149,7 @@ def units_of(dataset: xr.Dataset) -> dict[str, str]:
     units = {}
     for key, variable in dataset.data_vars.items():
         if "unit" not in variable.attrs:
-            raise RecordingError(
-                f"Channel '{key}' has no unit attribute.",
-                advice="Build recordings with Recording.from_arrays.",
-            )
+            raise _fault(str(key), "has no unit attribute.", "Build recordings with Recording.from_arrays.")
         units[str(key)] = str(variable.attrs["unit"])
     return units
 
@@ -168,23 +163,16 @@ def _clocks(channels: Mapping[str, Any], clocks: dict[str, FloatArray]) -> dict[
         clock = "time"
         if isinstance(value, tuple):
             if len(value) != 2:
-                raise RecordingError(
-                    f"Channel '{name}' is a tuple of {len(value)}.", advice="Pass an array, or (time, array)."
-                )
+                raise _fault(name, f"is a tuple of {len(value)}.", "Pass an array, or (time, array).")
             times = clock_array(value[0], own)
             if "time" not in clocks or not np.array_equal(times, clocks["time"], equal_nan=True):
                 clock = own
                 if own in clocks and not np.array_equal(times, clocks[own], equal_nan=True):
-                    raise RecordingError(
-                        f"Channel '{name}' has another clock than the other channels of '{source}'.",
-                        advice="Give them one clock, or name two sources.",
-                        channel=name,
-                    )
+                    text = f"has another clock than the other channels of '{source}'."
+                    raise _fault(name, text, "Give them one clock, or name two sources.")
                 clocks[own] = times
         elif clock not in clocks:
-            raise RecordingError(
-                f"Channel '{name}' has no clock.", advice="Pass time, or (time, array) for it.", channel=name
-            )
+            raise _fault(name, "has no clock.", "Pass time, or (time, array) for it.")
         if used.setdefault(source, clock) != clock:
             raise RecordingError(
                 f"The channels of '{source}' are on two clocks, 'time' and '{own}'.",
@@ -200,22 +188,13 @@ def _dims(
     source, _ = split_channel(name)
     trailing = quantity.dims_of(array.shape[1:]) if array.ndim else None
     if trailing is None:
-        raise RecordingError(
-            f"Channel '{name}' has shape {array.shape}; expected {quantity.shapes()}.",
-            advice="The first axis is time."
-            if array.ndim != 1
-            else "Use array[:, None] for a single column.",
-            channel=name,
-            shape=array.shape,
-        )
+        text = f"has shape {array.shape}; expected {quantity.shapes()}."
+        advice = ("The first axis is time.", "Use array[:, None] for a single column.")[array.ndim == 1]
+        raise _fault(name, text, advice, shape=array.shape)
     if array.shape[0] != samples:
-        raise RecordingError(
-            f"Channel '{name}' has {array.shape[0]} samples, its clock '{clock}' has {samples}.",
-            advice="Give the source a clock of its own with (time, array), or cut both to one length.",
-            channel=name,
-            samples=array.shape[0],
-            expected=samples,
-        )
+        text = f"has {array.shape[0]} samples, its clock '{clock}' has {samples}."
+        advice = "Give the source a clock of its own with (time, array), or cut both to one length."
+        raise _fault(name, text, advice, samples=array.shape[0], expected=samples)
     # Stations belong to one sensor; joints, wheels and modes to the spacecraft, unless labelled for a source.
     return (
         clock,
@@ -254,11 +233,8 @@ def _labels(labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, 
     return found
 
 
-def _attributes(quantity: Quantity) -> dict[str, str]:
-    attributes = {"unit": quantity.unit, "frame": quantity.frame}
-    if quantity.is_quaternion:
-        attributes["quaternion_order"] = "x y z w"
-    return attributes
+def _fault(channel: str, text: str, advice: str, **evidence: Any) -> RecordingError:
+    return RecordingError(f"Channel '{channel}' {text}", advice=advice, channel=channel, **evidence)
 
 
 def _plain(value: Any) -> Any:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from smsid.errors import RecordingError
+
+DAMAGED = "It is cut short, damaged, or of another format: copy it again, or correct its suffix."
 
 
 class Columns(dict[str, NDArray[Any]]):
@@ -35,3 +40,15 @@ class Columns(dict[str, NDArray[Any]]):
     def missing(self, name: str) -> NDArray[np.bool_]:
         """Tell the rows in which a column has no sample: (N,) bool."""
         return self.blank.get(name, np.zeros(self[name].shape[:1], dtype=bool))
+
+
+def unreadable(path: Path, kind: str, error: Exception, advice: str = DAMAGED) -> RecordingError:
+    """Return the error of a file that a reader of a ``kind`` gave up on."""
+    size = path.stat().st_size if path.is_file() else 0
+    text = f"{path} ({size} bytes) cannot be read as {kind}: {error}."
+    return RecordingError(text, advice=advice, path=str(path), size=size)
+
+
+def without_samples(path: Path, what: str, advice: str = "Is it the right file?") -> RecordingError:
+    """Return the error of a file in which there is nothing to read."""
+    return RecordingError(f"{path} has no {what}.", advice=advice, path=str(path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import logging
 import os
@@ -13,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smsid._files import sha256
+from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
 from smsid.recording._units import convert
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity, quantity_of
-from smsid.recording.joined_columns import read_joined
 from smsid.recording.mapping import (
     ChannelTable,
     ClockTable,
@@ -27,7 +27,7 @@ from smsid.recording.mapping import (
     mapping_path,
     target_unit,
 )
-from smsid.recording.readers import Columns, parse_number
+from smsid.recording.readers import Columns, parse_number, read_joined
 from smsid.recording.recording import Recording
 
 logger = logging.getLogger(__name__)
@@ -143,6 +143,11 @@ class _Import:
             raise RecordingError(
                 f"{self.file}: {error.message}", advice=error.advice, **error.evidence
             ) from error
+
+    def _fault(self, channel: str, text: str, advice: str, **evidence: Any) -> RecordingError:
+        """Return the error of a channel that cannot be taken from the file."""
+        where = f"{self.file}, channel '{channel}'"
+        return RecordingError(f"{where}: {text}", advice=advice, channel=channel, **evidence)
 
     def _turn_round(self) -> None:
         """Put the oldest sample first where a clock only decreases, with all columns that run on it."""
@@ -266,20 +271,18 @@ class _Import:
         elif stations and values.shape[1] == 3 and table.labels:
             values = values[:, None, :]
         if quantity.dims_of(values.shape[1:]) is None:
-            raise RecordingError(
-                f"{self.file}, channel '{name}': {', '.join(table.columns)} make {values.shape}; "
-                f"expected {quantity.shapes()}.",
-                advice="Name one column per component, or state index or time_axis.",
-                channel=name,
+            raise self._fault(
+                name,
+                f"{', '.join(table.columns)} make {values.shape}; expected {quantity.shapes()}.",
+                "Name one column per component, or state index or time_axis.",
                 shape=values.shape,
             )
         samples = self._clock(name, values.shape[0]).size
         if values.shape[0] != samples:
-            raise RecordingError(
-                f"{self.file}, channel '{name}': {', '.join(table.columns)} has {values.shape[0]} samples, "
-                f"its clock has {samples}.",
-                advice="Give its source its own clock, [clock.<source>], or state time_axis.",
-                channel=name,
+            raise self._fault(
+                name,
+                f"{', '.join(table.columns)} has {values.shape[0]} samples, its clock has {samples}.",
+                "Give its source its own clock, [clock.<source>], or state time_axis.",
                 samples=values.shape[0],
                 expected=samples,
             )
@@ -288,60 +291,40 @@ class _Import:
     def _one_length(self, name: str, table: ChannelTable, arrays: list[FloatArray]) -> None:
         flat = [column for column, array in zip(table.columns, arrays, strict=True) if array.ndim != 1]
         if flat:
-            raise RecordingError(
-                f"{self.file}, channel '{name}': '{flat[0]}' is not a single column.",
-                advice="Name one array, or single columns.",
-                channel=name,
+            raise self._fault(
+                name, f"'{flat[0]}' is not a single column.", "Name one array, or single columns."
             )
         lengths = {column: array.size for column, array in zip(table.columns, arrays, strict=True)}
         if len(set(lengths.values())) > 1:
             listed = ", ".join(f"{column} {size}" for column, size in lengths.items())
-            raise RecordingError(
-                f"{self.file}, channel '{name}': its columns have different lengths: {listed}.",
-                advice="Export them together, or map them to sources with clocks of their own.",
-                channel=name,
-                lengths=lengths,
-            )
+            advice = "Export them together, or map them to sources with clocks of their own."
+            raise self._fault(name, f"its columns have different lengths: {listed}.", advice, lengths=lengths)
 
     def _picked(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         if table.time_axis >= max(values.ndim, 1):
-            raise RecordingError(
-                f"{self.file}, channel '{name}': time_axis = {table.time_axis}, but '{table.columns[0]}' has "
-                f"shape {values.shape}.",
-                advice=f"Choose an axis below {values.ndim}.",
-                channel=name,
-            )
+            text = f"time_axis = {table.time_axis}, but '{table.columns[0]}' has shape {values.shape}."
+            raise self._fault(name, text, f"Choose an axis below {values.ndim}.")
         values = np.moveaxis(values, table.time_axis, 0) if values.ndim else values
         if table.index is None:
             return values
         if values.ndim != 2 or max(table.index) >= values.shape[1]:
-            raise RecordingError(
-                f"{self.file}, channel '{name}': index {list(table.index)} does not fit "
-                f"'{table.columns[0]}' of shape {values.shape}.",
-                advice="It picks columns of a two-dimensional array, counted from 0.",
-                channel=name,
-            )
+            text = f"index {list(table.index)} does not fit '{table.columns[0]}' of shape {values.shape}."
+            raise self._fault(name, text, "It picks columns of a two-dimensional array, counted from 0.")
         return values[:, list(table.index)]
 
     def _signed(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         if isinstance(table.sign, int):
             return values * float(table.sign) if table.sign != 1 else values
         if values.ndim < 2 or values.shape[-1] != len(table.sign):
-            raise RecordingError(
-                f"{self.file}, channel '{name}': {len(table.sign)} signs for shape {values.shape}.",
-                advice="Give one sign, or one per component.",
-                channel=name,
-            )
+            text = f"{len(table.sign)} signs for shape {values.shape}."
+            raise self._fault(name, text, "Give one sign, or one per component.")
         return values * np.array(table.sign, dtype=np.float64)
 
     def _turned(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         assert table.attitude is not None
         if self.is_absent(table.attitude):
-            raise RecordingError(
-                f"{self.file}, channel '{name}': the attitude '{table.attitude}' that turns it is absent.",
-                advice="Leave the channel out of the mapping too.",
-                channel=name,
-            )
+            text = f"the attitude '{table.attitude}' that turns it is absent."
+            raise self._fault(name, text, "Leave the channel out of the mapping too.")
         # Gathering first: a clock of fixed rate is as long as its first channel.
         attitude = self.rules.channel[table.attitude]
         q = self._channel(table.attitude, attitude)
@@ -398,12 +381,10 @@ class _Import:
 
     def _numbers(self, column: str, where: str) -> FloatArray:
         if column not in self.columns:
-            close = difflib.get_close_matches(column, self.columns, n=1)
+            meant = did_you_mean(column, self.columns).strip()
             raise RecordingError(
                 f"{self.file} has no '{column}', asked for by {where}; it has {', '.join(self.columns)}.",
-                advice=f"Did you mean '{close[0]}'?"
-                if close
-                else "Correct the mapping, or mark it optional.",
+                advice=meant or "Correct the mapping, or mark it optional.",
                 column=column,
                 present=tuple(self.columns),
             )
@@ -471,5 +452,4 @@ def _sum(path: Path) -> str:
     if path.is_dir():
         listed = "".join(f"{p.name} {_sum(p)}\n" for p in sorted(path.iterdir()) if p.is_file())
         return hashlib.sha256(listed.encode()).hexdigest()
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return sha256(path)

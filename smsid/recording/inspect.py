@@ -20,8 +20,8 @@ from smsid.recording._draft import draft_mapping, quoted
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
 from smsid.recording.columns import Columns
 from smsid.recording.importing import import_recording, is_number
-from smsid.recording.joined_columns import read_joined
 from smsid.recording.mapping import ImportMapping, load_mapping
+from smsid.recording.readers import read_joined
 
 logger = logging.getLogger(__name__)
 

@@ -45,20 +45,18 @@ def estimate_lag(
     second: tuple[ArrayLike, ArrayLike],
     *,
     largest: float,
-    rate: float | None = None,
 ) -> Lag:
     """Estimate how much ``second`` lags ``first``, two signals of the same motion with clocks of their own.
 
-    Both are brought to one rate, linearly, so the clocks may jitter; the peak of their normalised
-    cross-correlation is interpolated between samples. The standard deviation is that of the lags of
-    eight blocks of the record, over the root of their number. A steady lag only: drifting clocks widen the
-    interval.
+    Both are brought to the higher of their median rates, linearly, so the clocks may jitter; the peak of
+    their normalised cross-correlation is interpolated between samples. The standard deviation is that of the
+    lags of eight blocks of the record, over the root of their number. A steady lag only: drifting clocks
+    widen the interval.
 
     Args:
         first: times (N,) [s] and samples (N,) of the reference.
         second: times (M,) [s] and samples (M,); any unit, either sign.
         largest: lags are sought up to this size [s].
-        rate: common rate [Hz]; default the higher median rate of the two.
 
     Raises:
         RecordingError: clocks that do not increase, samples that are not finite, less than ``4 * largest`` in
@@ -66,7 +64,7 @@ def estimate_lag(
     """
     t1, x1 = _checked(first, "first")
     t2, x2 = _checked(second, "second")
-    common = float(rate or 1.0 / min(float(np.median(np.diff(t))) for t in (t1, t2)))
+    common = 1.0 / min(float(np.median(np.diff(t))) for t in (t1, t2))
     begin, end = max(t1[0], t2[0]) + largest, min(t1[-1], t2[-1]) - largest
     if largest <= 0.0 or (end - begin) < max(2.0 * largest, MIN_SAMPLES / common):
         raise RecordingError(

@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import logging
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,15 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid._listing import some_of
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, require
 from smsid.recording._bags import is_bag_folder, read_bag
-from smsid.recording._csv import CsvFormat, parse_number, read_csv, unreadable
-from smsid.recording._hdf5 import read_hdf5, read_matlab_hdf5
-from smsid.recording._matlab_objects import MatlabObject, mend, opaque_class
-from smsid.recording._parquet import read_parquet
+from smsid.recording._csv import CsvFormat, parse_number, read_csv
+from smsid.recording._hdf5 import MatlabObject, mend, opaque_class, read_hdf5, read_matlab_hdf5
 from smsid.recording._times import read_times
-from smsid.recording._ulog import read_ulog
-from smsid.recording.columns import Columns
+from smsid.recording.columns import Columns, unreadable, without_samples
 
 __all__ = [
     "READERS",
@@ -35,6 +33,7 @@ __all__ = [
     "parse_number",
     "read_columns",
     "read_csv",
+    "read_joined",
     "read_mat",
     "read_npz",
 ]
@@ -69,6 +68,37 @@ def read_columns(path: str | os.PathLike[str], csv_format: CsvFormat | None = No
         path=str(path),
         known=tuple(READERS),
     )
+
+
+def read_joined(
+    file: str | os.PathLike[str], also: Sequence[str | os.PathLike[str]], csv_format: CsvFormat | None = None
+) -> Columns:
+    """Return the columns of a file and of others that go on with it.
+
+    A column that several files have, such as their clock, must hold the same in all of them.
+
+    Raises:
+        RecordingError: as `read_columns`, or a column of the same name differs.
+    """
+    joined = read_columns(file, csv_format)
+    for other in also:
+        more = read_columns(other, csv_format)
+        for name in sorted(set(joined) & set(more)):
+            a, b = joined[name], more[name]
+            if a.dtype.kind != b.dtype.kind or not np.array_equal(a, b, equal_nan=a.dtype.kind == "f"):
+                raise RecordingError(
+                    f"'{name}' of {other} is not that of {file}: {a.shape} and {b.shape} samples, or other "
+                    "values.",
+                    advice="Files are joined that share their clock; import the others by themselves.",
+                    column=name,
+                )
+        blank, units = {**more.blank, **joined.blank}, {**more.units, **joined.units}
+        times = joined.times | more.times
+        joined = Columns(
+            {**joined, **{n: x for n, x in more.items() if n not in joined}}, blank=blank, units=units
+        )
+        joined.times |= times
+    return joined
 
 
 def read_npz(path: Path, csv_format: CsvFormat) -> Columns:
@@ -182,3 +212,87 @@ def _simulink(log: dict[str, Any]) -> dict[str, Any]:
             np.moveaxis(values, -1, 0) if values.ndim == 3 and values.shape[-1] == samples else values
         )
     return found
+
+
+def read_parquet(path: Path) -> Columns:
+    """Read the columns of a Parquet file by name; fields of structures are called ``imu.acc.x``.
+
+    Numbers and truth values become float64 (N,), missing ones NaN; lists of one length (N, length); times of
+    day and dates seconds since the column's first; text stays text.
+
+    Raises:
+        MissingDependencyError: pyarrow is not installed.
+        RecordingError: no Parquet file, cut short, or without rows.
+    """
+    parquet = require("pyarrow.parquet", "parquet")
+    try:
+        table = parquet.read_table(path)
+        while any(str(field.type).startswith("struct") for field in table.schema):
+            table = table.flatten()
+    except Exception as error:  # pyarrow raises ArrowInvalid, OSError, ...
+        raise unreadable(path, "Parquet", error) from error
+    if table.num_rows == 0:
+        raise without_samples(path, "rows")
+    columns = Columns({name: _parquet_array(table.column(name)) for name in table.column_names})
+    for name in table.column_names:
+        missing = np.asarray(table.column(name).is_null().to_numpy(zero_copy_only=False), dtype=bool)
+        if missing.any():
+            columns.blank[name] = missing
+    return columns
+
+
+def _parquet_array(column: Any) -> NDArray[Any]:
+    kind = str(column.type)
+    if kind.startswith(("timestamp", "date", "time", "duration")):
+        times = column.to_numpy().astype(
+            "datetime64[ns]" if not kind.startswith("duration") else "timedelta64[ns]"
+        )
+        return (times - times[0]) / np.timedelta64(1, "s")
+    if kind.startswith(("list", "large_list", "fixed_size_list")):
+        rows = column.to_pylist()
+        if len({None if row is None else len(row) for row in rows}) == 1 and rows[0] is not None:
+            return np.array(rows, dtype=np.float64)
+        return np.array([str(row) for row in rows])
+    values = column.to_numpy()
+    if values.dtype.kind in "fiub":
+        return values.astype(np.float64)
+    numbers = [np.nan if v is None else v for v in values.tolist()]
+    if all(isinstance(v, bool | int | float) for v in numbers):
+        return np.array(numbers, dtype=np.float64)
+    return np.array(["" if v is None else str(v) for v in values.tolist()])
+
+
+def read_ulog(path: Path) -> Columns:
+    """Read the topics of a ULog; every topic has its own clock.
+
+    Columns are called ``vehicle_attitude.q`` (arrays (N, k)) and ``vehicle_local_position.vx``; further
+    instances of a topic ``sensor_gyro.1.x``. ``<topic>.time`` is in seconds since the log's start.
+
+    Raises:
+        MissingDependencyError: pyulog is not installed.
+        RecordingError: no ULog, cut short, or without data.
+    """
+    pyulog = require("pyulog", "px4")
+    try:
+        log = pyulog.ULog(str(path))
+    except Exception as error:  # pyulog raises TypeError, struct.error, KeyError, ... depending on the place
+        raise unreadable(path, "ULog", error) from error
+    columns = Columns()
+    for topic in sorted(log.data_list, key=lambda d: (d.name, d.multi_id)):
+        where = topic.name if topic.multi_id == 0 else f"{topic.name}.{topic.multi_id}"
+        times = np.asarray(topic.data["timestamp"], dtype=np.int64)
+        columns[f"{where}.time"] = (times - int(log.start_timestamp)) * 1e-6
+        columns.units[f"{where}.time"] = "s"
+        parts: dict[str, list[str]] = {}
+        for name in topic.data:
+            parts.setdefault(re.sub(r"\[\d+\]$", "", name), []).append(name)
+        for name, members in parts.items():
+            if name == "timestamp":
+                continue
+            # pyulog keeps the order of the message, so members count up.
+            arrays = [np.asarray(topic.data[m], dtype=np.float64) for m in members]
+            array = np.stack(arrays, axis=1) if members != [name] else arrays[0]
+            columns[f"{where}.{name}"] = array
+    if not columns:
+        raise without_samples(path, "data", "Was anything logged?")
+    return columns

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smsid._short_repr import as_html, as_text
+from smsid._short_repr import Told
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
 from smsid.recording._clock import Gap, check_order, find_gaps
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
 
 
-class Recording:
+class Recording(Told):
     """Measured or simulated channels ``<source>.<quantity>`` in the units and frames of the catalogue.
 
     The channels share the clock ``time`` [s], except for a source that has its own, ``<source>.time``. All
@@ -293,15 +293,7 @@ class Recording:
         """
         times = _resampling.new_times(self, rate_or_times)
         channels = _resampling.interpolated(self, times)
-        built = Recording.from_arrays(
-            times,
-            channels,
-            labels=self.labels,
-            units=self.units,
-            provenance=self.provenance,
-            role=self.role,
-            name=self.name,
-        )
+        built = self._rebuilt(times, channels, self.labels, self.units)
         return built._noted({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 
     def with_channels(
@@ -327,15 +319,7 @@ class Recording:
             on_own = own in self.clocks and not isinstance(value, tuple)
             present[name] = (self._dataset[own].values, value) if on_own else value
         kept = {name: unit for name, unit in self.units.items() if name not in (units or {})}
-        return Recording.from_arrays(
-            time,
-            present,
-            labels={**known, **(labels or {})},
-            units={**kept, **(units or {})},
-            provenance=self.provenance,
-            role=self.role,
-            name=self.name,
-        )
+        return self._rebuilt(time, present, {**known, **(labels or {})}, {**kept, **(units or {})})
 
     def without(self, *names: str) -> Recording:
         """Leave channels out; raise `RecordingError` if one is not there or none is left."""
@@ -364,6 +348,10 @@ class Recording:
         a.attrs["provenance"] = b.attrs["provenance"] = ""
         return self.channels == other.channels and a.identical(b)
 
+    def _rebuilt(self, time: Any, channels: Any, labels: Any, units: Any) -> Recording:
+        header = {"provenance": self.provenance, "role": self.role, "name": self.name}
+        return Recording.from_arrays(time, channels, labels=labels, units=units, **header)
+
     def _noted(self, step: Mapping[str, Any]) -> Recording:
         return self.with_provenance({"steps": [*self.provenance.get("steps", []), dict(step)]})
 
@@ -379,12 +367,6 @@ class Recording:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Recording, (self._dataset,))
-
-    def __repr__(self) -> str:
-        return as_text(*self._told())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._told())
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         title = f"recording{f' {self.name!r}' if self.name else ''} for {self.role}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,18 +99,29 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
     Raises:
         RecordingError: no such file, no HDF5, cut short, damaged, or it takes data from other files.
     """
-    import h5py
     import xarray as xr
 
     check_hdf5(path)
+    # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
+    with open_hdf5(path) as file:
+        file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
+        how: dict[str, Any] = dict.fromkeys(("decode_times", "mask_and_scale", "decode_timedelta"), False)
+        return xr.load_dataset(path, engine="h5netcdf", **how)
+
+
+@contextmanager
+def open_hdf5(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """Give an HDF5 file to read from; what goes wrong inside the block is the file's damage.
+
+    Raises:
+        RecordingError: cut short, damaged, or it takes data from other files.
+    """
+    import h5py
+
     try:
-        # h5netcdf leaves a half-made object behind where HDF5 cannot open the file; it then speaks on stderr
         with h5py.File(path, "r") as file:
-            file.attrs.get("_nc3_strict")  # what it looks at before it can be closed
             refuse_other_files(file, path)
-        return xr.load_dataset(
-            path, engine="h5netcdf", decode_times=False, mask_and_scale=False, decode_timedelta=False
-        )
+            yield file
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... by where it breaks

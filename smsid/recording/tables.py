@@ -1,19 +1,21 @@
-"""Recordings as tables for other programs: CSV and Parquet, with the mapping that brings them back."""
+"""Recordings as files of other programs, CSV, Parquet and MCAP, with the mapping that brings them back."""
 
 from __future__ import annotations
 
 import csv
-import json
 import os
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import tomli_w
 
-from smsid._files import atomic_path
-from smsid._signature import signed
+from smsid._files import atomic_path, signed
 from smsid.errors import RecordingError, require
-from smsid.recording.channels import EXTRA, quantity_of
+from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.columns import Columns
 from smsid.recording.recording import Recording
 
@@ -47,25 +49,33 @@ def table_columns(recording: Recording) -> Columns:
 
 def table_mapping(recording: Recording) -> str:
     """Write the mapping (TOML) with which `import_recording` reads the table of `table_columns`."""
-    lines = ["[recording]", f"name = {_quoted(recording.name)}", f'role = "{recording.role}"', ""]
-    lines += ["[time]", f'column = "{TIME}"', 'unit = "s"', ""]
-    labels = recording.labels
-    for channel in recording.channels:
-        names = ", ".join(map(_quoted, _names(recording, channel)))
-        lines += [f"[channel.{_quoted(channel)}]", f"columns = [{names}]"]
-        source = channel.partition(".")[0]
-        quantity = quantity_of(channel, unit=recording.unit(channel))
-        if quantity.is_quaternion:
-            lines += ['quaternion = "xyzw"', 'direction = "body_to_inertial"']
-        else:
-            lines.append(f"unit = {_quoted(recording.unit(channel))}")
-        dims = [dim.rpartition(".")[2] for dim in map(str, recording.channel(channel).dims[1:])]
-        for dim in dims if source != EXTRA else []:
-            known = labels.get(f"{source}.{dim}", labels.get(dim))
-            if known:
-                lines.append(f"labels = [{', '.join(map(_quoted, known))}]")
-        lines.append("")
-    return signed("\n".join(lines))
+    columns = {channel: _names(recording, channel) for channel in recording.channels}
+    return mapping_text(recording, columns, {"time": {"column": TIME, "unit": "s"}})
+
+
+def mapping_text(
+    recording: Recording, columns: Mapping[str, Sequence[str]], clocks: Mapping[str, Any]
+) -> str:
+    """Write the mapping (TOML) of a recording whose channels stand in ``columns``, by ``clocks``' tables."""
+    channels = {}
+    for channel, names in columns.items():
+        unit = recording.unit(channel)
+        quaternion = quantity_of(channel, unit=unit).is_quaternion
+        table: dict[str, Any] = {"columns": list(names)}
+        table |= {"quaternion": "xyzw", "direction": "body_to_inertial"} if quaternion else {"unit": unit}
+        if known := labels_of(recording, channel):
+            table["labels"] = known
+        channels[channel] = table
+    head = {"name": recording.name, "role": recording.role}
+    return signed(tomli_w.dumps({"recording": head, **clocks, "channel": channels}))
+
+
+def labels_of(recording: Recording, channel: str) -> list[str]:
+    """Return the labels of a channel's joints, wheels, modes or stations; none where it has none."""
+    array = recording.channel(channel)
+    dim = str(array.dims[1]) if array.ndim > 1 and not channel.startswith(f"{EXTRA}.") else ""
+    labelled = dim.rpartition(".")[2] in LABELLED_DIMS and dim in array.coords
+    return [str(x) for x in array.coords[dim].values] if labelled else []
 
 
 def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
@@ -85,7 +95,15 @@ def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
     columns = table_columns(recording)
     with atomic_path(file) as temporary:
         if file.suffix.lower() == ".csv":
-            _write_csv(columns, Path(temporary))
+            cells = [
+                [
+                    "" if empty else repr(x)
+                    for x, empty in zip(values.tolist(), columns.missing(name), strict=True)
+                ]
+                for name, values in columns.items()
+            ]
+            with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream).writerows([list(columns), *zip(*cells, strict=True)])
         else:
             pyarrow, parquet = require("pyarrow", "parquet"), require("pyarrow.parquet", "parquet")
             arrays = {
@@ -93,18 +111,6 @@ def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
             }
             parquet.write_table(pyarrow.table(arrays), temporary)
     return file
-
-
-def _write_csv(columns: Columns, path: Path) -> None:
-    cells = [_cells(values, columns.missing(name)) for name, values in columns.items()]
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
-
-
-def _cells(values: NDArray[np.float64], blank: NDArray[np.bool_]) -> list[str]:
-    return ["" if empty else repr(float(value)) for value, empty in zip(values, blank, strict=True)]
 
 
 def _names(recording: Recording, channel: str) -> list[str]:
@@ -121,5 +127,92 @@ def _names(recording: Recording, channel: str) -> list[str]:
     return [f"{name} [{recording.unit(channel)}]" for name in names]
 
 
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+JOINTS = MappingProxyType(
+    {
+        "joint_position": "position",
+        "joint_velocity": "velocity",
+        "joint_torque": "effort",
+        "wheel_rate": "velocity",
+        "wheel_torque": "effort",
+    }
+)
+"""The field of a JointState that a quantity goes to."""
+
+
+def save_mcap(recording: Recording, path: str | os.PathLike[str]) -> Path:
+    """Write a recording as one MCAP file; it appears whole or not at all.
+
+    Every channel is a topic ``/<source>/<quantity>``: joints and wheels ``sensor_msgs/JointState`` with their
+    names, all else ``std_msgs/Float64MultiArray`` in the channel's unit. Times are whole nanoseconds since
+    the first sample of all.
+
+    Raises:
+        MissingDependencyError: rosbags is not installed (extra ``bags``).
+    """
+    require("rosbags", "bags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    start = min(float(recording.dataset[clock].values[0]) for clock in recording.clocks)
+    with (
+        atomic_path(Path(path)) as temporary,
+        tempfile.TemporaryDirectory(dir=Path(temporary).parent) as folder,
+    ):
+        bag = Path(folder) / "bag"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            rows = []
+            for channel in recording.channels:
+                kind = _kind(channel)
+                topic = writer.add_connection(_topic(channel), kind, typestore=store)
+                times = np.round((recording.time(channel) - start) * 1e9).astype(np.int64).tolist()
+                values = np.ascontiguousarray(recording[channel].reshape(len(times), -1))
+                make = _messages(store, recording, channel)
+                rows += [(t, topic, kind, make, t, row) for t, row in zip(times, values, strict=True)]
+            for t, topic, kind, make, stamp, row in sorted(rows, key=lambda r: r[0]):
+                writer.write(topic, t, store.serialize_cdr(make(stamp, row), kind))
+        next(bag.glob("*.mcap")).replace(temporary)
+    return Path(path)
+
+
+def mcap_mapping(recording: Recording) -> str:
+    """Write the mapping (TOML) with which `import_recording` reads what `save_mcap` writes."""
+    columns = {}
+    clocks: dict[str, dict[str, str]] = {}
+    for channel in recording.channels:
+        source, _, quantity = channel.partition(".")
+        columns[channel] = [f"{_topic(channel)}.{JOINTS.get(quantity, 'data')}"]
+        clocks.setdefault(source, {"column": f"{_topic(channel)}.time", "unit": "s"})
+    return mapping_text(recording, columns, {"clock": clocks})
+
+
+def _kind(channel: str) -> str:
+    joints = channel.partition(".")[2] in JOINTS
+    return "sensor_msgs/msg/JointState" if joints else "std_msgs/msg/Float64MultiArray"
+
+
+def _topic(channel: str) -> str:
+    return f"/{channel.replace('.', '/')}"
+
+
+def _messages(store: Any, recording: Recording, channel: str) -> Any:
+    """Return what makes a message of a stamp [ns] and a row (k,)."""
+    kinds = store.types
+    if _kind(channel).endswith("MultiArray"):
+        layout = kinds["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+        make = kinds["std_msgs/msg/Float64MultiArray"]
+        return lambda stamp, row: make(layout=layout, data=row)
+    field = JOINTS[channel.partition(".")[2]]
+    joint, header, time = (
+        kinds[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    empty = dict.fromkeys(("position", "velocity", "effort"), np.zeros(0))
+    size = int(np.prod(recording[channel].shape[1:]))
+    names = labels_of(recording, channel) or [str(k) for k in range(size)]
+
+    def message(stamp: int, row: np.ndarray) -> Any:
+        at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
+        return joint(header=at, name=names, **{**empty, field: row})
+
+    return message

@@ -10,24 +10,20 @@ from smsid.arm.comparison import JudgedArm
 from smsid.arm.units import torque_unit
 from smsid.errors import SmsidError
 from smsid.recording import Recording
-from smsid.report.model import Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
+from smsid.report.model import Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import share
-from smsid.report.parameters import Known, identifiability, parameter_table, reported_parameters
-from smsid.report.residuals import residual_table
+from smsid.report.parameters import identifiability, parameter_table, reported_parameters
+from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace, Traces
+from smsid.report.traces import Trace
 
-BUDGET = 250_000
 NOTE = "A ratio of one: predicted as well as the recording it was identified from."
 WELL = 0.1  # relative torque error on data not identified from, up to which the arm counts as explained
 
 
-def arm_report(
-    found: JudgedArm, recordings: Sequence[Recording], origin: Provenance, known: Known | None = None
-) -> Report:
+def arm_report(found: JudgedArm, recordings: Sequence[Recording], origin: Provenance) -> Report:
     """Return the report of an arm's identification; it is judged by ``recordings``, its own first."""
     own = reported_parameters(found.estimate)
-    known = known or Known()
     good = sum(p.status == "identifiable" for p in own)
     groups = {r.name: torque_traces(found, r) for r in recordings}
     judged = [(r, found.judge(r)) for r in recordings]
@@ -46,16 +42,13 @@ def arm_report(
         [cells(r.name, r.role, (e.relative, 3), *((e.by_joint[j], 3) for j in joints)) for r, e in judged],
     )
     traces = [t for ts in groups.values() for t in ts]
-    worst = int(np.nanargmax([t.whitened_rms for t in traces]))
-    alt, band = "measured and predicted torque over time", "± 2 rms of the fit"
-    body = Traces(traces, alt, worst, band=band, budget=BUDGET)
     caption = "Below: measured minus predicted, beside twice its rms on the recording identified from."
-    figure = Figure("traces", "Measured and predicted torque", body, caption)
+    figure, torques = explored(traces, "Measured and predicted torque", caption,
+                               band="± 2 rms of the fit", scale="rms of the fit", note=NOTE)  # fmt: skip
     spectra = spectrum_grid("spectrum", groups, labels=("", "residual torque"))
-    torques = residual_table("traces", traces, "rms of the fit", NOTE)
     parameters = (
-        identifiability("known", own, known),
-        parameter_table("Combinations of links, friction and motors", own, known),
+        identifiability("known", own),
+        parameter_table("Combinations of links, friction and motors", own),
     )
     sections = (
         Section("parameters", "Parameters", parameters, f"{len(own)} with intervals"),

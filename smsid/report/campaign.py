@@ -37,9 +37,13 @@ def campaign_report(name: str, summary: Summary, records: Sequence[RunRecord], o
         sections.append(Section("parameters", "Parameters", parts_, f"{len(known)} with a truth"))
     figures_ = [p for p in summary.parameters if p.truth is None and p.runs]
     if figures_:
-        sections.append(Section("figures", "Figures without a truth", (_figures(figures_),), open=not known))
+        rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in figures_]
+        table = Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
+        sections.append(Section("figures", "Figures without a truth", (table,), open=not known))
     if summary.failures:
-        sections.append(Section("failures", "Failed runs", (_failures(summary),), f"{summary.failed}"))
+        rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
+        table = Table("Errors", ("error", "#runs", "#first", "its message"), rows)
+        sections.append(Section("failures", "Failed runs", (table,), f"{summary.failed}"))
     glance = (
         ("runs", str(summary.runs)),
         ("failed", str(summary.failed)),
@@ -125,31 +129,16 @@ def _errors(known: Sequence[ParameterSummary]) -> Figure:
 def _table(known: Sequence[ParameterSummary]) -> Table:
     rows = []
     for p in known:
-        known_ = ((_finite(x), 5) for x in (p.truth, p.mean_error, p.spread, p.mean_sigma))
-        held = cells(
-            (_finite(p.ratio), 3, _tone(p.ratio_holds)), (_finite(p.coverage), 4, _tone(p.coverage_holds))
-        )
+        known_ = ((x, 5) for x in (p.truth, p.mean_error, p.spread, p.mean_sigma))
+        ratio, coverage = _tone(p.ratio_holds), _tone(p.coverage_holds)
         lost = p.missing + p.not_finite
         runs = Cell(f"{p.runs}−{lost}" if lost else str(p.runs), float(p.runs))
-        rows.append(cells(p.name, unit(p.unit), *known_, *held, runs))
+        held = cells((p.ratio, 3, ratio), (p.coverage, 4, coverage), runs)
+        rows.append((*cells(p.name, unit(p.unit), *known_), *held))
     columns = ("parameter", "unit", "#truth", "#mean error", "#spread", "#predicted σ", "#ratio", "#coverage",
                "#runs")  # fmt: skip
     note = "Truth: the mean over runs where it was varied. Red: outside its band."
     return Table("Every parameter", columns, rows, note)
-
-
-def _figures(found: Sequence[ParameterSummary]) -> Table:
-    rows = [cells(p.name, unit(p.unit), (_finite(p.mean), 6), (_finite(p.spread), 3), p.runs) for p in found]
-    return Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
-
-
-def _failures(summary: Summary) -> Table:
-    rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
-    return Table("Errors", ("error", "#runs", "#first", "its message"), rows)
-
-
-def _finite(x: float | None) -> float | None:
-    return x if x is not None and math.isfinite(x) else None
 
 
 def _tone(holds: bool | None) -> Tone:

@@ -11,14 +11,14 @@ from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import FoundCause, Value
 from smsid.estimation.parameter_vector import Point
-from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
 from smsid.report.diagnosis_shares import Shares
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
-from smsid.report.numbers import half, number, unit
+from smsid.report.numbers import number, unit
 from smsid.report.open_loop import OpenLoop, most_different, story_section
-from smsid.report.parameters import reported_parameters
+from smsid.report.parameters import interval_cell, reported_parameters
 from smsid.report.plain_words import plain_words, quantity, strength
 from smsid.report.truth import TrueWorld, described_bodies
 
@@ -87,11 +87,17 @@ def demo_report(
     sections.append(paper)
     sections.append(Section("files", "Look further", (Links(tuple(links)),)))
     sentence, tone = verdict(craft)
-    title, subject = (
-        "smsid, shown on a craft with something hidden",
+    title = "smsid, shown on a craft with something hidden"
+    return Report(
+        title,
         "What the simulation gets wrong, and why",
+        sentence,
+        tone,
+        sections,
+        origin,
+        _glance(craft, seen),
+        picture,
     )
-    return Report(title, subject, sentence, tone, sections, origin, _glance(craft, seen), picture)
 
 
 def verdict(craft: Craft) -> tuple[str, Tone]:
@@ -151,14 +157,13 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
 
 def _errors(seen: OpenLoop | None, models: Sequence[str], most: int) -> str:
     """Return by how much models are off in the components where the cause tells most."""
-    shown = () if seen is None else most_different(seen, DESCRIBED, EXTENDED, most)
-    return "; ".join(_error_of(seen, c, models) for c in shown if seen is not None)
-
-
-def _error_of(seen: OpenLoop, c: Any, models: Sequence[str]) -> str:
-    there = [m for m in models if m in seen.models]
-    values = " → ".join(f"{number(seen.rms(c, m), 2)}" for m in there)
-    return f"{c.name} is off by {values} {unit(c.unit)}".strip()
+    if seen is None:
+        return ""
+    told = []
+    for c in most_different(seen, DESCRIBED, EXTENDED, most):
+        values = " → ".join(number(seen.rms(c, m), 2) for m in models if m in seen.models)
+        told.append(f"{c.name} is off by {values} {unit(c.unit)}".strip())
+    return "; ".join(told)
 
 
 def cause_section(craft: Craft) -> Section:
@@ -170,7 +175,7 @@ def cause_section(craft: Craft) -> Section:
             hidden = craft.true_value(cause, p)
             label = f"{cause.label} ({cause.effect.replace('_', ' ')})"
             shown = "none" if hidden is None else (hidden, 6)
-            rows.append(cells(label, cause.location, (p.value, 6), _interval(p), shown, unit(p.unit)))
+            rows.append(cells(label, cause.location, (p.value, 6), interval_cell(p), shown, unit(p.unit)))
     parts: list[Text | Table] = [Text((d.sentence.replace("+-", "±"),))]
     if rows:
         columns = ("cause", "where", "#found", "#95 % interval", "#hidden", "unit")
@@ -185,11 +190,6 @@ def cause_section(craft: Craft) -> Section:
     return Section("cause", "The cause, and what was hidden", parts)
 
 
-def _interval(p: Value | ParameterEstimate) -> Cell:
-    low, high = p.interval
-    return Cell(half(p.value, low, high), 0.5 * (high - low))
-
-
 def values_section(craft: Craft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
     own = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
@@ -202,7 +202,7 @@ def values_section(craft: Craft) -> Section:
     rows = []
     for p in known:
         within = p.interval[0] <= truth[p.name] <= p.interval[1]
-        found = (p.value, 5), _interval(p), (truth[p.name], 5), unit(p.unit)
+        found = (p.value, 5), interval_cell(p), (truth[p.name], 5), unit(p.unit)
         verdict_ = Cell("yes" if within else "no", tone="good" if within else "warn")
         rows.append(cells(p.name, (p.nominal, 5), *found, verdict_))
     columns = ("parameter", "#described", "#identified", "#95 % interval", "#truth", "unit", "truth inside")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,23 +14,24 @@ from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis
 from smsid.diagnose.stepwise import Search
+from smsid.diagnose.torque.search import TorqueSearch
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
-from smsid.report.innovations import innovation_traces, torque_sections, whitened_groups
-from smsid.report.model import Figure, Part, Provenance, Report, Section, Table, Text, Tone, notes_section
+from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
 from smsid.report.plain_words import plain_words
-from smsid.report.residuals import residual_table
+from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace, Traces
+from smsid.report.traces import Trace, rotation_vectors
 
-BUDGET = 250_000
 MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."
+EXPECTED: dict[str, Any] = {"band": "± 2 σ expected", "scale": "expected", "note": NOTE}
+BELOW = "Below: what is left, with the band of two standard deviations expected of it."
 TONES: dict[str, Tone] = {
     "adequate": "good",
     "explained": "good",
@@ -175,7 +177,7 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     grid, gist = spectrum_grid("spectrum", groups, labels=labels), "before and after" if changed else ""
     out.append(Section("spectra", "Spectra of the innovations", (grid,), gist, open=False))
     named = ("measured", "predicted", "error", "error before any cause")
-    parts = _explored("traces", traces, "Measured, and predicted one sample ahead", named)
+    parts = explored(traces, "Measured, and predicted one sample ahead", BELOW, named, **EXPECTED)
     recordings = ", ".join(r.name for r in asked.recordings)
     out.append(Section("residuals", "Measured against predicted", parts, recordings, open=not changed))
     return out
@@ -189,24 +191,9 @@ def _gain_section(found: Diagnosed, asked: ReportInputs, loop: OpenLoop | None) 
     parts: list[Part] = list(gain_parts(d.gain))
     if loop is not None and {GIVEN, EXTENDED} <= set(loop.models):
         labels = ("measured", "simulated, extended", "error, extended", "error, as given")
-        shown = f"Simulated open loop on {loop.recording}"
-        parts += _explored("open-loop", loop.traces(GIVEN, EXTENDED), shown, labels, table=False)
+        title_, traces = f"Simulated open loop on {loop.recording}", loop.traces(GIVEN, EXTENDED)
+        parts += explored(traces, title_, BELOW, labels, name="open-loop", **EXPECTED)[:1]
     return Section("gain", title, parts, f"on {d.gain.recording}", open=False)
-
-
-def _explored(
-    name: str, traces: Sequence[Trace], title: str, labels: tuple[str, str, str, str], table: bool = True
-) -> tuple[Figure | Table, ...]:
-    worst = max(range(len(traces)), key=lambda k: _off(traces[k]))
-    body = Traces(traces, title, worst, labels, "± 2 σ expected", BUDGET)
-    caption = "Below: what is left, with the band of two standard deviations expected of it."
-    figure = Figure(name, title, body, caption)
-    return (figure, residual_table(name, traces, "expected", NOTE)) if table else (figure,)
-
-
-def _off(t: Trace) -> float:
-    was = t if t.before is None else replace(t, residual=t.before)
-    return np.nan_to_num(was.whitened_rms)
 
 
 def _glance(d: Diagnosis) -> list[tuple[str, str]]:
@@ -221,3 +208,70 @@ def _glance(d: Diagnosis) -> list[tuple[str, str]]:
     if d.timing:
         out.append(("CPU time", f"{number(sum(d.timing.values()), 3)} s"))
     return out
+
+
+def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Trace, ...]]:
+    """Return measured and predicted a sample ahead by channel, residuals after and before the causes."""
+    data, run, before = found.last.problem.data, found.last.run, found.nominal.run
+    out: dict[str, tuple[Trace, ...]] = {}
+    for block in data.blocks:
+        attitude = block.quantity == "attitude"
+        turned = rotation_vectors(data.attitude[block.channel]) if attitude else np.zeros((0, 0))
+        unit = "rad" if attitude else recording.units.get(block.channel, "")
+        own = []
+        for k, row in enumerate(range(block.rows.start, block.rows.stop)):
+            values = (turned[:, k], None) if attitude else (data.values[:, row], run.predicted[:, row])
+            error = np.where(run.used[:, row], run.errors[:, row], np.nan)
+            # what a sample is expected to be off by: its noise and what the state is uncertain by
+            used = run.used[:, row] & (np.abs(run.normalised[:, row]) > 1e-12)
+            shares = np.abs(run.errors[used, row] / run.normalised[used, row])
+            sigma = float(np.median(shares)) if used.any() else float(data.sigma[row])
+            name = data.names[row].replace(".", " ", 1).replace("_", " ")
+            own.append(Trace(name, unit, data.times, *values, error, sigma, before.errors[:, row]))
+        out[block.channel] = tuple(own)
+    return out
+
+
+def whitened_groups(found: Search) -> dict[str, tuple[Trace, ...]]:
+    """Return whitened innovations by channel, after and before the causes, for their spectra."""
+    data = found.last.problem.data
+    settle = len(data.times) // 50
+    left, was = found.last.run.innovations[settle:], found.nominal.run.innovations[settle:]
+    return {
+        b.channel: tuple(
+            Trace(data.names[k], "1", data.times[settle:], left[:, k], None, left[:, k], 1.0, was[:, k])
+            for k in range(b.rows.start, b.rows.stop)
+        )
+        for b in data.blocks
+    }
+
+
+OF_TORQUES = "Noise: the torque's white noise within the band that is compared."
+
+
+def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:
+    """Return measured against predicted torques, and the spectra of what is left."""
+    traces = torque_traces(found)
+    labels = ("measured", "predicted", "residual", "residual before any cause")
+    caption = "Low-passed alike on both sides."
+    parts = explored(traces, "Measured and predicted torque", caption, labels, note=OF_TORQUES)
+    groups = {t.name: (t,) for t in traces}
+    grid = spectrum_grid("spectrum", groups, labels=("before any cause", "with the causes"))
+    return [
+        Section("residuals", "Measured against predicted", parts, recording),
+        Section("spectra", "Spectra of the residuals, before and after", (grid,)),
+    ]
+
+
+def torque_traces(found: TorqueSearch) -> tuple[Trace, ...]:
+    """Return a trace per joint of the recording that was searched."""
+    fit, before = found.last, found.nominal.residual if found.causes else None
+    equations = fit.equations
+    out = []
+    for k, joint in enumerate(equations.names):
+        measured, left = equations.torque[:, k], fit.residual[:, k]
+        values, was = (measured, measured - left, left), None if before is None else before[:, k]
+        out.append(
+            Trace(f"torque of {joint}", "N m", equations.time, *values, float(equations.noise[k]), was)
+        )
+    return tuple(out)

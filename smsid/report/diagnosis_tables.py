@@ -10,7 +10,8 @@ from smsid.diagnose.result import Diagnosis, FoundCause
 from smsid.diagnose.validation import Gain
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Table, Text, cells
-from smsid.report.numbers import half, number, share, unit
+from smsid.report.numbers import number, share, unit
+from smsid.report.parameters import interval_cell
 from smsid.report.rows import Mark, Row, RowChart
 
 
@@ -50,8 +51,7 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     told = cells(None if ratio is None else (ratio, 5), None if p is None else (p, 2))
     out = []
     for v in c.parameters:
-        low, high = v.interval
-        known = (v.value, 5), Cell(half(v.value, low, high), 0.5 * (high - low)), unit(v.unit)
+        known = (v.value, 5), interval_cell(v), unit(v.unit)
         believed = None if v.nominal is None else (v.nominal, 5)
         out.append(cells(name, c.location, c.family, v.name.partition(".")[2], *known, believed, *told))
     return out

@@ -32,14 +32,13 @@ from smsid.report.model import (
     notes_section,
 )
 from smsid.report.numbers import number, raised
-from smsid.report.parameters import Known, correlations, parameter_section, reported_parameters
+from smsid.report.parameters import correlations, parameter_section, reported_parameters
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
 
 LOGGER = logging.getLogger(__name__)
-BUDGET = 400_000
 MOST = 6  # diagrams
 
 
@@ -49,7 +48,6 @@ def identify_report(
     linear: Identification,
     refined: Refinement | None,
     origin: Provenance,
-    known: Known | None = None,
 ) -> Report:
     """Return the report of an identification.
 
@@ -59,14 +57,10 @@ def identify_report(
         linear: the linear method's result.
         refined: the refinement, if there is one; then ``linear`` stands beside it.
         origin: versions, command, files.
-        known: truth and the paper's errors where they are known.
     """
     estimate = refined.estimate if refined is not None else linear.estimate
-    known = known or Known()
-    if refined is not None and known.other is None:
-        known = Known(known.truth, known.paper, linear.estimate, "linear method")
     left, problem = residual_section(description, recordings, linear, refined)
-    sections = identify_sections(description, recordings, linear, refined, known, left, problem)
+    sections = identify_sections(description, recordings, linear, refined, left, problem)
     sentence, tone = verdict(estimate, left)
     good = [p for p in reported_parameters(estimate) if p.status == "identifiable"]
     glance = [("identifiable", f"{len(good)} of {len(reported_parameters(estimate))}")]
@@ -74,7 +68,8 @@ def identify_report(
         glance.append(("total mass", f"{number(estimate['total.mass'].value, 6)} kg"))
     worst = worst_ratio(left)
     glance += [("residual / noise, worst", number(worst[1], 3))] if worst else []
-    glance += [("time", f"{number(linear.estimate.timing['total'] + _extra(refined), 3)} s")]
+    seconds = linear.estimate.timing["total"] + (refined.estimate.timing["total"] if refined else 0.0)
+    glance += [("time", f"{number(seconds, 3)} s")]
     method = "maximum likelihood" if refined is not None else "the paper's linear method"
     return Report(f"Identification by {method}", description.name, sentence, tone, sections, origin, glance)
 
@@ -84,42 +79,36 @@ def identify_sections(
     recordings: Sequence[Recording],
     linear: Identification,
     refined: Refinement | None,
-    known: Known,
     left: Sequence[Residuals],
-    problem: str = "",
-    *,
-    prefix: str = "",
-    budget: int = BUDGET,
+    problem: str,
 ) -> tuple[Section, ...]:
-    """Return the sections of an identification; ``prefix`` tells several on one page apart."""
+    """Return the sections of an identification."""
     estimate = refined.estimate if refined is not None else linear.estimate
     single = "Mass, slosh, appendages and single inertial parameters"
-    out = [parameter_section(reported_parameters(estimate), known, single, prefix)]
+    beside = linear.estimate if refined is not None else None
+    out = [parameter_section(reported_parameters(estimate), single, beside)]
     if left:
-        out += residual_sections(prefix, left, budget)
+        out += residual_sections(left)
     elif problem:
         text = Text((f"Not evaluated: {problem}",))
-        out.append(Section(f"{prefix}residuals", "Measured against simulated", (text,)))
-    out += convergence_section(prefix, estimate.history)
-    out += _modes(description, recordings, linear, prefix)
-    out += _aliases(refined, prefix)
-    return (*out, *notes_section((*linear.estimate.notes, *estimate.notes), prefix))
+        out.append(Section("residuals", "Measured against simulated", (text,)))
+    out += convergence_section(estimate.history)
+    out += _modes(description, recordings, linear)
+    out += _aliases(refined)
+    return (*out, *notes_section((*linear.estimate.notes, *estimate.notes)))
 
 
-def residual_sections(prefix: str, left: Sequence[Residuals], budget: int) -> list[Section]:
+def residual_sections(left: Sequence[Residuals]) -> list[Section]:
     """Return measured against simulated, and the spectra of what is left."""
-    figure, table = residual_parts(f"{prefix}traces", left, budget=budget)
+    figure, table = residual_parts(left)
     worst = worst_ratio(left)
     gist = f"largest residual / noise {number(worst[1], 3)}, {worst[0]}" if worst else ""
     groups = {f"{r.recording}: {c}": traces for r in left for c, traces in r.channels.items()}
-    grid = spectrum_grid(f"{prefix}spectrum", groups, labels=("as described", "as identified"))
-    title, before = (
-        "Spectra of the residuals, before and after",
-        "before: as described, initial pose and biases fitted",
-    )
+    grid = spectrum_grid("spectrum", groups, labels=("as described", "as identified"))
+    before = "before: as described, initial pose and biases fitted"
     return [
-        Section(f"{prefix}residuals", "Measured against simulated", (figure, table), gist),
-        Section(f"{prefix}spectra", title, (grid,), before),
+        Section("residuals", "Measured against simulated", (figure, table), gist),
+        Section("spectra", "Spectra of the residuals, before and after", (grid,), before),
     ]
 
 
@@ -162,7 +151,7 @@ def residual_section(
 
 
 def _modes(
-    description: Description, recordings: Sequence[Recording], linear: Identification, prefix: str
+    description: Description, recordings: Sequence[Recording], linear: Identification
 ) -> list[Section]:
     if linear.translation is None or not linear.translation.modes:
         return []
@@ -173,7 +162,7 @@ def _modes(
     except SmsidError as error:
         LOGGER.info("stabilisation diagram: %s", error)
         return []
-    figures = stabilisation_figures(f"{prefix}stabilisation", found)
+    figures = stabilisation_figures("stabilisation", found)
     if not figures:
         return []
     caption = (
@@ -182,27 +171,23 @@ def _modes(
     )
     grid = Grid("Poles over model orders", figures, caption)
     count = sum(len(d.modes) for d in found)
-    return [Section(f"{prefix}modes", "Stabilisation diagram", (grid,), f"{count} modes read")]
+    return [Section("modes", "Stabilisation diagram", (grid,), f"{count} modes read")]
 
 
-def _aliases(refined: Refinement | None, prefix: str) -> list[Section]:
+def _aliases(refined: Refinement | None) -> list[Section]:
     if refined is None:
         return []
     own = reported_parameters(refined.estimate)
-    figure = correlations(f"{prefix}correlation", refined.estimate.parameters[: len(own)],
+    figure = correlations("correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
     lines = tuple(raised(d.text) for d in refined.unseen)
     out = []
     if figure is not None:
-        out.append(Section(f"{prefix}aliases", "What moves together", (figure,), "correlations of estimates"))
+        out.append(Section("aliases", "What moves together", (figure,), "correlations of estimates"))
     if lines:
         gist = f"{len(lines)} directions, in words"
-        out.append(Section(f"{prefix}unseen", "What is not seen", (Text(lines, True),), gist, open=False))
+        out.append(Section("unseen", "What is not seen", (Text(lines, True),), gist, open=False))
     return out
-
-
-def _extra(refined: Refinement | None) -> float:
-    return refined.estimate.timing["total"] if refined is not None else 0.0
 
 
 TICKS = 8
@@ -210,7 +195,7 @@ WIDE = 10.0  # ratio of costs above which their axis is logarithmic
 PLOT_HEIGHT = 190
 
 
-def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Section]:
+def convergence_section(history: Sequence[Iteration]) -> list[Section]:
     """Return the section "Convergence of the fit"; none for a method that does not iterate."""
     if len(history) < 2:
         return []
@@ -224,15 +209,13 @@ def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Secti
     alt = f"cost by iteration, from {number(cost[0], 5)} to {number(cost[-1], 5)}"
     marks = (*rules, Curve("", n, cost), Curve("", n, cost, 0, "points"))
     body = Plot(_iteration_axis(len(history)), y, marks, alt, PLOT_HEIGHT)
-    figures = [Figure(f"{prefix}fit-cost", "Sum of squares per sample", body)]
+    figures = [Figure("fit-cost", "Sum of squares per sample", body)]
     if np.isfinite(step).any():
-        y, alt = (
-            Axis.over("step [σ]", [step, [1.0]], log=True, count=5),
-            "largest step of a parameter by iteration",
-        )
+        y = Axis.over("step [σ]", [step, [1.0]], log=True, count=5)
+        alt = "largest step of a parameter by iteration"
         marks = (*rules, Rule("one σ", 1.0, False, 2), Curve("", n, step), Curve("", n, step, 0, "points"))
         body = Plot(_iteration_axis(len(history)), y, marks, alt, PLOT_HEIGHT)
-        figures.append(Figure(f"{prefix}fit-steps", "Largest step of a parameter", body))
+        figures.append(Figure("fit-steps", "Largest step of a parameter", body))
     caption = (
         "Cost: residuals and priors in standard deviations of the noise, squared and summed. The noise is "
         "that of the residuals at the end, so that the cost ends near one, however good the fit. Step: how "
@@ -242,7 +225,7 @@ def convergence_section(prefix: str, history: Sequence[Iteration]) -> list[Secti
     grid = Grid("The maximum-likelihood search, iteration by iteration", figures, caption)
     gist = f"{len(history) - 1} iterations"
     gist += "" if history[-1].step is None else f", last step {number(history[-1].step, 2)} σ"
-    return [Section(f"{prefix}convergence", "Convergence of the fit", (grid,), gist)]
+    return [Section("convergence", "Convergence of the fit", (grid,), gist)]
 
 
 def _iteration_axis(count: int) -> Axis:
@@ -270,8 +253,8 @@ def flights_report(description: Description, found: Identified, origin: Provenan
         text = [quality.sentence, *(c.sentence for c in found.contradictions)]
         body = (Text(tuple(text), bullets=len(text) > 1), _channel_table(quality.channels))
         sections.append(Section("fit", "Does the model explain the recordings?", body))
-    sections.append(parameter_section(own, Known(), "Mass, effects and single inertial parameters"))
-    sections += convergence_section("", estimate.history)
+    sections.append(parameter_section(own, "Mass, effects and single inertial parameters"))
+    sections += convergence_section(estimate.history)
     sections += notes_section(estimate.notes)
     good = [p for p in own if p.status == "identifiable"]
     sentence = quality.sentence if quality is not None else f"{len(own)} parameters are estimated."
@@ -288,15 +271,10 @@ def flights_report(description: Description, found: Identified, origin: Provenan
 
 
 def _channel_table(channels: tuple[ChannelFit, ...]) -> Table:
-    rows = [
-        cells(
-            f"{c.recording}: {c.channel}",
-            (c.ratio, 3, FIT_TONES[c.judgement]),
-            (c.correlation, 2),
-            c.component,
-        )
-        for c in channels
-    ]
+    rows = []
+    for c in channels:
+        name, tone = f"{c.recording}: {c.channel}", FIT_TONES[c.judgement]
+        rows.append(cells(name, (c.ratio, 3, tone), (c.correlation, 2), c.component))
     columns = ("channel", "#over its stated noise", "#largest autocorrelation", "worst component")
     note = (
         "1 is the sensors' noise; less where an input that nobody recorded is estimated from sample to sample"

@@ -13,11 +13,11 @@ from smsid.lab.modal import AmbientModes
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
-from smsid.report.parameters import Known, identifiability, parameter_table
+from smsid.report.parameters import identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.residuals import residual_table
+from smsid.report.residuals import explored
 from smsid.report.stabilisation import Diagram, stabilisation_figures
-from smsid.report.traces import Trace, Traces
+from smsid.report.traces import Trace
 
 SEGMENTS = 8
 NOTE = (
@@ -51,23 +51,21 @@ def modal_report(
     parameters = found.estimate(name).parameters
     sections = []
     if found.modes:
-        chart = identifiability("known", parameters, Known())
-        table = parameter_table("Frequencies, damping ratios, distances of neighbours", parameters, Known())
+        chart = identifiability("known", parameters)
+        table = parameter_table("Frequencies, damping ratios, distances of neighbours", parameters)
         gist = f"{len(found.modes)} modes, 95 % intervals"
         sections.append(Section("parameters", "Modes", (chart, table, _shapes(found)), gist))
     ratio = traces[0].whitened_rms
-    alt = "correlation of an output over lag, measured and as the modes make it"
     labels = ("measured", "fitted", "residual", "")
-    body = Traces(traces, alt, 0, labels, "± 2 σ of its scatter", along="lag [s]")
     caption = (
         "Autocorrelations relative to the variance: what free decay would look like. Frequencies and damping "
         "are those identified. The strongest output is shown first."
     )
-    figure = Figure("traces", "Correlations, measured and fitted", body, caption)
-    left = residual_table("traces", traces, "scatter", NOTE)
+    parts = explored(traces, "Correlations, measured and fitted", caption, labels, first=0,
+                     band="± 2 σ of its scatter", scale="scatter", note=NOTE, along="lag [s]")  # fmt: skip
     gist = f"{channel}, {outputs.shape[1]} outputs"
     sections += [
-        Section("residuals", "Measured against fitted", (figure, left), gist),
+        Section("residuals", "Measured against fitted", parts, gist),
         Section("spectrum", "Spectrum of the outputs", (_spectrum(outputs, rate, highest, found),)),
         Section("diagram", "Stabilisation diagram", _diagram(name, found, highest), "over model orders"),
     ]
@@ -113,12 +111,17 @@ def _shapes(found: AmbientModes) -> Table:
     for k, m in enumerate(found.modes, 1):
         excited = Cell("by a few impacts", tone="warn") if m.impulsive else Cell("by lasting noise")
         shape = m.shape / m.shape[int(np.argmax(np.abs(m.shape)))]
-        shares = (
-            (m.frequency, 5),
-            Cell(share(m.contribution), m.contribution),
-            Cell(share(m.windows, 3), m.windows),
+        shares = Cell(share(m.contribution), m.contribution), Cell(share(m.windows, 3), m.windows)
+        rows.append(
+            cells(
+                f"mode {k}",
+                (m.frequency, 5),
+                *shares,
+                (m.kurtosis, 3),
+                excited,
+                *((float(x), 3) for x in shape),
+            )
         )
-        rows.append(cells(f"mode {k}", *shares, (m.kurtosis, 3), excited, *((float(x), 3) for x in shape)))
     note = (
         "Response: share of the covariance. Windows: share of the lengths of past and future used that have "
         "the mode. Kurtosis of its band: 3 for lasting noise, 1.5 for a sine, much more for impacts. Then "

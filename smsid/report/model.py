@@ -46,7 +46,7 @@ def _cell(v: Shown) -> Cell:
         return v
     if isinstance(v, tuple):
         x = None if v[0] is None else float(v[0])
-        return Cell(number(x, v[1]), x, *v[2:])
+        return Cell(number(x, v[1]), None if x is None or x != x else x, *v[2:])
     return Cell("" if v is None else str(v), float(v) if isinstance(v, int) else None)
 
 

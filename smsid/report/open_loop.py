@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from smsid.diagnose.validation import SETTLE, Gain, read_like
@@ -22,7 +21,7 @@ from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Grid, Part, Section, Table, Text, cells
 from smsid.report.numbers import number, share, unit
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.traces import Trace
+from smsid.report.traces import Trace, rotation_vectors
 
 LOGGER = logging.getLogger(__name__)
 SHOWN = 4
@@ -64,19 +63,11 @@ class OpenLoop:
 
     def traces(self, before: str, after: str) -> list[Trace]:
         """Return every component as the model ``after`` simulates it, with the error of ``before``."""
-        return [
-            Trace(
-                c.name,
-                c.unit,
-                self.times,
-                c.measured,
-                c.simulated[after],
-                c.errors[after],
-                c.noise,
-                c.errors[before],
-            )
-            for c in self.components
-        ]
+        out = []
+        for c in self.components:
+            values = c.measured, c.simulated[after], c.errors[after], c.noise, c.errors[before]
+            out.append(Trace(c.name, c.unit, self.times, *values))
+        return out
 
     def channel_rms(self, channel: str, model: str) -> float:
         """Return the root mean square error of a whole channel, over components and samples."""
@@ -118,7 +109,9 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
         rows = list(range(block.rows.start, block.rows.stop))
         errors = {name: run.errors[:, rows] for name, run in runs.items()}
         if attitude:
-            values, simulated = _attitudes(data.attitude[block.channel], errors)
+            samples = data.attitude[block.channel]
+            values = rotation_vectors(samples)
+            simulated = {name: rotation_vectors(samples, error) for name, error in errors.items()}
         else:
             values = data.values[:, rows]
             simulated = {name: run.predicted[:, rows] for name, run in runs.items()}
@@ -128,23 +121,6 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
             components.append(Component(own, label, unit, values[:, k], made, off, float(data.sigma[row])))
     begin = float(data.times[0]) + SETTLE
     return OpenLoop(recording.name, data.times, begin, tuple(components), tuple(runs), failed)
-
-
-def _attitudes(
-    samples: np.ndarray, errors: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Measured and simulated attitudes as rotation vectors (N, 3) from the first sample."""
-    there = np.isfinite(samples).all(axis=1)
-    turned = Rotation.from_quat(samples[there])
-    start = turned[0].inv()
-    values = np.full((len(samples), 3), np.nan)
-    values[there] = (start * turned).as_rotvec()
-    simulated = {}
-    for name, error in errors.items():
-        simulated[name] = np.full((len(samples), 3), np.nan)
-        own = np.nan_to_num(error[there])
-        simulated[name][there] = (start * turned * Rotation.from_rotvec(-own)).as_rotvec()
-    return values, simulated
 
 
 def most_different(found: OpenLoop, before: str, after: str, most: int = SHOWN) -> tuple[Component, ...]:

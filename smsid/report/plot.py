@@ -87,7 +87,7 @@ class Plot:
                 if c.style == "rings":
                     out.append(("holes", c.colour, dots))
             else:
-                out.append((c.style, c.colour, self._line(c.x, c.y)))
+                out.append((c.style, c.colour, path(*self._points(c.x, c.y))))
         return [s for s in out if s[2]]
 
     def labels(self) -> list[tuple[str, float, bool]]:
@@ -102,9 +102,6 @@ class Plot:
 
     def _points(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return SIZE * self.x.at(x), SIZE * (1.0 - self.y.at(y))
-
-    def _line(self, x: np.ndarray, y: np.ndarray) -> str:
-        return path(*self._points(x, y))
 
     def _area(self, b: Band) -> str:
         x = np.concatenate([b.x, b.x[::-1]])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
@@ -27,7 +26,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.report.model import Cell, Figure, Table, Tone, cells
 from smsid.report.numbers import number, unit
-from smsid.report.traces import Trace, Traces, spark
+from smsid.report.traces import Trace, Traces, rotation_vectors, spark
 
 LOGGER = logging.getLogger(__name__)
 UNITS = {
@@ -102,10 +101,7 @@ def _channel(
     recording: str, c: Channel, local: NuisanceValues, residual: np.ndarray, before: np.ndarray | None
 ) -> tuple[Trace, ...]:
     if c.quantity == "attitude":
-        measured = Rotation.from_quat(c.values)
-        start = measured[0].inv()
-        values = (start * measured).as_rotvec()
-        simulated = (start * measured * Rotation.from_rotvec(-residual)).as_rotvec()
+        values, simulated = rotation_vectors(c.values), rotation_vectors(c.values, residual)
     else:
         values, simulated = c.values, c.values - residual
     noise = np.asarray(white_sigma(residual), dtype=float)
@@ -118,28 +114,47 @@ def _channel(
     return tuple(out)
 
 
-def residual_parts(
-    name: str, found: Sequence[Residuals], *, budget: int, with_before: bool = False
-) -> tuple[Figure, Table]:
+def residual_parts(found: Sequence[Residuals]) -> tuple[Figure, Table]:
     """Return the figure to look into every channel, and the table of what is left beside the noise."""
-    traces = [t for r in found for t in r.traces]
-    if not with_before:
-        traces = [t.alone() for t in traces]
-    rms = np.array([t.whitened_rms for t in traces])
-    first = int(np.nanargmax(rms)) if np.isfinite(rms).any() else 0
-    body = Traces(traces, "measured and simulated over time, with what is left", first, budget=budget)
     caption = (
         "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
         "that samples show between each other. Attitudes are rotation vectors from the start."
     )
-    figure = Figure(name, "Measured and simulated", body, caption)
-    return figure, residual_table(name, traces)
+    return explored([t.alone() for r in found for t in r.traces], "Measured and simulated", caption)
 
 
+WORDS = ("measured", "simulated", "residual", "residual before")
 WHITE = (
     "Noise: the standard deviation of the part that is white, from third differences. A ratio of one means "
     "nothing but noise is left."
 )
+
+
+def explored(
+    traces: Sequence[Trace],
+    title: str,
+    caption: str,
+    labels: tuple[str, str, str, str] = WORDS,
+    *,
+    name: str = "traces",
+    first: int | None = None,
+    band: str = "± 2 σ of the noise",
+    scale: str = "noise",
+    note: str = WHITE,
+    along: str = "time [s]",
+) -> tuple[Figure, Table]:
+    """Return the figure to look into every trace, and the table of what is left of each.
+
+    Shown at once is the ``first``, or where most was left before. ``scale`` and ``note`` say what the traces'
+    ``sigma`` is, ``band`` and ``along`` name the band and the axis.
+    """
+    if first is None:
+        rms = [
+            t.whitened_rms if t.before is None else replace(t, residual=t.before).whitened_rms for t in traces
+        ]
+        first = int(np.argmax(np.nan_to_num(rms)))
+    body = Traces(traces, title, first, labels, band, along)
+    return Figure(name, title, body, caption), residual_table(name, traces, scale, note)
 
 
 def residual_table(target: str, traces: Sequence[Trace], scale: str = "noise", note: str = WHITE) -> Table:

@@ -13,10 +13,10 @@ from smsid.lab.tank_models import LEVEL, TankComparison
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import half, number, unit
-from smsid.report.parameters import Known, identifiability, parameter_table
-from smsid.report.residuals import residual_table
+from smsid.report.parameters import identifiability, parameter_table
+from smsid.report.residuals import explored
 from smsid.report.rows import Mark, Row, RowChart
-from smsid.report.traces import Trace, Traces
+from smsid.report.traces import Trace
 
 NOTE = (
     "Scale: what the named model leaves before the container moves, where nothing but noise is in the force."
@@ -38,20 +38,17 @@ def tank_report(name: str, test: TankTest, found: TankComparison, origin: Proven
     first = list(found.fits).index(found.named)
     simplest = next(iter(found.fits))
     labels = ("measured", "fitted", "residual", f"residual, {simplest}")
-    body = Traces(
-        traces, "force on the container over time, with what is left", first, labels, "± 2 σ at rest"
-    )
     caption = (
         "The force that moves the container, low-passed as it was compared. Below: measured minus fitted, "
         "with twice what is left before the motion. Choose another model to see what it leaves."
     )
-    figure = Figure("traces", "Force, measured and fitted", body, caption)
-    left = residual_table("traces", traces, "before the motion", NOTE)
+    figure, left = explored(traces, "Force, measured and fitted", caption, labels, first=first,
+                            band="± 2 σ at rest", scale="before the motion", note=NOTE)  # fmt: skip
     title, columns = "What every model leaves (choose one to see it above)", ("model", *left.columns[1:])
     left = replace(left, title=title, columns=columns)
     parameters = best.estimate.parameters
-    chart = identifiability("known", [p for p in parameters if math.isfinite(p.sigma)], Known())
-    table = parameter_table(f"Model named: {found.named}", parameters, Known())
+    chart = identifiability("known", [p for p in parameters if math.isfinite(p.sigma)])
+    table = parameter_table(f"Model named: {found.named}", parameters)
     gist = f"{len(parameters)} with 95 % intervals"
     sections = (
         Section("parameters", "Parameters", (chart, table, _lags(test, best)), gist),

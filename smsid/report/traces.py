@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from smsid._short_repr import short_repr
 from smsid.report.axes import Axis
 from smsid.report.numbers import unit
 from smsid.report.plot import Band, Curve, Plot
 
-BUDGET = 150_000  # stretches kept in all series of a figure together
+BUDGET = 250_000  # stretches kept in all series of a figure together
 LEVELS = 32766  # of a sixteen-bit number; -32768 stands for none
 FEWEST = 200
 FIRST = 1200  # points of the drawing that is there before any script runs
@@ -63,8 +64,8 @@ class Traces:
     first: int = 0
     labels: tuple[str, str, str, str] = ("measured", "simulated", "residual", "residual before")
     band: str = "± 2 σ of the noise"
-    budget: int = BUDGET
     along: str = "time [s]"
+    budget: int = BUDGET
 
     @property
     def kind(self) -> str:
@@ -146,6 +147,19 @@ def spark(values: np.ndarray, points: int = 60) -> str:
         top, bottom = 12.0 - 11.0 * float(p.max()) / size, 12.0 - 11.0 * float(p.min()) / size
         out.append(f"{'L' if out else 'M'}{at:.1f} {top:.1f}L{at:.1f} {bottom:.1f}")
     return "".join(out)
+
+
+def rotation_vectors(samples: np.ndarray, error: np.ndarray | None = None) -> np.ndarray:
+    """Return attitudes as rotation vectors (N, 3) [rad] from the first.
+
+    ``samples`` (N, 4) are the attitudes, ``error`` (N, 3) [rad] is taken off them.
+    """
+    there = np.isfinite(samples).all(axis=1)
+    turned = Rotation.from_quat(samples[there])
+    out = np.full((len(samples), 3), np.nan)
+    off = np.zeros((len(turned), 3)) if error is None else np.nan_to_num(error[there])
+    out[there] = (turned[0].inv() * turned * Rotation.from_rotvec(-off)).as_rotvec()
+    return out
 
 
 def _axis(t: Trace, what: str) -> str:

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from smsid.cli.demo_runs import wrong_guess
+from smsid.cli.demo import wrong_guess
 from smsid.datasets import demonstration
 from smsid.description import load_description
 from smsid.model import build_model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smsid.cli.demo_runs import identify_craft
+from smsid.cli.demo import identify_craft
 from smsid.datasets import demonstration
 from smsid.diagnose import diagnose
 

@@ -213,7 +213,7 @@ def test_outcome_goes_with_its_exit_code():
     assert told.exit_code == 3
     assert json.loads(told.stdout) == {"exit_code": 3, "written": ["a.json"], "name": "x", "share": None}
     told = invoked(judge, "x")
-    assert (told.exit_code, told.stdout) == (3, "for people\n")
+    assert (told.exit_code, told.stdout) == (3, "for people\nwrote a.json\n")
     assert invoked(judge, "x", "-q").stdout == ""
 
 
@@ -255,7 +255,11 @@ def test_progress_and_warnings_keep_off_stdout(capsys, monkeypatch):
 
 
 def test_a_clock_that_stands_still_has_no_rate():
-    from smsid.cli.tables import rate_of
+    from smsid.cli.tables import channel_rows
+    from smsid.recording import Recording
+
+    def rate_of(time):
+        return channel_rows(Recording.from_arrays(time, {"a.joint_position": time[:, None]}))[0]["rate"]
 
     assert rate_of(np.zeros(5)) is None and rate_of(np.zeros(1)) is None
     assert rate_of(np.arange(5) / 50.0) == pytest.approx(50.0)

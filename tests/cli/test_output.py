@@ -8,15 +8,15 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 
 import pytest
 
 from smsid.cli.app import main
-from smsid.cli.file_kind import KINDS, kind_of
-from smsid.cli.notes import clipped, told
-from smsid.cli.show import SHOWN
+from smsid.cli.file_kind import SHOWN, kind_of
+from smsid.cli.output import clipped, told
 from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
@@ -275,7 +275,9 @@ def test_quiet_is_quiet(flown, words, monkeypatch):
 
 
 def test_every_kind_of_file_has_something_that_shows_it():
-    assert set(SHOWN) == set(KINDS)
+    for target in (target for targets in SHOWN.values() for target in targets):
+        module, _, name = target.partition(":")
+        assert callable(getattr(import_module(module), name)), target
 
 
 def test_what_is_a_page_or_a_log_is_told(tmp_path):

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 import typer
 
-from smsid._files import atomic_write
-from smsid._guard import protect_inputs
+from smsid._files import atomic_write, protect_inputs
 from smsid.cli.app import COMMANDS, main
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.errors import OutputError
@@ -33,7 +32,7 @@ def functions() -> list[tuple[str, Callable[..., Any]]]:
     found = []
     for name, entry in COMMANDS.items():
         module, _, attribute = entry.target.partition(":")
-        target = getattr(__import__(module, fromlist=[attribute]), attribute)
+        target = getattr(__import__(f"smsid.cli.{module}", fromlist=[attribute]), attribute)
         if isinstance(target, typer.Typer):
             for info in target.registered_commands:
                 assert info.callback is not None

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from smsid.datasets import DATASETS, DataFile, DataSet, fetch, have, registry, sha256
+from smsid.datasets import DATASETS, DataFile, DataSet, data_set, fetch, have, sha256
 from smsid.errors import MissingDependencyError, RecordingError
 
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of b"abc", FIPS 180-2
@@ -16,7 +16,7 @@ ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of b
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     chosen = DataSet("small", "a test", "owner/name", "0123abcd", "MIT", (DataFile("a.csv", ABC),))
-    monkeypatch.setattr("smsid.datasets.registry.DATASETS", {"small": chosen})
+    monkeypatch.setattr(sys.modules["smsid.datasets.fetch"], "DATASETS", {"small": chosen})
     monkeypatch.setenv("SMSID_DATA", str(tmp_path))
     (tmp_path / "small").mkdir()
     return tmp_path / "small"
@@ -60,7 +60,7 @@ def test_a_file_of_unknown_place_is_not_guessed(small):
 
 def test_downloading_needs_the_extra(small, monkeypatch):
     known = DataSet("small", "", "owner/name", "0", "MIT", (DataFile("a.csv", ABC, "data/a.csv"),))
-    monkeypatch.setattr("smsid.datasets.registry.DATASETS", {"small": known})
+    monkeypatch.setattr(sys.modules["smsid.datasets.fetch"], "DATASETS", {"small": known})
     monkeypatch.setitem(sys.modules, "pooch", None)
     with pytest.raises(MissingDependencyError, match=r"smsid\[data\]"):
         fetch("small")
@@ -73,7 +73,7 @@ def test_unknown_data_sets_get_the_closest_name():
 
 @pytest.mark.parametrize("name", sorted(DATASETS))
 def test_the_registry_is_complete(name):
-    chosen = registry.data_set(name)
+    chosen = data_set(name)
     assert chosen.licence and "/" in chosen.repository and len(chosen.commit) >= 7 and chosen.files
     for file in chosen.files:
         assert len(bytes.fromhex(file.sha256)) == 32

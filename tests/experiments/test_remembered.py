@@ -9,7 +9,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.effects import JointFriction
-from smsid.experiments import Experiment, remembered
+from smsid.experiments import Experiment, named
 from smsid.experiments.schema import StepProfile
 from smsid.model import SpacecraftModel, build_model
 
@@ -28,7 +28,7 @@ class Search:
 
 @pytest.fixture
 def search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Search:
-    monkeypatch.setenv(remembered.FOLDER, str(tmp_path / "kept"))
+    monkeypatch.setenv(named.FOLDER, str(tmp_path / "kept"))
     return Search()
 
 
@@ -37,8 +37,8 @@ def craft(urdf: Path, **changed: object) -> SpacecraftModel:
 
 
 def test_the_same_spacecraft_gets_the_same_to_the_last_bit(urdf: Path, search: Search):
-    first = remembered.remembered(craft(urdf), "exp2", search)
-    assert remembered.remembered(craft(urdf), "exp2", search) == first == Search()()
+    first = named.remembered(craft(urdf), "exp2", search)
+    assert named.remembered(craft(urdf), "exp2", search) == first == Search()()
     assert search.runs == 1
 
 
@@ -64,25 +64,25 @@ def heavier(urdf: Path) -> SpacecraftModel:
 
 @pytest.mark.parametrize("what", CHANGES)
 def test_what_differs_is_searched_anew(urdf: Path, search: Search, what: str):
-    remembered.remembered(craft(urdf), "exp2", search)
-    remembered.remembered(*CHANGES[what](urdf), search)
+    named.remembered(craft(urdf), "exp2", search)
+    named.remembered(*CHANGES[what](urdf), search)
     assert search.runs == 2
 
 
 def test_other_code_searches_anew(urdf: Path, search: Search, monkeypatch: pytest.MonkeyPatch):
-    remembered.remembered(craft(urdf), "exp2", search)
-    monkeypatch.setattr(remembered, "_code", lambda: "another")
-    remembered.remembered(craft(urdf), "exp2", search)
+    named.remembered(craft(urdf), "exp2", search)
+    monkeypatch.setattr(named, "_code", lambda: "another")
+    named.remembered(craft(urdf), "exp2", search)
     assert search.runs == 2
 
 
 @pytest.mark.parametrize("spoilt", ["", "{", '{"name": "found"}'])
 def test_a_file_that_is_not_whole_is_replaced(urdf: Path, search: Search, tmp_path: Path, spoilt: str):
-    found = remembered.remembered(craft(urdf), "exp2", search)
+    found = named.remembered(craft(urdf), "exp2", search)
     (file,) = (tmp_path / "kept" / "experiments").iterdir()
     file.write_text(spoilt)
     for _ in range(2):
-        assert remembered.remembered(craft(urdf), "exp2", search) == found
+        assert named.remembered(craft(urdf), "exp2", search) == found
     assert search.runs == 2
 
 
@@ -91,7 +91,7 @@ def test_where_nothing_can_be_kept_it_is_found_all_the_same(
     urdf: Path, search: Search, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ):
     (tmp_path / "file").write_text("")
-    monkeypatch.setenv(remembered.FOLDER, str(tmp_path / "file") if where == "a file is there" else "")
+    monkeypatch.setenv(named.FOLDER, str(tmp_path / "file") if where == "a file is there" else "")
     for _ in range(2):
-        assert remembered.remembered(craft(urdf), "exp2", search).name == "found"
+        assert named.remembered(craft(urdf), "exp2", search).name == "found"
     assert search.runs == 2

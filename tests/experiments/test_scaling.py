@@ -9,7 +9,7 @@ from smsid.description import Arm, Description, Wheel
 from smsid.effects import BeamAppendage, Slosh
 from smsid.errors import ExperimentError
 from smsid.experiments import ConstantProfile, Experiment, fly, named_experiment
-from smsid.experiments.plausibility import check_plausible
+from smsid.experiments.fly import check_plausible
 from smsid.experiments.scaling import bus_size, spin_inertias, thrust_strength
 from smsid.model import build_model
 from smsid.sensing.sensor import Sensor

@@ -11,7 +11,7 @@ from arm.mujoco_arm import JOINTS, described, motion
 from typer.testing import CliRunner
 
 from smsid.arm import with_joint_effects
-from smsid.cli.inspect import inspect_command
+from smsid.cli.logs import inspect_command
 from smsid.description import save_description
 from smsid.errors import RecordingError
 from smsid.recording import import_recording

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.errors import RecordingError
 from smsid.recording import import_recording, load_recording
-from smsid.recording._joint_names import joint_name
+from smsid.recording._guess import joint_name
 from smsid.recording.inspect import inspect_file
 
 JOINTS = ("torso_lift_joint", "arm_1_joint", "arm_2_joint")

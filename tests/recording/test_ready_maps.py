@@ -199,7 +199,7 @@ def test_simulink_logs_and_arrays_of_structures_in_mat_7_3(tmp_path):
 
 def test_an_mcap_comes_back_to_the_nanosecond(tmp_path):
     pytest.importorskip("rosbags", reason="needs the extra bags")
-    from smsid.recording.mcap_writing import mcap_mapping, save_mcap
+    from smsid.recording.tables import mcap_mapping, save_mcap
 
     t = np.arange(0.0, 0.5, 0.005)
     before = recording(51).with_channels({"hand.force": (t, np.column_stack([t, t**2, -t]))})

@@ -3,29 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.report import (
-    Band,
-    Bar,
-    Cell,
-    Curve,
-    Figure,
-    HeatCell,
-    HeatMap,
-    Mark,
-    Plot,
-    Provenance,
-    Report,
-    Row,
-    RowChart,
-    Rule,
-    Section,
-    Table,
-    Text,
-    Trace,
-    Traces,
-)
 from smsid.report.axes import Axis
-from smsid.report.model import Grid
+from smsid.report.heat import HeatCell, HeatMap
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
+from smsid.report.plot import Band, Curve, Plot, Rule
+from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.traces import Trace, Traces
 
 HOSTILE = '</script><script>alert("x")</script> & "quoted" \'single\''
 

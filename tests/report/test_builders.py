@@ -21,7 +21,7 @@ from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
 from smsid.report.diagnose import ReportInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
-from smsid.report.parameters import Known, correlations, identifiability, parameter_table
+from smsid.report.parameters import correlations, identifiability, parameter_table
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace
 
@@ -39,22 +39,24 @@ ESTIMATE = Estimate(
 
 
 def test_parameters_say_what_is_known_beside_what():
-    known = Known({"tank.mass": 49.6}, {"tank.mass": 0.006})
-    table = parameter_table("t", ESTIMATE.parameters, known)
+    linear = replace(ESTIMATE, parameters=ESTIMATE.parameters[:1])
+    table = parameter_table("t", ESTIMATE.parameters, linear)
     row = dict(zip(table.columns, table.rows[0], strict=True))
     assert row["#value"].value == 49.0 and row["#described"].value == 50.0
     assert row["#95 % interval"].text == "± 0.98"
-    assert row["#error"].value == pytest.approx(0.6 / 49.6)
-    assert row["#error"].tone == "good"  # 0.6 is less than 0.98
+    assert row["#linear method"].value == 49.0 and row["#95 %"].text == "± 0.98"
+    assert [dict(zip(table.columns, r, strict=True))["#linear method"].text for r in table.rows[1:]] == [
+        "",
+        "",
+    ]
     assert [r[-1].text for r in table.rows] == ["identifiable", "not identifiable", "identifiable"]
 
 
 def test_bars_end_at_the_interval_and_marks_at_the_error():
-    figure = identifiability("x", ESTIMATE.parameters, Known({"tank.mass": 49.6}, {"tank.mass": 0.006}))
-    bar, truth, paper = figure.body.rows[0].items
+    figure = identifiability("x", ESTIMATE.parameters)
+    bar, described = figure.body.rows[0].items
     assert bar.value == pytest.approx(1.96 * 0.5 / 49.0, rel=1e-3)
-    assert truth.value == pytest.approx(0.6 / 49.6)
-    assert paper.value == 0.006
+    assert described.value == pytest.approx(1.0 / 50.0)
 
 
 def test_correlations_show_the_pairs_that_move_together():
@@ -251,10 +253,8 @@ def test_the_worst_parameters_stand_to_either_side():
     assert not replace(found, unstable=1).stable
 
 
-def test_the_error_of_a_zero_truth_is_no_percentage():
-    """Nothing is a share of zero: the error stands in the parameter's unit."""
+def test_how_far_a_zero_description_is_off_is_no_share():
     p = classify("link1.Ixy", 0.03, "kg m^2", 0.01, "exp2.step_b", nominal=0.0)
-    row = parameter_table("t", [p], Known(truth={"link1.Ixy": 0.0})).rows[0]
-    texts = [cell.text for cell in row]
-    assert "0.03 kg\N{NO-BREAK SPACE}m²" in texts
-    assert not any("∞" in t or "inf" in t for t in texts)
+    items = identifiability("x", [p]).body.rows[0].items
+    assert len(items) == 1  # nothing is a share of zero: the bar alone
+    assert not any("∞" in cell.text or "inf" in cell.text for cell in parameter_table("t", [p]).rows[0])

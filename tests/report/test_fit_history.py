@@ -55,7 +55,7 @@ def test_the_last_cost_in_the_saved_estimate_is_the_smallest(refined):
 
 def test_points_stand_at_the_costs_and_steps():
     history = (Iteration(500.0, None), Iteration(2.0, 30.0), Iteration(1.5, None), Iteration(1.0, 0.02))
-    (section,) = convergence_section("x-", history)
+    (section,) = convergence_section(history)
     (grid,) = section.parts
     cost, steps = (f.body for f in grid.figures)
     np.testing.assert_array_equal(cost.marks[-1].x, [0, 1, 2, 3])
@@ -67,4 +67,4 @@ def test_points_stand_at_the_costs_and_steps():
 
 
 def test_a_method_without_iterations_has_no_such_section():
-    assert convergence_section("", ()) == []
+    assert convergence_section(()) == []

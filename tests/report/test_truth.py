@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.cli.demo_runs import identify_craft
+from smsid.cli.demo import identify_craft
 from smsid.datasets import demonstration
 from smsid.identify.estimate import classify
 from smsid.report.parameters import reported_parameters

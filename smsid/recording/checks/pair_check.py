@@ -142,17 +142,12 @@ class PairCheck:
         share, what = max(readings)
         if share < 0.97:
             return None
-        return Finding(
-            self.x,
-            (),
-            "quaternion",
-            self.v,
-            (share, straight),
-            True,
+        sentence = (
             f"'{self.x}' is {what}: its rate then explains {100 * share:.1f} % of '{self.v}', as it is "
-            f"{100 * max(straight, 0.0):.1f} %.",
-            "Correct quaternion and direction of the channel in the mapping.",
+            f"{100 * max(straight, 0.0):.1f} %."
         )
+        mend = "Correct quaternion and direction of the channel in the mapping."
+        return Finding(self.x, (), "quaternion", self.v, (share, straight), True, sentence, mend)
 
     def _swaps(self, best: list[_Best | None]) -> tuple[list[Finding], set[int]]:
         moved = {
@@ -252,12 +247,16 @@ class PairCheck:
         if 1.0 - at > LAG_GAIN * (1.0 - without):
             return None
         who, other = (self.v, self.x) if lag > 0.0 else (self.x, self.v)
-        return Finding(
-            who, (), "delay", other, (abs(lag), at, without), abs(lag) > max(CLEAR_LAG, 4.0 * step),
+        source = who.partition(".")[0]
+        mend = f"Import '{who}' under a source of its own, with a clock from which the delay is subtracted."
+        if source != other.partition(".")[0]:
+            mend = f"Subtract the delay from the clock of '{source}'."
+        sentence = (
             f"'{who}' is {abs(lag):.2f} s later than '{other}': the correlation of {self.labels[i]} is "
-            f"{at:.5f} with this delay, {without:.5f} without.",
-            _mend_of_delay(who, other),
-        )  # fmt: skip
+            f"{at:.5f} with this delay, {without:.5f} without."
+        )
+        clear = abs(lag) > max(CLEAR_LAG, 4.0 * step)
+        return Finding(who, (), "delay", other, (abs(lag), at, without), clear, sentence, mend)
 
     def _correlation(self, i: int, lag: float, span: float) -> float:
         for s in self.pair.spans(lag, span):
@@ -265,13 +264,6 @@ class PairCheck:
             scale = math.sqrt(float(a @ a) * float(b @ b))
             return float(a @ b) / scale if scale > 0.0 else 0.0
         return 0.0
-
-
-def _mend_of_delay(who: str, other: str) -> str:
-    source = who.partition(".")[0]
-    if source != other.partition(".")[0]:
-        return f"Subtract the delay from the clock of '{source}'."
-    return f"Import '{who}' under a source of its own, with a clock from which the delay is subtracted."
 
 
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:

@@ -59,17 +59,13 @@ def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) 
     first = int(np.flatnonzero(marked)[0])
     worst = float(np.max(np.abs(x[marked])))
     rest = float(np.max(np.abs(x[~marked])))
-    return Finding(
-        channel,
-        (component,),
-        "outlier",
-        "",
-        (float(count), worst, rest),
-        worst > WILD * rest,  # others are left out by identification, which says so
+    sentence = (
         f"'{channel}' {component} has {count} isolated outliers of {x.size} samples, the first at "
-        f"t = {t[first]:.6g} s: up to {worst:.4g} where the rest stays below {rest:.4g}.",
-        "Remove these samples, or cut the log with window(t0, t1).",
+        f"t = {t[first]:.6g} s: up to {worst:.4g} where the rest stays below {rest:.4g}."
     )
+    mend = "Remove these samples, or cut the log with window(t0, t1)."
+    numbers, clear = (float(count), worst, rest), worst > WILD * rest  # identification leaves others out
+    return Finding(channel, (component,), "outlier", "", numbers, clear, sentence, mend)
 
 
 def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
@@ -82,17 +78,13 @@ def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray
     jumps = np.flatnonzero(np.abs(np.abs(steps) - turn) < TURN_TOLERANCE * turn + usual)
     if not jumps.size or usual > 0.15 * turn:
         return None
-    return Finding(
-        channel,
-        (component,),
-        "full turn",
-        "",
-        (float(jumps.size), float(steps[jumps[0]])),
-        True,
-        f"'{channel}' {component} jumps by a full turn ({steps[jumps[0]]:.4g} rad in one sample) "
-        f"{jumps.size} times, first at t = {t[jumps[0] + 1]:.6g} s.",
-        "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import.",
+    size, count = float(steps[jumps[0]]), float(jumps.size)
+    sentence = (
+        f"'{channel}' {component} jumps by a full turn ({size:.4g} rad in one sample) {jumps.size} times, "
+        f"first at t = {t[jumps[0] + 1]:.6g} s."
     )
+    mend = "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import."
+    return Finding(channel, (component,), "full turn", "", (count, size), True, sentence, mend)
 
 
 def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
@@ -107,17 +99,12 @@ def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
     if usual < 2 or float(np.mean(between == usual)) < HELD_SHARE:
         return None
     rate = (t.size - 1) / float(t[-1] - t[0])
-    return Finding(
-        channel,
-        (),
-        "held",
-        "",
-        (rate, rate / usual),
-        False,
-        f"'{channel}' is logged at {rate:.4g} Hz, but changes at every {usual}th sample only: it holds "
-        f"data of {rate / usual:.4g} Hz.",
-        "Import it on a clock of its own with the samples at which it changes.",
+    sentence = (
+        f"'{channel}' is logged at {rate:.4g} Hz, but changes at every {usual}th sample only: it holds data "
+        f"of {rate / usual:.4g} Hz."
     )
+    mend = "Import it on a clock of its own with the samples at which it changes."
+    return Finding(channel, (), "held", "", (rate, rate / usual), False, sentence, mend)
 
 
 def longest_constant_run(x: FloatArray) -> tuple[int, int]:
