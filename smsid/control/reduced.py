@@ -23,7 +23,6 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.control.attitude import euler_jacobian
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, set_group_angles
@@ -39,15 +38,6 @@ class BodyTerms:
     inertia: np.ndarray
     bias: np.ndarray
     input: np.ndarray
-
-
-@dataclass(frozen=True)
-class JointSpace:
-    """H qdd + c = J_c^T Q_c, equation (40): ``inertia`` H, ``bias`` c, ``jacobian_t`` J_c^T."""
-
-    inertia: np.ndarray
-    bias: np.ndarray
-    jacobian_t: np.ndarray
 
 
 class ReducedDynamics:
@@ -168,27 +158,6 @@ class ReducedDynamics:
         if info != 0:
             raise ControlError("The wheels do not act on the base.", advice="Check their axes and inertia.")
         return solution
-
-    def joint_space(
-        self, coordinates: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None = None
-    ) -> JointSpace:
-        """Return (40) in the paper's coordinates (41): roll, pitch, yaw of the base and arm joints.
-
-        Args:
-            coordinates, rates: (3 + n,) q and its derivative [rad, rad/s].
-            wheel_rates: (w,) [rad/s]; by default those of zero total momentum.
-        """
-        jacobian, change = euler_jacobian(coordinates[:3], rates[:3])
-        terms = self.body_terms(jacobian @ rates[:3], coordinates[3:], rates[3:], wheel_rates)
-        chart = np.eye(self.size)
-        chart[:3, :3] = jacobian
-        turning = np.zeros(self.size)
-        turning[:3] = change @ rates[:3]
-        return JointSpace(
-            chart.T @ terms.inertia @ chart,
-            chart.T @ (terms.bias + terms.inertia @ turning),
-            chart.T @ self.base_input(terms),
-        )
 
     def configuration(self, angles: np.ndarray) -> np.ndarray:
         """Return q of ``pin`` with the arm joints at ``angles`` (n,) [rad]; overwritten by the next call."""

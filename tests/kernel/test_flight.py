@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.control import compiled_flight
-from smsid.control.closed_loop import Actuators, track, track_many
+from smsid.control.closed_loop import track, track_many
 from smsid.control.compiled_flight import CompiledFlight
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
@@ -122,11 +122,8 @@ def test_redundant_wheels_at_their_limit(crafts, both_ways):
     assert any("torque" in name for name in ours.saturated)
 
 
-def test_euler_angles_and_rounded_attitudes_fly_the_plain_way(crafts):
-    craft, k = crafts["paper"], gains(6, 4.0, 4.0)
-    actuators = Actuators(craft, 1.0 / RATE)
-    controller = law(craft, k, coordinates="euler")
-    assert CompiledFlight.of(craft, controller, actuators, None, SECONDS, RATE, 1.0 / RATE) is None
+def test_rounded_attitudes_fly_the_plain_way(crafts):
+    craft = crafts["paper"]
     rounded = []
     for s in craft.description.effective_sensors():
         errors = {q: e.model_copy(update={"quantisation": 1e-4}) for q, e in s.errors.items()}
