@@ -30,7 +30,7 @@ from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
-from smsid.paper.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
+from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
 MAIN, QUIET, GYRO = Variant(), "no noise", INTEGRATED_GYRO.name

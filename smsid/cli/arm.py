@@ -20,7 +20,7 @@ from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.description import Description
 from smsid.effects import BaseTilt
-from smsid.effects.base_tilt import tilt_of
+from smsid.effects.external import tilt_of
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor

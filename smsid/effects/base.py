@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from smsid.effects.counterpart import Counterpart
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter

@@ -10,10 +10,9 @@ from pydantic import Field
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, physical, register
-from smsid.effects.counterpart import Counterpart
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
 from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""

@@ -10,9 +10,8 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
-from smsid.effects.counterpart import Counterpart
 from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia
 
 

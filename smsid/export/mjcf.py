@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.counterpart import Counterpart
+from smsid.effects.joint_state import Counterpart
 from smsid.errors import DescriptionError
 from smsid.export.mjcf_bodies import inertial, joint_axes, numbers, stacked_joints, with_lent_inertia
 from smsid.model.regressor import body_names

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -13,11 +14,11 @@ from scipy.linalg import lapack
 
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.effects.assembly import Assembly
+from smsid.effects.friction import JointFriction
 from smsid.effects.slosh import Slosh
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
-from smsid.model.joint_limits import outside_limits
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import (
     JointGroup,
@@ -25,9 +26,9 @@ from smsid.model.spacecraft import (
     Source,
     SpacecraftModel,
     group_angles,
+    outside_limits,
     set_group_angles,
 )
-from smsid.model.urdf_friction import with_urdf_friction
 
 logger = logging.getLogger(__name__)
 
@@ -364,3 +365,25 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
         "kg m^2; a joint that is welded stands in `fixed` of its [[arm]].",
         joint=model.names[joint],
     )
+
+
+def with_urdf_friction(d: Description, losses: Mapping[str, tuple[float, float]]) -> Description:
+    """Return the description with an effect `JointFriction` for every joint that loses energy.
+
+    Args:
+        d: the description; a friction it has for a joint already stands instead of the URDF's.
+        losses: viscous [N m s/rad] and Coulomb friction [N m] by joint; N s/m and N of sliding joints.
+    """
+    described = {joint for e in d.effect for joint in e.urdf_dynamics()}
+    taken = {e.name for e in d.effect}
+    more = []
+    for joint, (viscous, coulomb) in losses.items():
+        if joint in described:
+            continue
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", joint) + "_friction"
+        name = name if name[0].isalpha() else f"joint_{name}"
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        more.append(JointFriction(name=name, joint=joint, viscous=viscous, coulomb=coulomb))
+    return d.with_effects(*more) if more else d

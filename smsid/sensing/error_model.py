@@ -11,9 +11,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._noise import FloatArray, gauss_markov, random_walk, sampling_rate
-from smsid.sensing._resample import resample
-from smsid.sensing._values import checked, column, compose, fixed_errors, given
+from smsid.sensing._signals import (
+    FloatArray,
+    checked,
+    column,
+    compose,
+    fixed_errors,
+    gauss_markov,
+    given,
+    random_walk,
+    resample,
+    sampling_rate,
+)
 from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]

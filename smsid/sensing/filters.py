@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from smsid.errors import RecordingError
-from smsid.sensing._noise import FloatArray
+from smsid.sensing._signals import FloatArray
 
 
 def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:

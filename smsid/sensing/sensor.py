@@ -12,8 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._noise import FloatArray
-from smsid.sensing._values import compose
+from smsid.sensing._signals import FloatArray, compose
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
 from smsid.sensing.presets import preset as _preset
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from smsid._files import atomic_write
 from smsid.errors import require
-from smsid.view import arrows, trail
-from smsid.view.camera import ASPECT
+from smsid.view import arrows
 from smsid.view.commands import Command, scene_commands, sky_commands
 from smsid.view.drivers import DEFLECTION, Frames, StripDriver
+from smsid.view.look import ASPECT
 from smsid.view.parts import GHOST
 from smsid.view.readouts import readouts
 from smsid.view.replay import Replay
@@ -36,7 +36,7 @@ COLORS: dict[str, Color] = {
     "momentum": arrows.LINEAR,
     "angular momentum": arrows.ANGULAR,
     "centre of mass": (0.95, 0.78, 0.10),
-    "tool trail": trail.COLOR,
+    "tool trail": arrows.TRAIL_COLOR,
     "sensors": (0.90, 0.22, 0.16),
 }
 
@@ -115,7 +115,7 @@ def _played(view: Replay, bent: list[Bend]) -> dict[str, Any]:
             for name, paths in layers.items()
             if paths
         ],
-        "trails": [{"path": t.path, "pieces": t.pieces, "indices": trail.INDICES} for t in trails],
+        "trails": [{"path": t.path, "pieces": t.pieces, "indices": arrows.INDICES} for t in trails],
         "readouts": [
             {"label": r.label, "unit": r.unit, "layer": r.layer, "values": _floats(r.values)}
             for r in readouts(view)

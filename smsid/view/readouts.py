@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from smsid.view.arrows import tool_positions
 from smsid.view.drivers import StripDriver
 from smsid.view.replay import Companion, Replay
-from smsid.view.trail import tool_positions
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
-from smsid.view.arrows import sign_parts
+from smsid.view.arrows import Trail, sign_parts, trail_parts
 from smsid.view.drivers import Frames, JointDriver, Scale
 from smsid.view.look import Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion
 from smsid.view.parts import GHOST, Part, as_overlay
-from smsid.view.trail import Trail, trail_parts
 from smsid.view.visuals import visuals_of
 
 ROOT = "spacecraft"

@@ -16,7 +16,7 @@ from smsid.errors import ControlError
 from smsid.model import SpacecraftModel, build_model
 from smsid.paper import table4_study
 from smsid.paper.table4 import Run, Study, Variant, cases
-from smsid.paper.table4_summary import improvements, orderings, summarise
+from smsid.paper.table4_study import improvements, orderings, summarise
 from smsid.paths import urdf_folder
 
 URDF = urdf_folder()

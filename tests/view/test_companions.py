@@ -13,7 +13,7 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view import played, replay, simulated_twin
-from smsid.view.camera import VIEW_FROM
+from smsid.view.look import VIEW_FROM
 from smsid.view.readouts import readouts
 
 from .conftest import URDF
