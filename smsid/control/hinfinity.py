@@ -2,9 +2,9 @@
 
 The controller for one gamma is the central one of Glover and Doyle (1988), in the form of Zhou, Doyle and
 Glover, *Robust and Optimal Control*, theorem 17.1: D11 of any kind, D22 = 0, D12 and D21 of full rank,
-Riccati equations by the stable subspace of their Hamiltonians. A gamma counts as feasible only when the loop closed
-with it is stable and its norm, computed apart, is below. (SLICOT's sb10ad as in ctrlsys 1.1.1 is no
-substitute: it names gammas that its controllers miss, and stops at 67.0 on plants whose optimum is far
+Riccati equations by the stable subspace of their Hamiltonians. A gamma counts as feasible only when the
+loop closed with it is stable and its norm, computed apart, is below. (SLICOT's sb10ad as in ctrlsys 1.1.1
+is no substitute: it names gammas that its controllers miss, and stops at 67.0 on plants whose optimum is far
 lower; see the tests.)
 """
 

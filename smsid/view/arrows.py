@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
-from smsid.view.drivers import CentreDriver, Driver, Frames, VectorDriver
+from smsid.view.drivers import Driver, Frames, VectorDriver, centre_poses
 from smsid.view.momentum import Momenta
 from smsid.view.motion import Motion
 from smsid.view.parts import Part, move_pose, node_name, z_to
@@ -42,7 +42,7 @@ def sign_parts(
     parts += _momenta(model, root, found, ARROW_LENGTH * radius)
     mark, paint = _quartered(MARK_SIZE * radius), Material(shine=0.2, overlay=True, inside=False)
     centre = move_pose(found.com[0])
-    return [*parts, Part(f"{root}/com", centre, mark, paint, CentreDriver(), False, "centre of mass")]
+    return [*parts, Part(f"{root}/com", centre, mark, paint, centre_poses, False, "centre of mass")]
 
 
 def _torques(

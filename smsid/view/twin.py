@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-
-import numpy as np
+from dataclasses import replace
 
 from smsid.errors import RecordingError
+from smsid.estimation.input_hold import Hold, commanded
 from smsid.inputs.inputs import JointMotion
 from smsid.inputs.signals import Sampled
 from smsid.model.column_order import order_columns
@@ -14,7 +14,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Trajectory, simulate
 from smsid.view.motion import motion_of
-from smsid.view.recorded import Samples, channel, measured_samples
+from smsid.view.recorded import channel, measured_samples
 
 WELL = 5  # degree of the spline through measured joint angles: their acceleration is continuous
 
@@ -42,38 +42,26 @@ def simulated_twin(
 
 
 def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
-    degree = 1 if recording.provenance.get("inputs") == "linear" else 0
-
-    def command(quantity: str, size: int) -> Sampled | None:
-        name = f"command.{quantity}"
-        if not size or name not in recording:
-            return None
-        return _signal(channel(recording, name), degree)
-
-    bus = 3 if model.free else 0
-    force, torque = command("force", bus), command("torque", bus)
-    joints = command("joint_torque", len(model.arm_joints))
-    wheels = command("wheel_torque", len(model.wheels))
-    angles = measured_samples(model, recording, "encoder", "encoder", "joint_position")
-    follow = JointMotion.of(_signal(angles[0], WELL)) if joints is None and angles is not None else None
-    if all(x is None for x in (force, torque, joints, wheels, follow)):
+    names = [name for name in recording.channels if name.startswith("command.")]
+    finite = recording.with_channels({name: channel(recording, name) for name in names})
+    hold: Hold = "linear" if recording.provenance.get("inputs") == "linear" else "held"
+    inputs = Inputs()
+    if names:
+        others = [name for name in recording.channels if name not in names]
+        inputs = commanded(model, finite.without(*others), hold, required=False)
+    angles = measured_samples(model, recording, "encoder", "joint_position")
+    follow = None
+    if inputs.joint_torque is None and angles is not None:
+        follow = JointMotion.of(Sampled.from_samples(*angles[0], WELL))
+    if inputs == Inputs() and follow is None:
         raise RecordingError(
             f"The recording '{recording.name}' says nothing of what drove the motion.",
             advice="Record command.force, command.torque, command.joint_torque or command.wheel_torque.",
             channels=recording.channels,
         )
-    return Inputs(
-        force=force,
-        torque=torque,
-        wheel_torque=wheels,
-        joint_torque=joints,
+    return replace(
+        inputs,
         joint_motion=follow,
-        lock_joints=joints is None and follow is None and len(model.arm_joints) > 0,
-        lock_wheels=wheels is None and len(model.wheels) > 0,
+        lock_joints=inputs.joint_torque is None and follow is None and len(model.arm_joints) > 0,
+        lock_wheels=inputs.wheel_torque is None and len(model.wheels) > 0,
     )
-
-
-def _signal(samples: Samples, degree: int) -> Sampled:
-    times, values = samples
-    keep = np.concatenate([[True], np.diff(times) > 0.0])
-    return Sampled.from_samples(times[keep], values[keep], degree)

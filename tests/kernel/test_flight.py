@@ -30,7 +30,7 @@ def robust():
     return k, design_robust_term(k, wanted)
 
 
-def law(model, k, robust=None, *, far=0.4, coordinates="quaternion", seed=0):
+def law(model, k, robust=None, *, far=0.4, seed=0):
     """Return a controller with a wrong model that moves joints and base."""
     home, d = model.joint_angles(model.home), ReducedDynamics(model)
     joints, base = (
@@ -38,9 +38,7 @@ def law(model, k, robust=None, *, far=0.4, coordinates="quaternion", seed=0):
         minimum_jerk(np.zeros(3), [0.2, -0.1, 0.3], SECONDS),
     )
     dynamics = perturbed(d, 0.1, np.random.default_rng(seed), "uniform")
-    return ModelBasedController(
-        dynamics, k, Reference(joints, base=base), robust=robust, period=1.0 / RATE, coordinates=coordinates
-    )
+    return ModelBasedController(dynamics, k, Reference(joints, base=base), robust=robust, period=1.0 / RATE)
 
 
 def with_errors(model, **errors):

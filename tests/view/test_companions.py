@@ -15,6 +15,7 @@ from smsid.simulate import truth_of
 from smsid.view import played, replay, simulated_twin
 from smsid.view.look import VIEW_FROM
 from smsid.view.readouts import readouts
+from smsid.view.scene import world_poses
 
 from .conftest import URDF
 
@@ -86,7 +87,7 @@ def test_a_ghost_lies_over_the_first_and_leaves_out_what_confuses(model, traject
     shown = replay(model, trajectory, beside=[("same", trajectory)], fps=5.0)
     first, ghost = shown.scene, shown.companions[0].scene
     assert ghost.root == "spacecraft_1" and set(ghost.layers) == {"tool trail"}
-    own, other = first.world_poses(shown.frames), ghost.world_poses(shown.companions[0].frames)
+    own, other = world_poses(first.parts, shown.frames), world_poses(ghost.parts, shown.companions[0].frames)
     for path, poses in other.items():
         np.testing.assert_allclose(poses, own[path.replace("spacecraft_1", "spacecraft", 1)], atol=1e-12)
     solid = [p for p in ghost.parts if p.shape is not None and not p.layer]
