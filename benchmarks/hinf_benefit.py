@@ -26,8 +26,11 @@ import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 from _table4_identified import identified  # noqa: E402
 
-from smsid.control.closed_loop import track_many  # noqa: E402
-from smsid.control.disturbance import left_out, sensor_noise  # noqa: E402
+from smsid.control.closed_loop import (  # noqa: E402
+    left_out,
+    sensor_noise,
+    track_many,
+)
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402

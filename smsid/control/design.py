@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.control.disturbance import left_out, sensor_noise, sensor_sigma
+from smsid.control.closed_loop import left_out, sensor_noise, sensor_sigma
 from smsid.control.gains import gains
 from smsid.control.identified_model import IdentifiedModel, identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics

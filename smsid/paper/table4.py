@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from smsid.control.closed_loop import Tracking, track_many
-from smsid.control.disturbance import left_out, sensor_noise
+from smsid.control.closed_loop import Tracking, left_out, sensor_noise, track_many
 from smsid.control.gains import Gains, gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics

@@ -8,8 +8,7 @@ import pytest
 from control_cases import described, paper, random_state, rigid_paper, track_continuously, two_arms
 
 from smsid.control.attitude import attitude_error, attitude_errors
-from smsid.control.closed_loop import Actuators, track
-from smsid.control.disturbance import disturbance, left_out, sensor_noise
+from smsid.control.closed_loop import Actuators, disturbance, left_out, sensor_noise, track
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics

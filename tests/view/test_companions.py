@@ -13,8 +13,8 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view import played, replay, simulated_twin
+from smsid.view.export import readouts
 from smsid.view.look import VIEW_FROM
-from smsid.view.readouts import readouts
 from smsid.view.scene import world_poses
 
 from .conftest import URDF
