@@ -15,6 +15,7 @@ import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from functools import cache
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -118,7 +119,7 @@ def main() -> None:
             if time.monotonic() - begin > 60.0 * options.minutes:
                 break
             for job in as_completed([pool.submit(fly, *w) for w in jobs[at : at + options.workers]]):
-                file.writelines(json.dumps(run.to_table()) + "\n" for run in job.result())
+                file.writelines(json.dumps(asdict(run)) + "\n" for run in job.result())
                 file.flush()
             done_jobs = min(at + options.workers, len(jobs))
             print(f"{done_jobs}/{len(jobs)} jobs, {time.monotonic() - begin:.0f} s", flush=True)

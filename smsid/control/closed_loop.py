@@ -78,12 +78,7 @@ class Actuators:
         """Return the generalised forces (nv,) for Q_c (3 + n,) at the true wheel rates (w,) [rad/s]."""
         found = self.layout.allocate(torques[:3], wheel_rates, self.period)
         joints = np.clip(torques[3:], -self.effort, self.effort)
-        for k in np.flatnonzero(found.torque_limited):
-            self._hit(f"{self.layout.names[k]} torque")
-        for k in np.flatnonzero(found.rate_limited):
-            self._hit(f"{self.layout.names[k]} speed")
-        for k in np.flatnonzero(joints != torques[3:]):
-            self._hit(f"{self.model.arm_joints.names[k]} torque")
+        self.add_hits(np.concatenate([found.torque_limited, found.rate_limited, joints != torques[3:]]))
         tau = np.zeros(self.model.nv)
         tau[self.model.wheels.v], tau[self.model.arm_joints.v] = found.wheels, joints
         return tau
@@ -92,14 +87,11 @@ class Actuators:
         """Add how often limits were met (2 w + n,): torques and rates of wheels, torques of joints."""
         wheels, joints = self.layout.names, self.model.arm_joints.names
         names = [*(f"{k} torque" for k in wheels), *(f"{k} speed" for k in wheels)]
-        for name, count in zip([*names, *(f"{k} torque" for k in joints)], counts.tolist(), strict=True):
-            if count:
-                self._hit(name, count)
-
-    def _hit(self, name: str, count: int = 1) -> None:
-        if name not in self.hits:
-            logger.info("%s is at its limit", name)  # the run says so, and how often
-        self.hits[name] = self.hits.get(name, 0) + count
+        names += [f"{k} torque" for k in joints]
+        for k in np.flatnonzero(counts):
+            if names[k] not in self.hits:
+                logger.info("%s is at its limit", names[k])  # the run says so, and how often
+            self.hits[names[k]] = self.hits.get(names[k], 0) + int(counts[k])
 
 
 def track(

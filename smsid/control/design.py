@@ -125,7 +125,7 @@ def design(
             request.rate,
             GAINS_BELOW_CROSSOVER * request.crossover,
         )
-        tuning = tuned_gains(plant, flexible, inertia, demands, natural_modes(plant, rng))
+        tuning = tuned_gains(flexible, inertia, demands, natural_modes(plant, rng))
         k = tuning.gains
     else:
         k = gains(n, *request.gains)

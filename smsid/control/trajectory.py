@@ -1,8 +1,8 @@
 """Desired trajectories: the paper's trapezoid of joint rates, minimum jerk, and shaped versions of either.
 
 Input shapers are impulses whose convolution with a command leaves named modes at rest: Singer and Seering
-(1990), ZV and ZVD; Singhose, Seering and Singer (1994), EI: exact for an undamped mode, here with the damping's
-decay from impulse to impulse.
+(1990), ZV and ZVD; Singhose, Seering and Singer (1994), EI: exact for an undamped mode, here with the
+damping's decay from impulse to impulse.
 """
 
 from __future__ import annotations
@@ -182,12 +182,7 @@ class Shaped:
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, rate and acceleration (size,) at t [s]."""
-        x, v, a = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
-        for weight, later in zip(self.shaper.amplitudes.tolist(), self.shaper.times.tolist(), strict=True):
-            dx, dv, da = self.motion.at(t - later)
-            x += weight * dx
-            v += weight * dv
-            a += weight * da
+        x, v, a = self.sampled(np.array([t]))[0]
         return x, v, a
 
     def sampled(self, times: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,6 +16,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from smsid._listing import did_you_mean
 from smsid._short_repr import as_html, as_text
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table
@@ -269,9 +269,3 @@ class Description(Table):
             raise DescriptionError(
                 f"Description '{self.name}' cannot take this {field}: {reasons}."
             ) from cause
-
-
-def did_you_mean(name: str, known: list[str]) -> str:
-    """Return `` Did you mean '...'?`` with the closest of the known names, or nothing."""
-    near = difflib.get_close_matches(name, known, n=1)
-    return f" Did you mean '{near[0]}'?" if near else ""

@@ -9,8 +9,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from smsid._listing import did_you_mean
 from smsid._short_repr import short_repr
-from smsid.description.schema import did_you_mean
 from smsid.errors import ExperimentError
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.parameters import Parameters

@@ -1,8 +1,8 @@
 """Designs Exp. 2: joints and wheels in motion, free floating.
 
-An experiment is a point of a box that holds, for every joint and wheel, the coefficients of its Fourier series.
-Their shape is free; the size is what range, rate and wheel limits allow times the length of the joint's
-coefficients, at most one.
+An experiment is a point of a box that holds, for every joint and wheel, the coefficients of its Fourier
+series. Their shape is free; the size is what range, rate and wheel limits allow times the length of the
+joint's coefficients, at most one.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Designs Exp. 1: thrust with the attitude held, arm and wheels locked.
 
-Sequential linear programming on pulses, exact gradients, limits as linear constraints. The cost falls whenever
-the thrust grows, so the best thrust lies at the limits. Each round minimises the linearised cost within them
-(Frank and Wolfe 1956), then looks along the way there.
+Sequential linear programming on pulses, exact gradients, limits as linear constraints. The cost falls
+whenever the thrust grows, so the best thrust lies at the limits. Each round minimises the linearised cost
+within them (Frank and Wolfe 1956), then looks along the way there.
 """
 
 from __future__ import annotations

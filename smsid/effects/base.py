@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from smsid._listing import did_you_mean
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
@@ -173,9 +173,13 @@ class Effect(Table):
 
         Raises `DescriptionError` for a name the effect does not have, or a value it cannot have.
         """
-        self._check_names(values)
-        data = dict(self)
+        data, known = dict(self), {p.name for p in self.parameters()}
         for name, value in values.items():
+            if name not in known:
+                raise DescriptionError(
+                    f"Effect '{self.name}' has no parameter '{name}'.",
+                    advice=f"It has: {', '.join(sorted(known))}.",
+                )
             own, (field, *rest) = data, name.removeprefix(f"{self.name}.").split(".")
             while field not in own:  # of a table in a list, whose number ends the name
                 entry = field.rstrip("0123456789")
@@ -187,20 +191,8 @@ class Effect(Table):
                 own[field] = tuple(vector)
             else:
                 own[field] = float(value)
-        return self._replaced(data)
-
-    def _check_names(self, values: Mapping[str, float]) -> None:
-        known = {p.name for p in self.parameters()}
-        for name in values:
-            if name not in known:
-                raise DescriptionError(
-                    f"Effect '{self.name}' has no parameter '{name}'.",
-                    advice=f"It has: {', '.join(sorted(known))}.",
-                )
-
-    def _replaced(self, update: Mapping[str, Any]) -> Self:
         try:
-            return self._validated({**dict(self), **update})
+            return self._validated(data)
         except ValidationError as cause:
             reasons = "; ".join(
                 ".".join(str(part) for part in e["loc"]) + f" {e['msg'].removeprefix('Value error, ')}"
@@ -214,19 +206,6 @@ class Effect(Table):
     def _validated(self, data: Mapping[str, Any]) -> Self:
         """Return the effect of other values; one that only a description must obey may relax here."""
         return type(self).model_validate(data)
-
-    def without_strength(self) -> Self:
-        """Return the effect with its ``strength`` parameters at zero, where it changes nothing.
-
-        Raises `DescriptionError` for an effect that names none.
-        """
-        if not self.strength:
-            raise DescriptionError(f"An effect of kind '{self.kind}' names no strength.", kind=self.kind)
-        update: dict[str, Any] = {}
-        for entry in self.strength:
-            value = getattr(self, entry)
-            update[entry] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
-        return self._replaced(update)
 
     @property
     def onset(self) -> float | None:
@@ -411,10 +390,9 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
     cls = known_effect(kind)
     if cls is None:
         kinds = sorted(catalogue())
-        near = difflib.get_close_matches(kind, kinds, n=1)
-        hint = f" Did you mean '{near[0]}'?" if near else ""
         raise DescriptionError(
-            f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(kinds)}."
+            f"Unknown effect kind '{kind}'." + did_you_mean(kind, kinds),
+            advice=f"Known kinds: {', '.join(kinds)}.",
         )
     return cls.model_validate(dict(table))
 

@@ -11,7 +11,6 @@ from pydantic import Field
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, physical, register
 from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
 from smsid.errors import DescriptionError
 
 
@@ -44,10 +43,6 @@ class Gear(JointEffect):
     also: dict[str, float] = Field(
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
     )
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is about what is measured."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""
@@ -121,10 +116,6 @@ class Servo(JointEffect):
     limit: float | None = physical(
         "N m", lower=0.0, default=None, description="largest torque, as of a limit of current"
     )
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is about what is measured, or commanded."""
-        return {}
 
 
 def servos_of(effects: Iterable[Effect]) -> dict[str, Servo]:

@@ -38,10 +38,6 @@ class JointOffset(JointEffect):
         """Return none: the motor's torque does not come into it."""
         return ()
 
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is taken off what is measured."""
-        return {}
-
     def resolved(self, description: Description) -> Effect:
         """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
         if description.root == "fixed":

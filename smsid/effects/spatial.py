@@ -8,18 +8,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-
-def skew(x: np.ndarray) -> np.ndarray:
-    """Return the matrix (3, 3) of the cross product with x (3,)."""
-    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+from smsid.effects.inertial_parameters import parameters_to_matrix
 
 
 def spatial_inertia(theta: np.ndarray) -> np.ndarray:
     """Return the spatial inertia (6, 6) (linear first) of parameters (m, mc, xx, xy, yy, xz, yz, zz)."""
-    xx, xy, yy, xz, yz, zz = theta[4:]
-    cross = skew(theta[1:4])
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return np.block([[theta[0] * np.eye(3), -cross], [cross, about]])
+    cross = pin.skew(theta[1:4])
+    return np.block([[theta[0] * np.eye(3), -cross], [cross, parameters_to_matrix(theta)]])
 
 
 class Motion:

@@ -145,21 +145,7 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
         change = sum(columns[n] @ (parameters_of(found[n]) - described[n]) for n in names)
         return np.concatenate([np.asarray(change) - fixed, phi / PULL])
 
-    def slopes(phi: np.ndarray) -> np.ndarray:
-        # d theta / d phi at phi by finite differences of the exact map: ten columns a body
-        out = np.zeros((len(fixed) + phi.size, phi.size))
-        for k, n in enumerate(names):
-            part = phi[SIZE * k : SIZE * (k + 1)]
-            here = parameters_of(step_factor(at[n], part))
-            for i in range(SIZE):
-                step = np.zeros(SIZE)
-                step[i] = 1e-6
-                there = parameters_of(step_factor(at[n], part + step))
-                out[: len(fixed), SIZE * k + i] = columns[n] @ ((there - here) / 1e-6)
-        out[len(fixed) :] = np.eye(phi.size) / PULL
-        return out
-
-    result = least_squares(errors, phi0, jac=slopes, max_nfev=200)  # pyright: ignore[reportArgumentType]
+    result = least_squares(errors, phi0, max_nfev=200)
     if not result.success:
         raise DescriptionError(
             f"No physical bodies were found that agree with the estimate: {result.message}.",

@@ -2,9 +2,9 @@
 
 What Pinocchio calls a joint becomes one or three MuJoCo joints of the same name (``tank.x``, ``tank.y``,
 ``tank.z`` for a slosh mass); a mode's coordinate is delta / L_t, as in the model. MuJoCo wants mass and a
-proper inertia on every moving body. Where a body lacks them, some are lent from its parent in a way that leaves
-the motion as it was: rotational inertia to a body that only slides, mass on the axis and inertia across it to a
-body that only turns.
+proper inertia on every moving body. Where a body lacks them, some are lent from its parent in a way that
+leaves the motion as it was: rotational inertia to a body that only slides, mass on the axis and inertia
+across it to a body that only turns.
 """
 
 from __future__ import annotations

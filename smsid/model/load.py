@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from smsid._listing import some_of
+from smsid._listing import did_you_mean, some_of
 from smsid.description.robots import robot_urdf
-from smsid.description.schema import Arm, Description, did_you_mean
+from smsid.description.schema import Arm, Description
 from smsid.description.urdf_check import (
     check_inertias,
     check_meshes,

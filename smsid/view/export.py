@@ -54,7 +54,8 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         MissingDependencyError: meshcat is not installed.
         SmsidError: the folder does not exist.
     """
-    viewer = _viewer()
+    meshcat = Path(require("meshcat", "view").__file__).parent
+    viewer = (meshcat / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")  # three.js included
     scene = view.scene if isinstance(view, Replay) else view
     name = title or scene.model.description.name
     facts: dict[str, Any] = {"title": name, "start": 0.0, "stop": 0.0, "speed": 1.0, "rate": 1.0}
@@ -79,7 +80,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         style=folder.joinpath("player.css").read_text(encoding="utf-8"),
         viewer=viewer,
         player=folder.joinpath("player.js").read_text(encoding="utf-8"),
-        facts=_script_safe(json.dumps(facts)),
+        facts=json.dumps(facts).replace("<", "\\u003c"),  # no text ends the script it stands in
         commands=json.dumps([_packed(c) for c in commands]),
     )
     logger.info("%s: %.1f MB", path, len(text) / 1e6)
@@ -145,20 +146,9 @@ def _floats(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _viewer() -> str:
-    """Return the JavaScript of meshcat's viewer, three.js included."""
-    folder = Path(require("meshcat", "view").__file__).parent
-    return (folder / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
-
-
 def _packed(command: Command) -> str:
     packed = require("umsgpack", "view").packb(command, force_float_precision="single")
     return base64.b64encode(packed).decode("ascii")
-
-
-def _script_safe(text: str) -> str:
-    """Keep a text from ending the script element it stands in."""
-    return text.replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
