@@ -1,13 +1,13 @@
-"""The base's attitude for feedback: twice the vector part of the error quaternion.
+"""Coordinates of the base's attitude for feedback: the paper's Euler angles, or the error quaternion.
 
-It turns a wanted second derivative of the error into a wanted angular acceleration of the base, which is all
-that the model-based controller (43) needs, and has no singularity short of half a turn of error (the paper's
-Euler angles have one at a pitch of 90 degrees).
+Both turn a wanted second derivative of the error into a wanted angular acceleration of the base, which is all
+that the model-based controller (43) needs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import ControlError
 
+Coordinates = Literal["euler", "quaternion"]
 SMALLEST_COSINE = 0.05
-"""Of half the error angle: below, it is not clear which way is back, and the attitude is refused."""
+"""Of the pitch (Euler angles) or of half the error angle (quaternion): below, the coordinates are refused."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,31 @@ class AttitudeError:
 
 
 def attitude_error(
-    rotation: np.ndarray, omega: np.ndarray, angles: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
+    coordinates: Coordinates,
+    rotation: np.ndarray,
+    omega: np.ndarray,
+    angles: np.ndarray,
+    rates: np.ndarray,
+    accelerations: np.ndarray,
 ) -> AttitudeError:
     """Return the error of an attitude against a reference given as roll, pitch and yaw.
 
     Args:
+        coordinates: ``euler`` (roll, pitch, yaw, the paper's q_b) or ``quaternion`` (twice the vector part of
+            the error quaternion: no singularity short of half a turn of error).
         rotation: (3, 3) body to inertial.
         omega: (3,) angular rate of the base, body axes [rad/s].
         angles, rates, accelerations: (3,) reference roll, pitch, yaw and derivatives [rad, rad/s, rad/s^2].
 
     Raises:
-        ControlError: the error is near half a turn.
+        ControlError: the pitch is near +-90 deg (``euler``), or the error near half a turn.
     """
+    if coordinates == "euler":
+        return _euler(rotation, omega, angles, rates, accelerations)
+    if coordinates != "quaternion":
+        raise ControlError(
+            f"'{coordinates}' are no coordinates of an attitude.", advice="Use 'quaternion' or 'euler'."
+        )
     jacobian = pin.rpy.computeRpyJacobian(angles, pin.LOCAL)
     change = pin.rpy.computeRpyJacobianTimeDerivative(angles, rates, pin.LOCAL)
     relative = pin.rpy.rpyToMatrix(angles).T @ rotation
@@ -72,13 +86,20 @@ def attitude_error(
 
 
 def attitude_errors(
-    rotations: np.ndarray, omegas: np.ndarray, angles: np.ndarray, rates: np.ndarray
+    coordinates: Coordinates,
+    rotations: np.ndarray,
+    omegas: np.ndarray,
+    angles: np.ndarray,
+    rates: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return error and its rate, (N, 3) each, as `attitude_error` does, for a whole run at once.
 
     ``rotations`` (N, 3, 3) body to inertial, ``omegas`` (N, 3) body axes [rad/s], wanted ``angles`` (N, 3)
-    [rad] and ``rates`` (N, 3) [rad/s]. Raises nothing: the run has passed the singularity's check.
+    [rad] and ``rates`` (N, 3) [rad/s]. Raises nothing: the run has passed the singularities' checks.
     """
+    if coordinates == "euler":
+        each = [_euler(*x, np.zeros(3)) for x in zip(rotations, omegas, angles, rates, strict=True)]
+        return np.array([e.error for e in each]), np.array([e.rate for e in each])
     (roll, pitch, _), (dr, dp, dy) = angles.T, rates.T
     rate_d = np.column_stack(
         [
@@ -92,6 +113,23 @@ def attitude_errors(
     q = Rotation.from_matrix(relative).as_quat(canonical=True)
     slip = omegas - np.einsum("nji,nj->ni", relative, rate_d)
     return -2.0 * q[:, :3], -(q[:, 3:] * slip + np.cross(q[:, :3], slip))
+
+
+def _euler(
+    rotation: np.ndarray, omega: np.ndarray, angles: np.ndarray, rates: np.ndarray, wanted: np.ndarray
+) -> AttitudeError:
+    found = pin.rpy.matrixToRpy(rotation)
+    if np.cos(found[1]) < SMALLEST_COSINE:
+        raise ControlError(
+            f"The base's pitch is {np.degrees(found[1]):.1f} deg: its Euler angles are singular at 90 deg.",
+            advice='Use coordinates = "quaternion".',
+            angles=found,
+        )
+    jacobian = pin.rpy.computeRpyJacobian(found, pin.LOCAL)
+    found_rates = np.linalg.solve(jacobian, omega)
+    change = pin.rpy.computeRpyJacobianTimeDerivative(found, found_rates, pin.LOCAL)
+    error = (angles - found + np.pi) % (2.0 * np.pi) - np.pi
+    return AttitudeError(error, rates - found_rates, jacobian, jacobian @ wanted + change @ found_rates)
 
 
 def _turn(x: float, y: float, z: float, w: float) -> np.ndarray:

@@ -120,7 +120,7 @@ def track(
         start: q (nq,) at rest; by default home with the reference's first attitude and joint angles.
 
     Raises:
-        ControlError: sensors without ``rng``, sizes that do not fit, an attitude error near half a turn.
+        ControlError: sensors without ``rng``, sizes that do not fit, a singular attitude.
         SimulationError: the loop blew up.
     """
     duration = controller.reference.duration if duration is None else duration
@@ -199,7 +199,9 @@ def tracking_of(
     """Return a run from ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
     wanted = sampled_motion(controller.reference, time)
     position, rate = wanted[:, 0], wanted[:, 1]
-    base, base_rate = attitude_errors(rotations(q), v[:, 3:6], position[:, :3], rate[:, :3])
+    base, base_rate = attitude_errors(
+        controller.coordinates, rotations(q), v[:, 3:6], position[:, :3], rate[:, :3]
+    )
     error = np.hstack([base, position[:, 3:] - model.joint_angles(q)])
     error_rate = np.hstack([base_rate, rate[:, 3:] - v[:, model.arm_joints.v]])
     wheels = tau[:, model.wheels.v]

@@ -54,12 +54,12 @@ class CompiledFlight:
     ) -> CompiledFlight | None:
         """Return the flight in steps of ``dt`` [s], ``None`` where the plain way has to be taken.
 
-        That is for forces that the kernel does not know, rounded attitudes and unmeasured wheels. Raises
-        `ExperimentError` when periods are not whole numbers of steps.
+        That is for forces that the kernel does not know, Euler angles, rounded attitudes and unmeasured
+        wheels. Raises `ExperimentError` when periods are not whole numbers of steps.
         """
         kernel, d = Kernel.of(model), controller.dynamics
         inside = tree_of(d.pin, True)
-        if kernel is None or inside is None:
+        if kernel is None or inside is None or controller.coordinates != "quaternion":
             return None
         hold = whole_steps(1.0 / rate, dt, "The control period")
         count, rest = divmod(whole_steps(duration, dt, "The duration"), hold)

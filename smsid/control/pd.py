@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.control.attitude import attitude_error
+from smsid.control.attitude import Coordinates, attitude_error
 from smsid.control.gains import Gains
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import RobustTerm
@@ -59,6 +59,7 @@ class ModelBasedController:
         *,
         robust: RobustTerm | None = None,
         period: float | None = None,
+        coordinates: Coordinates = "quaternion",
     ) -> None:
         """Raise `ControlError` when sizes do not fit or the sampled robust loop is not stable."""
         for what, size in (("gains", gains.size), ("reference", reference.size)):
@@ -68,6 +69,7 @@ class ModelBasedController:
                     f"attitude and the joints {', '.join(dynamics.arm.names)}.",
                 )
         self.dynamics, self.gains, self.reference = dynamics, gains, reference
+        self.coordinates: Coordinates = coordinates
         self.filter: StateSpace | None = None
         if robust is not None:
             if period is None or robust.gains.size != dynamics.size:
@@ -84,10 +86,12 @@ class ModelBasedController:
     def command(self, t: float, seen: Measured) -> Command:
         """Return the torques for time t [s].
 
-        Raises `ControlError` where the attitude error nears half a turn.
+        Raises `ControlError` where the attitude's coordinates are singular.
         """
         wanted, wanted_rate, wanted_acceleration = self.reference.at(t)
-        base = attitude_error(seen.rotation, seen.omega, wanted[:3], wanted_rate[:3], wanted_acceleration[:3])
+        base = attitude_error(
+            self.coordinates, seen.rotation, seen.omega, wanted[:3], wanted_rate[:3], wanted_acceleration[:3]
+        )
         error = np.concatenate([base.error, wanted[3:] - seen.angles])
         rate = np.concatenate([base.rate, wanted_rate[3:] - seen.rates])
         acceleration = self.gains.derivative @ rate + self.gains.proportional @ error

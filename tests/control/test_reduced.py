@@ -74,15 +74,16 @@ def test_euler_form_is_the_paper_s_equation(rigid):
         second = np.concatenate(
             [np.linalg.solve(jacobian, full[3:6] - change @ rates), full[rigid.arm_joints.v]]
         )
-        terms = reduced.body_terms(v[3:6], rigid.joint_angles(q), v[rigid.arm_joints.v], v[rigid.wheels.v])
-        chart, turning = np.eye(reduced.size), np.zeros(reduced.size)  # S and dS qd
-        chart[:3, :3], turning[:3] = jacobian, change @ rates
-        inertia = chart.T @ terms.inertia @ chart
-        bias = chart.T @ (terms.bias + terms.inertia @ turning)
-        given = chart.T @ reduced.base_input(terms) @ np.concatenate([base_torque, joint_torque])
-        left = inertia @ second + bias
-        assert np.abs(left - given).max() < 1e-9 * max(np.abs(given).max(), np.abs(bias).max())
-        assert np.linalg.eigvalsh(inertia).min() > 0.0
+        form = reduced.joint_space(
+            np.concatenate([angles, rigid.joint_angles(q)]),
+            np.concatenate([rates, v[rigid.arm_joints.v]]),
+            v[rigid.wheels.v],
+        )
+        given = form.input @ np.concatenate([base_torque, joint_torque])
+        left = form.inertia @ second + form.bias
+        assert np.abs(left - given).max() < 1e-9 * max(np.abs(given).max(), np.abs(form.bias).max())
+        np.testing.assert_allclose(form.inertia, form.inertia.T, rtol=0.0, atol=1e-9 * form.inertia.max())
+        assert np.linalg.eigvalsh(form.inertia).min() > 0.0
 
 
 def test_wheel_rates_follow_from_zero_momentum():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.control import compiled_flight
-from smsid.control.closed_loop import track, track_many
+from smsid.control.closed_loop import Actuators, track, track_many
 from smsid.control.compiled_flight import CompiledFlight
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
@@ -30,7 +30,7 @@ def robust():
     return k, design_robust_term(k, wanted)
 
 
-def law(model, k, robust=None, *, far=0.4, seed=0):
+def law(model, k, robust=None, *, far=0.4, coordinates="quaternion", seed=0):
     """Return a controller with a wrong model that moves joints and base."""
     home, d = model.joint_angles(model.home), ReducedDynamics(model)
     joints, base = (
@@ -38,7 +38,9 @@ def law(model, k, robust=None, *, far=0.4, seed=0):
         minimum_jerk(np.zeros(3), [0.2, -0.1, 0.3], SECONDS),
     )
     dynamics = perturbed(d, 0.1, np.random.default_rng(seed), "uniform")
-    return ModelBasedController(dynamics, k, Reference(joints, base=base), robust=robust, period=1.0 / RATE)
+    return ModelBasedController(
+        dynamics, k, Reference(joints, base=base), robust=robust, period=1.0 / RATE, coordinates=coordinates
+    )
 
 
 def with_errors(model, **errors):
@@ -120,8 +122,11 @@ def test_redundant_wheels_at_their_limit(crafts, both_ways):
     assert any("torque" in name for name in ours.saturated)
 
 
-def test_rounded_attitudes_fly_the_plain_way(crafts):
-    craft = crafts["paper"]
+def test_euler_angles_and_rounded_attitudes_fly_the_plain_way(crafts):
+    craft, k = crafts["paper"], gains(6, 4.0, 4.0)
+    actuators = Actuators(craft, 1.0 / RATE)
+    controller = law(craft, k, coordinates="euler")
+    assert CompiledFlight.of(craft, controller, actuators, None, SECONDS, RATE, 1.0 / RATE) is None
     rounded = []
     for s in craft.description.effective_sensors():
         errors = {q: e.model_copy(update={"quantisation": 1e-4}) for q, e in s.errors.items()}
