@@ -6,6 +6,7 @@ from smsid.effects.appendage_effect import AppendageEffect, ExtraMode, Frequency
 from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
+    JointEffect,
     Starting,
     Vector3,
     Vector6,
@@ -21,7 +22,6 @@ from smsid.effects.friction import JointFriction
 from smsid.effects.gear import Gear, Servo
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.joint_bias import JointCable, JointOffset, TorqueOffset
-from smsid.effects.joint_effect import JointEffect
 from smsid.effects.joint_state import Counterpart
 from smsid.effects.motor import MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, GraspedBody, MassLoss, Payload, WheelImbalance

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from smsid._listing import did_you_mean
+from smsid.effects.assembly import Assembly
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from smsid.inputs.inputs import Inputs
     from smsid.model.spacecraft import SpacecraftModel
     from smsid.sensing.sensor import Sensor
+
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
@@ -423,3 +425,18 @@ def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
         elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], Table):
             for k, part in enumerate(value, start=1):
                 yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))
+
+
+class JointEffect(Effect):
+    """An effect at a joint."""
+
+    family = "drivetrain"
+    joint: str = Field(description="joint of the model: `joint2`, `left/joint2` of a mounted arm, or a wheel")
+
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint, whose motor torque it has to do with."""
+        return (self.joint,)
+
+    def attach(self, assembly: Assembly) -> None:
+        """Check that the joint is there; nothing acts on the motion."""
+        assembly.joint_id(self.joint)

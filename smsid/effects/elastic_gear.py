@@ -24,8 +24,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
-from smsid.effects.base import physical, register
-from smsid.effects.joint_effect import JointEffect
+from smsid.effects.base import JointEffect, physical, register
 from smsid.effects.rotor import Rotor
 from smsid.effects.spatial import ConstantInertia
 

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, Starting, physical, register
+from smsid.effects.base import Effect, JointEffect, Starting, physical, register
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
-from smsid.effects.joint_effect import JointEffect
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")

@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_effect import JointEffect
+from smsid.effects.base import Effect, JointEffect, physical, register
 from smsid.errors import DescriptionError
 
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, Starting, physical, register
-from smsid.effects.joint_effect import JointEffect
+from smsid.effects.base import Effect, JointEffect, Starting, physical, register
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.sensor import joint_names
 from smsid.effects.sensor_errors import SensorBias

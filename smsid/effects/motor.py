@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_effect import JointEffect
+from smsid.effects.base import Effect, JointEffect, physical, register
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia
 

@@ -17,7 +17,6 @@ from smsid._short_repr import short_repr
 from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.description.robot_sources import robot_xml
-from smsid.description.robots import robot_urdf
 from smsid.description.urdf_check import read_urdf
 from smsid.effects.assembly import find_frame
 from smsid.effects.inertial_parameters import parameters_to_matrix
@@ -26,7 +25,7 @@ from smsid.export.bodies import IdentifiedBodies, identified_bodies, with_estima
 from smsid.export.mjcf import counterparts, write_mjcf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
-from smsid.model.load import load_bus
+from smsid.model.load import load_bus, urdf_of
 from smsid.model.regressor import INERTIAL_UNITS, Regressor
 
 ROOT = "root_joint"
@@ -122,11 +121,10 @@ def _equations_of(description: Description) -> SpacecraftModel:
 
 def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndarray] | None) -> Description:
     """Write the URDFs and return the description that refers to them."""
-    places = [d.folder, (d.folder / d.urdf).parent, *(d.folder / p for p in d.package_dirs)]
+    path, places = urdf_of(d)
     free = d.root == "free"
     losses = _losses(d)
     own = None if bodies is None else {n: x for n, x in bodies.items() if "/" not in n}
-    path = d.folder / d.urdf
     root = bodies.get(ROOT) if bodies is not None and free else None
     text = rewritten_urdf(path, target, own, root=root, losses=losses, arguments=d.arguments, folders=places)
     atomic_write(folder / f"{d.name}.urdf", text)
@@ -135,12 +133,8 @@ def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndar
         if not arm.mounted:
             arms.append(arm)
             continue
-        if arm.robot is not None:
-            path, more = robot_urdf(arm.robot)
-            places += more
-        else:
-            path = d.folder / str(arm.urdf)
-            places.append(path.parent)
+        path, more = urdf_of(d, arm)
+        places += more
         prefix = f"{arm.name}/"
         part = None
         if bodies is not None:

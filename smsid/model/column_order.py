@@ -80,15 +80,7 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
             if str(dim) in orders:
                 values = np.take(values, orders[str(dim)], axis=axis)
         changed[name] = (recording.time(name), values)
-    return Recording.from_arrays(
-        recording.time() if "time" in recording.clocks else None,
-        changed,
-        labels=renamed,
-        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
-        provenance=recording.provenance,
-        role=recording.role,
-        name=recording.name,
-    )
+    return _rebuilt(recording, changed, renamed)
 
 
 def column_map(
@@ -274,15 +266,7 @@ def with_followers(recording: Recording, model: SpacecraftModel) -> Recording:
             ]
             values = np.concatenate([values, *more], axis=axis)
         changed[channel] = (recording.time(channel), values)
-    return Recording.from_arrays(
-        recording.time() if "time" in recording.clocks else None,
-        changed,
-        labels={**recording.labels, **extended},
-        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
-        provenance=recording.provenance,
-        role=recording.role,
-        name=recording.name,
-    )
+    return _rebuilt(recording, changed, {**recording.labels, **extended})
 
 
 def _place(name: str, labels: list[str]) -> int | None:
@@ -290,3 +274,18 @@ def _place(name: str, labels: list[str]) -> int | None:
         if text in labels:
             return labels.index(text)
     return None
+
+
+def _rebuilt(
+    recording: Recording, channels: Mapping[str, Any], labels: Mapping[str, Sequence[str]]
+) -> Recording:
+    """Return a recording with all else that it had."""
+    return Recording.from_arrays(
+        recording.time() if "time" in recording.clocks else None,
+        channels,
+        labels=labels,
+        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
+        provenance=recording.provenance,
+        role=recording.role,
+        name=recording.name,
+    )

@@ -46,10 +46,20 @@ class Loaded:
     mimics: dict[str, Mimic] = field(default_factory=dict)
 
 
+def urdf_of(d: Description, arm: Arm | None = None) -> tuple[Path, list[Path]]:
+    """Return the URDF of the spacecraft, or of a mounted arm, and the folders searched for packages.
+
+    Raises `DescriptionError` for a robot that there is not.
+    """
+    if arm is not None and arm.robot is not None:
+        return robot_urdf(arm.robot)
+    path = d.folder / str(d.urdf if arm is None else arm.urdf)
+    return path, [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
+
+
 def load_bus(d: Description, visuals: bool) -> Loaded:
     """Return the spacecraft's own URDF, on a free-flyer if its root is free."""
-    path = d.folder / d.urdf
-    folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
+    path, folders = urdf_of(d)
     root = pin.JointModelFreeFlyer() if d.root == "free" else None
     own = [arm for arm in d.arm if not arm.mounted]
     keep = texts_of(d)
@@ -69,11 +79,7 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
     Every joint and frame of the arm gets the prefix ``<arm>/``; its root link becomes part of the body it is
     mounted on. Raises `DescriptionError` for a missing file, frame or robot.
     """
-    if arm.robot is not None:
-        path, folders = robot_urdf(arm.robot)
-    else:
-        path = d.folder / str(arm.urdf)
-        folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
+    path, folders = urdf_of(d, arm)
     trusted = arm.inertias == "trusted"
     where, shown = f"[[arm]] '{arm.name}'", bus.visual is not None
     keep = texts_of(d)

@@ -10,10 +10,9 @@ import numpy as np
 from smsid.control.closed_loop import left_out, sensor_noise, track_many
 from smsid.control.gains import Gains, gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics
+from smsid.control.reduced import Draw, ReducedDynamics, perturbed
 from smsid.control.robust_term import RobustTerm, design_robust_term
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
-from smsid.control.uncertainty import Draw, perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel

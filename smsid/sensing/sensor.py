@@ -168,7 +168,7 @@ class Sensor(BaseModel):
             times: (N,) sampling times [s].
             ideal: (N, ...) true values, shape, frame and unit of the quantity; body vectors are in the bus
                 frame, at the sensor's position.
-            rng: source of every draw; ``None``: see `systematic`.
+            rng: source of every draw; ``None``: nothing is drawn, saturated or rounded.
             delayed: ``ideal`` is already the truth at ``t`` less delay and time offset.
 
         Raises:
@@ -188,15 +188,6 @@ class Sensor(BaseModel):
             return compose(report(ideal=compose(x, mount)), mount.inv())
         to_bus = self.rotation
         return report(ideal=x @ to_bus) @ to_bus.T
-
-    def systematic(
-        self, quantity: str, times: ArrayLike, ideal: ArrayLike, *, delayed: bool = False
-    ) -> FloatArray:
-        """Return what the sensor reports of one quantity but for what is drawn, saturated or rounded.
-
-        Arguments, axes and errors as in `measure`; see `ErrorModel.systematic`.
-        """
-        return self.measure(quantity, times, ideal, None, delayed=delayed)
 
     def _check_shape(self, quantity: str, shape: tuple[int, ...]) -> None:
         if self.kind == "accelerometers":

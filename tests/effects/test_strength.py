@@ -62,7 +62,7 @@ def readings(sensor: Sensor, quantity: str, rng: np.random.Generator) -> np.ndar
     signal = np.sin(np.multiply.outer(0.3 * times, rng.uniform(0.5, 1.0, shape)) + rng.uniform(0, 6, shape))
     if quantity == "attitude":
         signal = np.array([pin.Quaternion(pin.exp3(x)).coeffs() for x in signal])
-    return sensor.systematic(quantity, times, signal)
+    return sensor.measure(quantity, times, signal, None)
 
 
 def without_strength(kind: str) -> Effect:

@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller
-from smsid.control.reduced import ReducedDynamics
-from smsid.control.uncertainty import perturbed
+from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.description import load_description
 from smsid.errors import ControlError
 from smsid.model import SpacecraftModel, build_model
