@@ -86,11 +86,7 @@ def attitude_error(
 
 
 def attitude_errors(
-    coordinates: Coordinates,
-    rotations: np.ndarray,
-    omegas: np.ndarray,
-    angles: np.ndarray,
-    rates: np.ndarray,
+    coordinates: Coordinates, rotations: np.ndarray, omegas: np.ndarray, angles: np.ndarray, rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return error and its rate, (N, 3) each, as `attitude_error` does, for a whole run at once.
 

@@ -207,15 +207,7 @@ def tracking_of(
     wheels = tau[:, model.wheels.v]
     torques = np.hstack([-wheels @ actuators.layout.axes.T, tau[:, model.arm_joints.v]])
     return Tracking(
-        time,
-        error,
-        error_rate,
-        torques,
-        wheels,
-        v[:, model.wheels.v],
-        q,
-        v,
-        dict(actuators.hits),
+        time, error, error_rate, torques, wheels, v[:, model.wheels.v], q, v, dict(actuators.hits)
     )
 
 

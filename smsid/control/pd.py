@@ -66,7 +66,7 @@ class ModelBasedController:
             if size != dynamics.size:
                 raise ControlError(
                     f"The {what} have {size} coordinates, the spacecraft has {dynamics.size}: 3 of "
-                    f"attitude and the joints {', '.join(dynamics.arm.names)}.",
+                    f"attitude and the joints {', '.join(dynamics.arm.names)}."
                 )
         self.dynamics, self.gains, self.reference = dynamics, gains, reference
         self.coordinates: Coordinates = coordinates

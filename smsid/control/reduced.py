@@ -101,11 +101,7 @@ class ReducedDynamics:
         return other
 
     def body_terms(
-        self,
-        omega: np.ndarray,
-        angles: np.ndarray,
-        rates: np.ndarray,
-        wheel_rates: np.ndarray | None = None,
+        self, omega: np.ndarray, angles: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None = None
     ) -> BodyTerms:
         """Return the dynamics in body velocities.
 

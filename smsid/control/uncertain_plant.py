@@ -91,11 +91,7 @@ class UncertainPlant:
         return np.flatnonzero(np.any(touched, axis=0)) if touched else np.zeros(0, dtype=int)
 
     def closed_loop(
-        self,
-        delta: np.ndarray,
-        inertia: np.ndarray,
-        gains: Gains,
-        controller: StateSpace | None = None,
+        self, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
     ) -> np.ndarray:
         """Return A of (x, x', controller) at parameters ``delta`` (changes,), +-1 at the ends of intervals.
 

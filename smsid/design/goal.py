@@ -95,10 +95,7 @@ class Goal:
 
 
 def goal_of(
-    parameters: Parameters,
-    wanted: Sequence[str],
-    criterion: Criterion,
-    motion: Prediction | None,
+    parameters: Parameters, wanted: Sequence[str], criterion: Criterion, motion: Prediction | None
 ) -> Goal:
     """Return the goal that words stand for.
 

@@ -245,8 +245,7 @@ class Feasible:
             )
             if answer.x is None:
                 raise ExperimentError(
-                    f"No thrust within the limits was found: {answer.message}.",
-                    advice="Loosen the limits.",
+                    f"No thrust within the limits was found: {answer.message}.", advice="Loosen the limits."
                 )
             found = answer.x.reshape(slope.shape)
             cut, limits = self._cuts(found, size)

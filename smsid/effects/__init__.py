@@ -16,14 +16,13 @@ from smsid.effects.base import (
     register,
 )
 from smsid.effects.beam_mode import BeamMode
-from smsid.effects.elastic_gear import Backlash, GearCompliance
 from smsid.effects.external import BaseTilt, ExternalWrench, GravityGradient
 from smsid.effects.friction import JointFriction
 from smsid.effects.gear import Gear, Servo
 from smsid.effects.geometric_stiffness import GeometricStiffness
 from smsid.effects.joint_bias import JointCable, JointOffset, TorqueOffset
 from smsid.effects.joint_state import Counterpart
-from smsid.effects.motor import MotorCoupling, MotorInertia
+from smsid.effects.motor import Backlash, GearCompliance, MotorCoupling, MotorInertia
 from smsid.effects.payload import BodyError, GraspedBody, MassLoss, Payload, WheelImbalance
 from smsid.effects.sensor_errors import (
     LeverArm,

@@ -70,10 +70,7 @@ class JointFriction(JointEffect, Starting):
         "N m", lower=0.0, default=0.0, description="torque beyond `coulomb` on breaking loose"
     )
     stribeck_rate: float = physical(
-        "rad/s",
-        lower=1e-6,
-        default=0.05,
-        description="rate at which `stribeck` has fallen to 37 %",
+        "rad/s", lower=1e-6, default=0.05, description="rate at which `stribeck` has fallen to 37 %"
     )
     stribeck_exponent: float = physical(
         "1",

@@ -24,8 +24,7 @@ class Gear(JointEffect):
 
     summary = "gear of a motor: from what the motor measures to joint angle and torque"
     not_estimated = dict.fromkeys(
-        ("ratio", "torque_gain"),
-        "a spacecraft's recordings are of joints, not of motors; see laboratory",
+        ("ratio", "torque_gain"), "a spacecraft's recordings are of joints, not of motors; see laboratory"
     )
     on_readings = True
     in_words = "the gear of {place} turns by another ratio than described"

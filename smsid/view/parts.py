@@ -107,11 +107,7 @@ def _hull(part: Part, inside: list[np.ndarray], opacity: float) -> list[Part]:
 
 
 def inertia_parts(
-    model: SpacecraftModel,
-    paths: dict[int, str],
-    shown: set[int],
-    inside: list[np.ndarray],
-    opacity: float,
+    model: SpacecraftModel, paths: dict[int, str], shown: set[int], inside: list[np.ndarray], opacity: float
 ) -> list[Part]:
     """Return the box of inertia of each body without visuals; see-through for the bus, like a visual."""
     bus = 1 if model.free else 0

@@ -93,11 +93,7 @@ def recorded_motion(
 
 
 def _configurations(
-    model: SpacecraftModel,
-    found: dict[str, Samples],
-    lever: np.ndarray,
-    times: np.ndarray,
-    notes: list[str],
+    model: SpacecraftModel, found: dict[str, Samples], lever: np.ndarray, times: np.ndarray, notes: list[str]
 ) -> np.ndarray:
     q = np.tile(model.home, (len(times), 1))
 
