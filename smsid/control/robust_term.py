@@ -292,19 +292,15 @@ def rigid_loop(kp: np.ndarray, kd: np.ndarray, controller: StateSpace) -> StateS
 
     ``kp``, ``kd`` (k, k) [1/s^2, 1/s].
     """
-    k = len(kp)
-    zero, one = np.zeros((k, k)), np.eye(k)
-    law = np.hstack([kp, kd]) - controller.d
-    a = np.block(
-        [
-            [np.hstack([zero, one]), np.zeros((k, controller.order))],
-            [-law, controller.c],
-            [controller.b, controller.a],
-        ]
+    zero, one = np.zeros_like(kp), np.eye(len(kp))
+    double_integrator = StateSpace(
+        np.block([[zero, one], [zero, zero]]),
+        np.block([[zero, zero], [one, -one]]),
+        np.block([[one, zero], [zero, zero], [one, zero], [zero, one]]),
+        np.block([[zero, zero], [zero, one], [zero, zero], [zero, zero]]),
     )
-    b = np.vstack([zero, one, np.zeros((controller.order, k))])
-    c = np.block([[np.hstack([one, zero]), np.zeros((k, controller.order))], [law, -controller.c]])
-    return StateSpace(a, b, c, np.zeros((2 * k, k)))
+    k = controller
+    return lower_lft(double_integrator, StateSpace(k.a, k.b, -k.c, np.hstack([kp, kd]) - k.d))
 
 
 def _judged(

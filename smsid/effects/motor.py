@@ -2,8 +2,8 @@
 
 Of a gear that gives, the motor's angle, as seen at the joint, is the joint's plus the twist phi of the gear;
 phi is a joint of its own that moves no link. With rotor inertia I at the joint the kinetic energy gains
-``1/2 I (qd + phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays on the link's side.
-Source: Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
+``1/2 I (qd + phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays on the link's
+side. Source: Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
 
 A gear too stiff to ring within a sample is ``quasistatic``: its twist follows the torque it hands on at once,
 which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then: encoders read by how
