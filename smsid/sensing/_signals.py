@@ -117,11 +117,6 @@ def fixed_errors(
     return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
 
 
-def column(values: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return a value per time (N,) so that it broadcasts over values of ``shape``."""
-    return values.reshape(-1, *(1,) * (len(shape) - 1))
-
-
 def compose(quaternions: FloatArray, turn: Rotation) -> FloatArray:
     """Return quaternions x y z w (N, 4) times a rotation, with the sign they had."""
     turned = (Rotation.from_quat(quaternions) * turn).as_quat()

@@ -14,7 +14,6 @@ from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._signals import (
     FloatArray,
     checked,
-    column,
     compose,
     fixed_errors,
     gauss_markov,
@@ -268,7 +267,9 @@ class ErrorModel(BaseModel):
         for place, part in self._parts(shape):
             on = np.zeros(shape)
             on[place] = part.bias
-            error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
+            if part.bias_from is not None:
+                on[t < part.bias_from] = 0.0
+            error += on
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
