@@ -9,21 +9,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 
-def clamped_free_roots(count: int) -> np.ndarray:
-    """Return the first roots beta L of ``cos(x) cosh(x) = -1``, (count,)."""
-
-    def characteristic(x: float) -> float:
-        return np.cos(x) + 1.0 / np.cosh(x)
-
-    centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
-    return np.array([brentq(characteristic, c - 1.0, c + 1.0, xtol=1e-15) for c in centres])
-
-
 @cache
-def _roots(count: int) -> np.ndarray:
-    roots = clamped_free_roots(count)
-    roots.setflags(write=False)
-    return roots
+def clamped_free_roots(count: int) -> np.ndarray:
+    """Return the first roots beta L of ``cos(x) cosh(x) = -1``, (count,), not to be written to."""
+    centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
+    roots = [brentq(lambda x: np.cos(x) + 1.0 / np.cosh(x), c - 1.0, c + 1.0, xtol=1e-15) for c in centres]
+    found = np.array(roots)
+    found.setflags(write=False)
+    return found
 
 
 @dataclass(frozen=True)
@@ -40,7 +33,7 @@ class Cantilever:
     @classmethod
     def with_modes(cls, length: float, count: int) -> Cantilever:
         """Return the beam with its first ``count`` bending modes."""
-        return cls(length, _roots(count))
+        return cls(length, clamped_free_roots(count))
 
     @property
     def _sigma(self) -> np.ndarray:
@@ -54,20 +47,23 @@ class Cantilever:
     def shape(self, x: np.ndarray | float) -> np.ndarray:
         """Return the mode shapes at stations x [m] from the clamp: (..., modes), dimensionless."""
         beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
-        # cosh - s sinh written with exponentials, and 1 - s without the difference: for the twelfth mode on,
-        # s is one to machine precision
-        r, s = self.roots, self._sigma
-        grow = (np.sin(r) - np.cos(r) - np.exp(-r)) / (np.sinh(r) + np.sin(r)) * 0.5 * np.exp(beta_x)
-        decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
-        return grow + decay - np.cos(beta_x) + s * np.sin(beta_x)
+        grow, decay = self._parts(beta_x)
+        return grow + decay - np.cos(beta_x) + self._sigma * np.sin(beta_x)
 
     def slope(self, x: np.ndarray | float) -> np.ndarray:
         """Return the derivative of the mode shapes at x [m]: (..., modes) [1/m]."""
         beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
-        r, s = self.roots, self._sigma
+        grow, decay = self._parts(beta_x)
+        return (grow - decay + np.sin(beta_x) + self._sigma * np.cos(beta_x)) * self.roots / self.length
+
+    def _parts(self, beta_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what grows and what decays of cosh - s sinh, 1 - s written without the difference.
+
+        For the twelfth mode on, s is one to machine precision.
+        """
+        r = self.roots
         grow = (np.sin(r) - np.cos(r) - np.exp(-r)) / (np.sinh(r) + np.sin(r)) * 0.5 * np.exp(beta_x)
-        decay = 0.5 * (1.0 + s) * np.exp(-beta_x)
-        return (grow - decay + np.sin(beta_x) + s * np.cos(beta_x)) * r / self.length
+        return grow, 0.5 * (1.0 + self._sigma) * np.exp(-beta_x)
 
     @property
     def mean_shape(self) -> np.ndarray:

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import AXES, Effect, Starting, Vector3, Vector6, physical, register
-from smsid.effects.inertial_parameters import pseudo_inertia
+from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
 from smsid.effects.spatial import ExtraInertia, joint_jacobian
 
 
@@ -261,5 +261,4 @@ class WheelImbalance(Effect):
         first /= np.linalg.norm(first)
         radial = np.cos(self.phase) * first + np.sin(self.phase) * np.cross(axis, first)
         product = -self.dynamic * (np.outer(axis, radial) + np.outer(radial, axis))
-        rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
-        return np.concatenate([[0.0], self.static * radial, product[rows, columns]])
+        return np.concatenate([[0.0], self.static * radial, matrix_to_parameters(product)])

@@ -20,7 +20,7 @@ from smsid._short_repr import short_repr
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.appendage import Appendage, ModalAppendage
-from smsid.effects.inertial_parameters import pseudo_inertia
+from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.identify.appendages import as_described
@@ -197,9 +197,7 @@ def _with_extent(theta: np.ndarray) -> np.ndarray:
     size, vectors = np.linalg.eigh(second)
     floor = max(THINNEST * float(size[-1]), theta[0] * 1e-4)  # a centimetre
     second = vectors * np.maximum(size, floor) @ vectors.T + theta[0] * np.outer(centre, centre)
-    matrix = np.trace(second) * np.eye(3) - second
-    xx, xy, xz, _, yy, yz, _, _, zz = matrix.ravel()
-    return np.concatenate([theta[:4], [xx, xy, yy, xz, yz, zz]])
+    return np.concatenate([theta[:4], matrix_to_parameters(np.trace(second) * np.eye(3) - second)])
 
 
 def with_estimate(description: Description, estimate: Estimate) -> tuple[Description, list[str]]:

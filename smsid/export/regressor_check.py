@@ -44,7 +44,10 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
     Raises `DescriptionError` for a model that cannot be written for MuJoCo.
     """
     p = model.pin
-    samples = [_random_state(p, rng) for _ in range(states)]
+    samples = [
+        (pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv)), *rng.normal(size=(2, p.nv)))
+        for _ in range(states)
+    ]
     q, v, a = (np.array(x) for x in zip(*samples, strict=True))
     regressor = Regressor(model)
     theta = regressor.parameters
@@ -94,11 +97,6 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
         {name: 1e6 * s / states for name, s in zip(("momentum", "torque"), seconds, strict=True)},
         tuple(missing),
     )
-
-
-def _random_state(p: pin.Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q = pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv))
-    return q, rng.normal(size=p.nv), rng.normal(size=p.nv)
 
 
 def _worst(found: np.ndarray, expected: np.ndarray) -> float:

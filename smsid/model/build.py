@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.effects.assembly import Assembly
 from smsid.effects.friction import JointFriction
-from smsid.effects.slosh import Slosh
+from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
@@ -122,7 +122,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         arms=arms,
         arm_joints=all_joints,
         wheels=JointGroup.of(model, wheels),
-        slosh=tuple(_slosh_joint(model, tank, j) for tank, j in assembly.slosh.values()),
+        slosh=tuple(SloshJoint.of(model, tank, j) for tank, j in assembly.slosh.values()),
         appendages=tuple(assembly.appendages),
         modes=JointGroup.of(model, [j for a in assembly.appendages for j in a.joints]),
         mode_scale=np.concatenate([a.scale for a in assembly.appendages] or [np.zeros(0)]),
@@ -164,8 +164,8 @@ def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     joint = assembly.add_joint(None, pin.JointModelRevoluteUnaligned(axis), placement, wheel.name)
     assembly.add_inertia(joint, pin.Inertia(0.0, np.zeros(3), spin))
     if wheel.inertia_in_bus:
-        less = [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
-        assembly.add_remainder(None, np.array([0.0] * 4 + [-x for x in less]), pin.SE3.Identity())
+        less = np.concatenate([np.zeros(4), -matrix_to_parameters(spin)])
+        assembly.add_remainder(None, less, pin.SE3.Identity())
     return joint
 
 
@@ -215,12 +215,6 @@ def _arms(assembly: Assembly, d: Description, source: Source) -> dict[str, Joint
         if len(group):
             arms[arm.name] = group
     return arms
-
-
-def _slosh_joint(model: pin.Model, tank: Slosh, joint: int) -> SloshJoint:
-    j = model.joints[joint]
-    q, v = slice(j.idx_q, j.idx_q + 3), slice(j.idx_v, j.idx_v + 3)
-    return SloshJoint(tank, joint, q, v, model.jointPlacements[joint].translation.copy())
 
 
 def _springs(assembly: Assembly) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -59,18 +59,7 @@ def urdf_of(d: Description, arm: Arm | None = None) -> tuple[Path, list[Path]]:
 
 def load_bus(d: Description, visuals: bool) -> Loaded:
     """Return the spacecraft's own URDF, on a free-flyer if its root is free."""
-    path, folders = urdf_of(d)
-    root = pin.JointModelFreeFlyer() if d.root == "free" else None
-    own = [arm for arm in d.arm if not arm.mounted]
-    keep = texts_of(d)
-    fixed = tuple(name for arm in own for name in arm.fixed)
-    where = "the TOML (before its tables)"
-    trusted = d.inertias == "trusted"
-    loaded = _load(path, folders, d, root, visuals, trusted, where, fixed, d.arguments, keep)
-    for arm in own:
-        if arm.fixed:
-            loaded = _with_fixed(loaded, arm)
-    return loaded
+    return _load(d, None, pin.JointModelFreeFlyer() if d.root == "free" else None, visuals)
 
 
 def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]:
@@ -79,14 +68,7 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
     Every joint and frame of the arm gets the prefix ``<arm>/``; its root link becomes part of the body it is
     mounted on. Raises `DescriptionError` for a missing file, frame or robot.
     """
-    path, folders = urdf_of(d, arm)
-    trusted = arm.inertias == "trusted"
-    where, shown = f"[[arm]] '{arm.name}'", bus.visual is not None
-    keep = texts_of(d)
-    keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
-    child = _load(path, folders, d, None, shown, trusted, where, arm.fixed, arm.arguments, keep)
-    if arm.fixed:
-        child = _with_fixed(child, arm)
+    child = _load(d, arm, None, bus.visual is not None)
     names = []
     for j in range(1, child.model.njoints):
         child.model.names[j] = f"{arm.name}/{child.model.names[j]}"
@@ -152,21 +134,18 @@ def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
     return Loaded(reduced, visual, losses, mimics)
 
 
-def _load(
-    path: Path,
-    folders: list[Path],
-    d: Description,
-    root: pin.JointModel | None,
-    visuals: bool,
-    trusted: bool,
-    where: str,
-    fixed: tuple[str, ...] = (),
-    arguments: Mapping[str, str] | None = None,
-    keep: Collection[str] = (),
-) -> Loaded:
-    text = read_urdf(path, arguments, folders)
+def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals: bool) -> Loaded:
+    """Return the spacecraft's own URDF, or that of a mounted arm, with its ``fixed`` joints welded."""
+    path, folders = urdf_of(d, arm)
+    where, source, keep = "the TOML (before its tables)", d, texts_of(d)
+    own = [a for a in d.arm if not a.mounted]
+    if arm is not None:
+        where, source, own = f"[[arm]] '{arm.name}'", arm, [arm]
+        keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
+    keep |= {name for a in own for name in a.fixed}
+    text = read_urdf(path, source.arguments, folders)
     reading = parse_urdf(text, str(path))
-    check_inertias(reading, trusted=trusted, where=where)
+    check_inertias(reading, trusted=source.inertias == "trusted", where=where)
     folders = [*folders, *package_folders(text, path)]
     meshless = d.meshes == "ignored"
     if not meshless:
@@ -182,7 +161,7 @@ def _load(
         logger.warning("%s: not used: %s.", Path(reading.source).name, what)
     text = normalise_urdf(text)
     mimics = mimics_of(reading)
-    empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
+    empty = [j for j in frame_joints(reading, text) if j not in keep]
     leading = {m.joint for n, m in mimics.items() if n not in empty}
     empty = [j for j in empty if j not in leading]
     if empty:
@@ -213,17 +192,20 @@ def _load(
         rest = set_group_angles(model, one, rest, np.array([mimic.offset]))
     empty += [n for n in still if n not in empty]
     mimics = {n: m for n, m in mimics.items() if n not in still}
-    if not visuals:
-        return _welded(Loaded(model, None, losses, mimics), empty, rest)
-    places = [str(f) for f in folders]
-    shown = without_meshes(text) if meshless else text
-    try:
-        visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
-    except (ValueError, RuntimeError) as error:
-        raise DescriptionError(
-            f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
-        ) from error
-    return _welded(Loaded(model, visual, losses, mimics), empty, rest)
+    visual = None
+    if visuals:
+        places = [str(f) for f in folders]
+        shown = without_meshes(text) if meshless else text
+        try:
+            visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
+        except (ValueError, RuntimeError) as error:
+            raise DescriptionError(
+                f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
+            ) from error
+    loaded = _welded(Loaded(model, visual, losses, mimics), empty, rest)
+    for fixing in own:
+        loaded = _with_fixed(loaded, fixing) if fixing.fixed else loaded
+    return loaded
 
 
 def texts_of(d: Description) -> set[str]:

@@ -47,16 +47,13 @@ class Regressor:
         For q (N, nq), v (N, nv). Uses that the torque regressor without gravity at zero rate and acceleration
         v is M(q) v, whose first six rows are the momentum of a free-flyer [N s, N m s].
         """
-        return self._momenta(q, v, 6)
+        return self.generalised_momentum(q, v, 6)
 
-    def generalised_momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return Y with Y theta = M(q) v, all rows: (N, nv, 10 bodies)."""
-        return self._momenta(q, v, self.model.nv)
-
-    def _momenta(self, q: np.ndarray, v: np.ndarray, rows: int) -> np.ndarray:
+    def generalised_momentum(self, q: np.ndarray, v: np.ndarray, rows: int | None = None) -> np.ndarray:
+        """Return Y with Y theta = M(q) v: (N, nv, 10 bodies), or its first ``rows``."""
         q, v = np.atleast_2d(q), np.atleast_2d(v)
         model, data, rest, build = self._weightless, self._weightless_data, self._rest, _torque_regressor
-        out = np.empty((len(q), rows, self.columns))
+        out = np.empty((len(q), rows or self.model.nv, self.columns))
         shape = self.model.nv, self.columns
         for into, q_i, v_i in zip(out, q, v, strict=True):
             whole = np.reshape(build(model, data, q_i, rest, v_i), shape)  # one row comes as a vector

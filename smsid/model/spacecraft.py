@@ -56,6 +56,12 @@ class SloshJoint:
     v: slice
     position: np.ndarray
 
+    @classmethod
+    def of(cls, model: pin.Model, tank: Slosh, joint: int) -> SloshJoint:
+        """Return the slosh mass of a tank, on a joint of three coordinates."""
+        q, v = (slice(i, i + 3) for i in (model.joints[joint].idx_q, model.joints[joint].idx_v))
+        return cls(tank, joint, q, v, model.jointPlacements[joint].translation.copy())
+
     @property
     def name(self) -> str:
         """Name of the tank."""
