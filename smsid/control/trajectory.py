@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from smsid.effects.rotor import turns
+from smsid.effects.spatial import turns
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 

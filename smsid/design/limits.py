@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.effects.appendage import Appendage
 from smsid.effects.assembly import AppendageJoints
-from smsid.effects.beam import Cantilever
+from smsid.effects.mode import Cantilever
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment
 from smsid.experiments.excitation import DRAFT

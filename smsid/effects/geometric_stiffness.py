@@ -36,7 +36,7 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import physical, register
-from smsid.effects.beam import Cantilever
+from smsid.effects.mode import Cantilever
 from smsid.effects.spatial import Motion
 
 AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes

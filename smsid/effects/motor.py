@@ -27,8 +27,7 @@ from pydantic import Field, model_validator
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
-from smsid.effects.rotor import Rotor
-from smsid.effects.spatial import ConstantInertia
+from smsid.effects.spatial import ConstantInertia, Rotor
 
 
 @register

@@ -149,7 +149,7 @@ def _check_units_of_joints(
     recording: Recording, labels: Sequence[str], names: Sequence[str], model: SpacecraftModel
 ) -> None:
     """Raise `RecordingError` for a joint imported in metres that turns, or in degrees that slides."""
-    from smsid.effects.rotor import turns
+    from smsid.effects.spatial import turns
 
     sliding, turning = (joints_imported(recording, kind) for kind in ("sliding", "turning"))
     for label, name in zip(labels, names, strict=True):
